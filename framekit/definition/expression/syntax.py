@@ -1,0 +1,178 @@
+"""The tree of an expression: what the parser makes and the emitter and the checker read.
+
+Nodes are frozen values with the place where they stand. Nothing here evaluates anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+from framekit.definition.problems import Position
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A part of an expression; `at` is where it begins."""
+
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Number(Node):
+    """A whole number, or a time in nanoseconds when `is_time`."""
+
+    value: int
+    is_time: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LineTime(Node):
+    """A time in characters or bits of the line: `80 chars`, `3.5 chars`; `count` is (numerator, denominator)."""
+
+    count: tuple[int, int]
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Text(Node):
+    """Text in single quotes."""
+
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bytes(Node):
+    """`h'10 3A'`."""
+
+    value: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Name(Node):
+    """A bare word."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Attribute(Node):
+    """`x.name`."""
+
+    value: Node
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Index(Node):
+    """`x[i]`."""
+
+    value: Node
+    index: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Slice(Node):
+    """`x[a:b]`; either end may be missing."""
+
+    value: Node
+    start: Node | None
+    stop: Node | None
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Node):
+    """`f(x, …)` with one of the language's functions."""
+
+    function: str
+    arguments: tuple[Node, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Unary(Node):
+    """`- ~ not`."""
+
+    operator: str
+    operand: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Binary(Node):
+    """Arithmetic and bit operators."""
+
+    operator: str
+    left: Node
+    right: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Compare(Node):
+    """`a < b <= c`, `x in y`: the first operand, then (operator, operand) pairs."""
+
+    first: Node
+    rest: tuple[tuple[str, Node], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Logic(Node):
+    """`and` or `or` over two or more operands."""
+
+    operator: str
+    operands: tuple[Node, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Conditional(Node):
+    """`a if c else b`."""
+
+    condition: Node
+    then: Node
+    otherwise: Node
+
+
+@dataclass(frozen=True, slots=True)
+class List(Node):
+    """`[a, b]`."""
+
+    items: tuple[Node, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A whole expression with its text as written."""
+
+    text: str
+    root: Node
+
+    @property
+    def at(self) -> Position:
+        return self.root.at
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def children(node: Node) -> Iterator[Node]:
+    """The direct parts of a node, in order."""
+    for field in fields(node):
+        yield from _nodes_in(getattr(node, field.name))
+
+
+def _nodes_in(value: object) -> Iterator[Node]:
+    if isinstance(value, Node):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _nodes_in(item)
+
+
+def walk(node: Node) -> Iterator[Node]:
+    """The node and everything below it, outermost first."""
+    yield node
+    for child in children(node):
+        yield from walk(child)
+
+
+def names_in(node: Node) -> set[str]:
+    """The bare words an expression reads (not the names behind a dot)."""
+    return {part.name for part in walk(node) if isinstance(part, Name)}

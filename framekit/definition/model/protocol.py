@@ -1,0 +1,141 @@
+"""A whole definition: the protocol with its application joined, and everything it imports in place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.frames import Frame, Group, Layout
+from framekit.definition.model.procedure import Role, Sequence, Session
+from framekit.definition.model.services import AddressForm, Area, Errors, Refusal, ServiceRow
+from framekit.definition.model.values import Table
+from framekit.definition.problems import Position, Problem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """What the protocol says about its line. Speeds in bits a second; `tcp` is the default port of a stream."""
+
+    kind: Literal["serial", "stream"] = "serial"
+    speed: int = 9600
+    speeds: tuple[int, ...] = ()
+    format: str = "8N1"
+    formats: tuple[str, ...] = ()
+    turnaround: Expression | None = None
+    key_delay: Expression | None = None
+    tcp: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A named setting. `is_` is a formula that nobody sets; `size` is for bytes and text, `of` the choices or item type."""
+
+    name: str
+    type: Literal["time", "number", "flag", "choice", "text", "bytes", "list"]
+    default: Expression | None
+    is_: Expression | None
+    limits: tuple[int, int] | None
+    choices: tuple[str, ...]
+    doc: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateVariable:
+    """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
+
+    `type` is one of u8…u64, i8…i64, flag, text, bytes, time, list, record, frame.
+    """
+
+    name: str
+    scope: Literal["line", "session", "device"]
+    type: str
+    initial: Expression | None
+    keys: tuple[int, int] | None
+    layout: str | None
+    most: int | None
+    publish: bool
+    values: Mapping[int, str] | None
+    announced: bool
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Queue:
+    """A queue between lanes: fields of an item (name → type) and how many fit."""
+
+    name: str
+    holds: Mapping[str, str]
+    size: int
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Receiver:
+    """How frames are found. `symbols`: an escape byte and its follower are skipped together."""
+
+    gap: Expression | None = None
+    quiet: Expression | None = None
+    symbols: int | None = None
+    resync: Literal["next_start", "after_frame", "after_quiet", "never"] = "next_start"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationType:
+    """What names the other side."""
+
+    type: Literal["number", "text", "bytes", "none"] = "number"
+    limits: tuple[int, int] | None = None
+    size: int | None = None
+    default: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Protocol:
+    """Everything a definition says, ready to be compiled and run.
+
+    `frames` are in the order of the file, those of the application after those of the protocol. `frames_alone` says that
+    there are no roles: blocks send and receive its frames directly. `sources`: the files it was read from.
+    """
+
+    name: str
+    about: str
+    source: str
+    kind: Literal["protocol", "application"]
+    profile: str | None
+    order: Literal["big", "little"]
+    station: StationType
+    line: Line
+    params: Mapping[str, Parameter]
+    state: Mapping[str, StateVariable]
+    queues: Mapping[str, Queue]
+    tables: Mapping[str, Table]
+    checks: Mapping[str, CheckMethod]
+    layouts: Mapping[str, Layout]
+    groups: Mapping[str, Group]
+    frames: Mapping[str, Frame]
+    receiver: Receiver
+    sequences: Mapping[str, Sequence]
+    roles: Mapping[str, Role]
+    sessions: Mapping[str, Session]
+    areas: Mapping[str, Area]
+    addresses: tuple[AddressForm, ...]
+    errors: Errors | None
+    server_refusals: tuple[Refusal, ...]
+    services: Mapping[str, tuple[ServiceRow, ...]]
+    sources: tuple[str, ...]
+    warnings: tuple[Problem, ...]
+    at: Position
+
+    @property
+    def frames_alone(self) -> bool:
+        return not self.roles
+
+    def frames_of(self, name: str) -> tuple[str, ...]:
+        """The frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
+        if name in self.frames:
+            return (name,)
+        return self.groups[name].frames

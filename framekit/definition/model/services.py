@@ -1,0 +1,183 @@
+"""Areas, addresses, services and errors: what READ and WRITE become. Language reference, sections 9 to 13."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.procedure import Target
+from framekit.definition.model.values import Constant, FrameOf, Value
+from framekit.definition.problems import Position
+
+UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Area:
+    """A memory area of a device. `codes`: unit → name on the wire, the first unit is the default one.
+
+    `element_bits` is the width of the default unit; `columns` are the definition's own; `layout` makes a read-only area
+    of that layout; `memory` is the area of the device's memory.
+    """
+
+    name: str
+    unit: str
+    element_bits: int
+    size: int
+    access: Literal["rw", "read"]
+    codes: Mapping[str, Constant]
+    memory: str
+    layout: str | None
+    columns: Mapping[str, Constant]
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Literally:
+    """Text of an address form that stands for itself."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """`{…}` of an address form.
+
+    `what`: `area` (name), `column` (an area's column `name`), `unit` (a key of the units table), `number` or `word`.
+    Numbers have `base` and places `least`..`most`; a text instead of a number of places is a column of the area.
+    """
+
+    what: Literal["area", "column", "unit", "number", "word"]
+    name: str
+    base: int = 10
+    least: int | str | None = None
+    most: int | str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Maybe:
+    """`[…]` of an address form: may be left out."""
+
+    parts: tuple[Literally | Part, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddressForm:
+    """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table."""
+
+    text: str
+    parts: tuple[Literally | Part | Maybe, ...]
+    area: Expression | str | None
+    unit: str | None
+    units_table: str | None
+    results: Mapping[str, Expression]
+    wire: bool
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """The most one request can carry."""
+
+    count: Expression | None = None
+    bytes: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Packing:
+    """How elements stand in the data bytes: byte order of one unit, and the form of bits."""
+
+    order: Literal["big", "little"] = "little"
+    bits: Literal["packed", "aligned", "byte_each"] = "packed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyRow:
+    """One form of the reply: the frame, the bytes beside it, and when a server uses it."""
+
+    frame: FrameOf
+    buffer: Value | None
+    when: Expression | None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """`{when, code}`: a server answers `code` when `when` holds."""
+
+    when: Expression
+    code: Expression
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServeWork:
+    """What a server does for a row, in the language's order; each part is kept as name → value.
+
+    `block` starts a block of the run; `each`/`each_as` repeat span or read over a list.
+    """
+
+    let: Mapping[str, Value] = field(default_factory=dict)
+    write: Mapping[str, Value] | None = None
+    span: Mapping[str, Value] | None = None
+    update: Expression | None = None
+    set: tuple[tuple[Target, Value], ...] = ()
+    drop: Mapping[str, Value] | None = None
+    read: Mapping[str, Value] | Expression | None = None
+    each: Expression | None = None
+    each_as: str | None = None
+    block: Mapping[str, Value] | None = None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Argument:
+    """An argument that a service other than read and write takes; also a parameter of a protocol (see `Parameter`)."""
+
+    name: str
+    type: str
+    default: Expression | None
+    limits: tuple[int, int] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceRow:
+    """One row of a service. Empty `areas` and `units` mean: any."""
+
+    service: str
+    name: str
+    at: Position
+    areas: tuple[str, ...]
+    units: tuple[str, ...]
+    when: Expression | None
+    limit: Limit
+    align_bits: int
+    most_variables: int
+    same: str | None
+    takes: tuple[Argument, ...]
+    request: FrameOf | None
+    buffer: Value | None
+    reply: tuple[ReplyRow, ...]
+    packing: Packing
+    gives: Mapping[str, Value]
+    run: Expression | None
+    back: Mapping[str, Expression]
+    refuse: tuple[Refusal, ...]
+    serve: ServeWork | None
+    client_only: bool
+    outside_session: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errors:
+    """How a device says no. `memory`: unknown, range, access, no_service → code. `answer` builds the error frame."""
+
+    frame: str | None
+    when: Expression | None
+    code: Expression | None
+    names: tuple[str, ...]
+    answer: FrameOf | None
+    memory: Mapping[str, Expression]
+    at: Position

@@ -1,0 +1,59 @@
+"""Positions in definition files and the problems found there.
+
+Every complaint about a definition or a run file is a `Problem`; they are collected and raised together as one
+`DefinitionError`. Nothing here knows YAML, schemas or what a definition means.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Position:
+    """A place in a file; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}"
+
+
+NOWHERE = Position("<built-in>", 1, 1)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Problem:
+    """One thing wrong in a file: what it is, and what to do about it. A warning does not stop anything."""
+
+    at: Position
+    what: str
+    todo: str = ""
+    warning: bool = False
+
+    def __str__(self) -> str:
+        kind = "warning: " if self.warning else ""
+        return f"{self.at}: {kind}{self.what}" + (f" – {self.todo}" if self.todo else "")
+
+
+class DefinitionError(ValueError):
+    """A definition that cannot be used; `problems` holds all of them, sorted by position."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = tuple(sorted(set(problems)))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A hint naming the known words nearest to `word`, or all of them when they are few, or ''."""
+    words = sorted(set(known))
+    near = difflib.get_close_matches(word, words, n=2, cutoff=0.6)
+    if near:
+        return "did you mean " + " or ".join(f"'{name}'" for name in near) + "?"
+    if 0 < len(words) <= 8:
+        return "known: " + ", ".join(words)
+    return ""

@@ -1,0 +1,71 @@
+"""Values that sequences and services work with: frames as values, and what a dot in an expression means.
+
+Codecs give and take plain dictionaries; an inner frame there is `{frame: fields}`, here it is a `FrameValue`.
+Knows nothing of sequences, services or the line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+class FrameValue:
+    """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
+
+    `fields` are the values a codec decodes or is to encode. `'name' in value` asks whether it has that field.
+    """
+
+    __slots__ = ("fields", "frame", "raw", "refusal")
+
+    def __init__(
+        self, frame: str, fields: dict[str, Any], raw: bytes | None = None, refusal: int | None = None
+    ) -> None:
+        self.frame = frame
+        self.fields = fields
+        self.raw = raw
+        self.refusal = refusal
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.fields
+
+    def __repr__(self) -> str:
+        return f"<{self.frame} {self.fields}>"
+
+
+def attribute(value: Any, name: str) -> Any:
+    """`value.name` of the language. A list has its items' attributes. Raises KeyError for what is not there."""
+    if type(value) is FrameValue:
+        if name in value.fields:
+            return value.fields[name]
+        if name == "frame":
+            return value.frame
+        if name == "refusal":
+            return value.refusal or 0
+        raise KeyError(name)
+    if isinstance(value, Mapping):
+        return value[name]
+    if isinstance(value, (list, tuple)):
+        return [attribute(item, name) for item in value]
+    return value.language_attribute(name)
+
+
+def with_frames(fields: dict[str, Any], inner: tuple[str, ...]) -> dict[str, Any]:
+    """Turns the inner frames of decoded fields (their names in `inner`) into frame values, in place."""
+    for name in inner:
+        value = fields.get(name)
+        if type(value) is dict:
+            ((frame, content),) = value.items()
+            fields[name] = FrameValue(frame, content)
+    return fields
+
+
+def plain(value: Any) -> Any:
+    """The value as codecs take it: frame values inside become `{frame: fields}`."""
+    if type(value) is FrameValue:
+        return {value.frame: {name: plain(item) for name, item in value.fields.items()}}
+    if type(value) is dict:
+        return {name: plain(item) for name, item in value.items()}
+    if type(value) is list:
+        return [plain(item) for item in value]
+    return value
