@@ -97,7 +97,7 @@ class _Parser:
         return Position(self.at.file, self.at.line, self.at.column + offset)
 
     def _error(self, what: str, at: Position, todo: str = "") -> ExpressionError:
-        return ExpressionError(Problem(at, f"in the expression \"{self.text}\": {what}", todo))
+        return ExpressionError(Problem(at, f'in the expression "{self.text}": {what}', todo))
 
     def _peek(self) -> str:
         if self.place >= len(self.tokens):
@@ -258,7 +258,9 @@ class _Parser:
             raise self._error(f"there is no function '{word}'", at, did_you_mean(word, FUNCTIONS))
         arguments = self._items(")")
         if not function.fewest <= len(arguments) <= function.most:
-            wanted = str(function.fewest) if function.fewest == function.most else f"{function.fewest} to {function.most}"
+            wanted = (
+                str(function.fewest) if function.fewest == function.most else f"{function.fewest} to {function.most}"
+            )
             raise self._error(f"'{word}' takes {wanted} arguments, not {len(arguments)}", at)
         return Call(at, word, arguments)
 

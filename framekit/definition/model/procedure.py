@@ -9,12 +9,22 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.problems import Position
 
-HANDLERS = ("on_timeout", "on_bad", "on_other", "on_noise", "on_break", "on_closed", "on_exhausted", "on_fail", "on_byte")
+HANDLERS = (
+    "on_timeout",
+    "on_bad",
+    "on_other",
+    "on_noise",
+    "on_break",
+    "on_closed",
+    "on_exhausted",
+    "on_fail",
+    "on_byte",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What `set` writes: a variable, an entry of a table (`name[key]`), or a field of a frame value (`name.field`)."""
+    """What `set` writes: a variable, an entry of a table (`name[key]`), or a field of a frame or record (`….field`)."""
 
     name: str
     key: Expression | None = None
@@ -44,7 +54,7 @@ class Action:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row(Action):
-    """A row of a receive matrix. `frames`: concrete frames in the order tried; `expected`: also the exchange's own replies."""
+    """A row of a receive matrix. `frames`: in the order tried; `expected`: also the exchange's own replies."""
 
     frames: tuple[str, ...] = ()
     expected: bool = False
@@ -81,7 +91,7 @@ class CallOf:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies is taken."""
+    """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies."""
 
     name: str
     at: Position

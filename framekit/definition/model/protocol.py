@@ -31,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A named setting. `is_` is a formula that nobody sets; `size` is for bytes and text, `of` the choices or item type."""
+    """A named setting. `is_` is a formula that nobody sets."""
 
     name: str
     type: Literal["time", "number", "flag", "choice", "text", "bytes", "list"]
@@ -97,8 +97,8 @@ class StationType:
 class Protocol:
     """Everything a definition says, ready to be compiled and run.
 
-    `frames` are in the order of the file, those of the application after those of the protocol. `frames_alone` says that
-    there are no roles: blocks send and receive its frames directly. `sources`: the files it was read from.
+    `frames` are in the order of the file, those of the application after those of the protocol. `frames_alone` says
+    that there are no roles: blocks send and receive its frames directly. `sources`: the files it was read from.
     """
 
     name: str

@@ -168,7 +168,7 @@ class Repeat(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choose(Segment):
-    """The case whose keys hold the value of `on`; their fields belong to the frame around. No case and no else: a fault."""
+    """The case whose keys hold the value of `on`; its fields belong to the frame around. None fits: a fault."""
 
     on: Expression
     cases: tuple[tuple[tuple[int | str, ...], tuple[Segment, ...]], ...]
@@ -213,7 +213,7 @@ class Wrap(Segment):
     inside: tuple[str, ...] = ()
     insert: Expression | None = None
     least: int = 0
-    most: int | None = None
+    most: int | Expression | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,7 +242,7 @@ class Skip(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value(Segment):
-    """A value that takes no bytes: `read` derives it from what was read; when building: given, else `build`, else `read`."""
+    """A value without bytes: `read` derives it from what was read; building: given, else `build`, else `read`."""
 
     name: str
     read: Expression

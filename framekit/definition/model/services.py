@@ -95,9 +95,9 @@ class Packing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplyRow:
-    """One form of the reply: the frame, the bytes beside it, and when a server uses it."""
+    """One form of the reply: the frame (None: only bytes), the bytes beside it, and when a server uses it."""
 
-    frame: FrameOf
+    frame: FrameOf | None
     buffer: Value | None
     when: Expression | None
     at: Position

@@ -1,0 +1,129 @@
+"""Address forms: `%{area}{unit}{start:dec}` and the results beside them. Language reference, section 10.
+
+Used for protocols and for memory profiles alike; it gets the names of areas and tables, and knows nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+
+from framekit.definition.load.reader import Reader
+from framekit.definition.model.services import UNIT_BITS, AddressForm, Literally, Maybe, Part
+from framekit.definition.nodes import Mapping, Node, Scalar
+from framekit.definition.problems import Position
+
+BASES = {"dec": 10, "hex": 16, "oct": 8}
+_WIDTH = re.compile(r"(?:(?P<least>\w+)-)?(?P<most>\w+)")
+
+
+def load_address_forms(
+    reader: Reader, node: Node | None, areas: Collection[str], tables: Collection[str]
+) -> tuple[AddressForm, ...]:
+    """The forms of an `addresses` section; broken ones are noted and left out."""
+    found = []
+    for item in reader.items(node):
+        with reader.going_on():
+            found.append(_form(reader, reader.mapping(item), areas, tables))
+    return tuple(found)
+
+
+def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collection[str]) -> AddressForm:
+    form = reader.scalar(keys.get("form"))
+    area, unit = keys.get("area"), reader.maybe(reader.text, keys.get("unit"))
+    parts = _Parts(reader, form).whole()
+    if unit is not None and unit in tables and unit not in UNIT_BITS:
+        unit, table = None, unit
+    else:
+        table = None
+    named = ("form", "area", "unit", "wire")
+    return AddressForm(
+        text=form.text,
+        parts=parts,
+        area=None if area is None else _area(reader, reader.scalar(area), areas),
+        unit=unit,
+        units_table=table,
+        results={
+            entry.key.text: reader.expression(entry.value) for entry in keys.entries if entry.key.text not in named
+        },
+        wire=reader.flag(keys.get("wire")),
+        at=keys.at,
+    )
+
+
+def _area(reader: Reader, scalar: Scalar, areas: Collection[str]) -> object:
+    return scalar.text if scalar.text in areas else reader.expression(scalar)
+
+
+class _Parts:
+    """Cuts the text of a form into literal text, parts in braces and optional text in brackets."""
+
+    def __init__(self, reader: Reader, form: Scalar) -> None:
+        self.reader = reader
+        self.text = form.text
+        self.at = form.at
+        self.place = 0
+
+    def whole(self) -> tuple[Literally | Part | Maybe, ...]:
+        parts = self._until("")
+        return parts
+
+    def _until(self, end: str) -> tuple[Literally | Part | Maybe, ...]:
+        parts: list[Literally | Part | Maybe] = []
+        literal = ""
+        while self.place < len(self.text):
+            sign = self.text[self.place]
+            if sign == end:
+                break
+            if self.text.startswith(("[[", "]]", "{{", "}}"), self.place):
+                literal, self.place = literal + sign, self.place + 2
+                continue
+            if sign in "{[":
+                parts, literal = [*parts, Literally(literal)] if literal else parts, ""
+                parts.append(self._part() if sign == "{" else self._maybe(end))
+                continue
+            literal, self.place = literal + sign, self.place + 1
+        if end and self.place >= len(self.text):
+            raise self._error(f"'{end}' is missing")
+        return tuple([*parts, Literally(literal)] if literal else parts)
+
+    def _maybe(self, end: str) -> Maybe:
+        if end:
+            raise self._error("an optional part cannot hold another one")
+        self.place += 1
+        parts = self._until("]")
+        self.place += 1
+        return Maybe(tuple(part for part in parts if not isinstance(part, Maybe)))
+
+    def _part(self) -> Part:
+        close = self.text.find("}", self.place)
+        if close < 0:
+            raise self._error("'}' is missing")
+        words = self.text[self.place + 1 : close].split(":")
+        self.place = close + 1
+        name = words[0].strip()
+        if len(words) == 1:
+            if name in ("area", "unit"):
+                return Part("area" if name == "area" else "unit", name)
+            return Part("column", name.partition(".")[2]) if name.startswith("area.") else Part("word", name)
+        if words[1] not in BASES:
+            raise self._error(f"'{words[1]}' is not a kind of number", "write dec, hex or oct")
+        least, most = self._width(words[2] if len(words) > 2 else "")
+        return Part("number", name, BASES[words[1]], least, most)
+
+    def _width(self, text: str) -> tuple[int | str | None, int | str | None]:
+        if not text:
+            return None, None
+        match = _WIDTH.fullmatch(text.strip())
+        if match is None:
+            raise self._error(f"'{text}' is not a number of places", "write 4, 1-3, or a column of the areas")
+        most = _places(match["most"])
+        return (most if match["least"] is None else _places(match["least"])), most
+
+    def _error(self, what: str, todo: str = "") -> Exception:
+        at = Position(self.at.file, self.at.line, self.at.column)
+        return self.reader.broken(at, f'in the form "{self.text}": {what}', todo)
+
+
+def _places(text: str) -> int | str:
+    return int(text) if text.isdigit() else text

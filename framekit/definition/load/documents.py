@@ -1,0 +1,165 @@
+"""Definition files and how they are joined: `extends`, `application`, `uses`.
+
+A `Source` is a definition with its bases merged in, section by section, still as nodes. Files are looked for beside the
+definition and among the shipped ones only. What the sections mean is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as MappingOf
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, read_nodes
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.schema import validate
+from framekit.definition.shipped import shipped_folder
+
+SINGLE_KEYS = ("params", "state", "areas", "line", "receiver", "station", "errors", "server")
+"""Sections in which a name given again replaces single keys, or which are one entry themselves."""
+
+BY_NAME = ("queues", "tables", "checks", "layouts", "groups", "frames", "sequences", "roles", "sessions", "services")
+
+
+@dataclass(slots=True)
+class Source:
+    """A merged definition. `names`: its file's name and those of its bases, by which others refer to it."""
+
+    root: Mapping
+    path: Path
+    names: tuple[str, ...]
+    files: tuple[str, ...]
+    uses: MappingOf[str, Source] = field(default_factory=dict)
+    application: Source | None = None
+
+    @property
+    def at(self) -> Position:
+        return self.root.at
+
+    def section(self, key: str) -> tuple[Entry, ...]:
+        """The named entries of a section; none when it is missing or is not a mapping."""
+        node = self.root.get(key)
+        return node.entries if isinstance(node, Mapping) else ()
+
+
+class Documents:
+    """Reads the files of one load, each once, with their problems noted in `reader`."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+        self.roots: dict[Path, Mapping] = {}
+        self.under_way: list[Path] = []
+        self.schema_problems: set[Problem] = set()
+        self.refused: set[Position] = set()
+
+    def root(self, path: Path, kind: str = "protocol") -> Mapping:
+        """The validated nodes of a file. Raises Broken when it can't be read at all."""
+        path = path.resolve()
+        if path not in self.roots:
+            try:
+                node = read_nodes(path)
+            except DefinitionError as error:
+                self.reader.problems.extend(error.problems)
+                raise Broken(str(path)) from None
+            problems = validate(node, kind)  # type: ignore[arg-type]
+            self.reader.problems.extend(problems)
+            self.schema_problems.update(problems)
+            self.refused.update(problem.at for problem in problems)
+            if not isinstance(node, Mapping):
+                raise Broken(str(path))
+            self.roots[path] = node
+        return self.roots[path]
+
+    def first_words(self, problems: list[Problem]) -> list[Problem]:
+        """The problems sorted, each once; where the schema spoke, what loaders said of the same place is left out."""
+        return [
+            problem
+            for problem in sorted(set(problems))
+            if problem.at not in self.refused or problem in self.schema_problems
+        ]
+
+    def find(self, name: Node, beside: Path) -> Path:
+        """The file a definition names: beside it, else among the shipped ones. Raises Broken."""
+        text = self.reader.text(name)
+        parts = PurePosixPath(text).parts
+        if not text or text.startswith(("/", "~")) or ".." in parts or "\\" in text:
+            raise self.reader.broken(
+                name.at, f"'{text}' leaves the definition's folder", "name a file beside it or a shipped one"
+            )
+        found = find_definition(text, beside.parent)
+        if found is None:
+            raise self.reader.broken(name.at, f"there is no definition '{text}'", self._near(text, beside))
+        return found
+
+    def _near(self, text: str, beside: Path) -> str:
+        known = {path.stem for folder in (beside.parent, shipped_folder("frames")) for path in folder.glob("*.yaml")}
+        return did_you_mean(text, known) or f"put {text}.yaml beside {beside.name}"
+
+    def source(self, path: Path) -> Source:
+        """The definition in `path` with everything it extends and uses. Raises Broken for cycles and missing files."""
+        path = path.resolve()
+        if path in self.under_way:
+            chain = " → ".join(step.stem for step in [*self.under_way, path])
+            raise self.reader.broken(self.roots[path].at, f"definitions refer to each other in a circle: {chain}")
+        root = self.root(path)
+        self.under_way.append(path)
+        try:
+            return self._joined(root, path)
+        finally:
+            self.under_way.pop()
+
+    def _joined(self, root: Mapping, path: Path) -> Source:
+        names: tuple[str, ...] = (path.stem,)
+        files: tuple[str, ...] = (str(path),)
+        uses: dict[str, Source] = {}
+        application: Source | None = None
+        base_name = root.get("extends")
+        if base_name is not None:
+            base = self.source(self.find(base_name, path))
+            root = _merged(base.root, root)
+            names, files, uses = names + base.names, files + base.files, dict(base.uses)
+            application = base.application
+        for name in self.reader.items(root.get("uses")):
+            with self.reader.going_on():
+                uses[self.reader.text(name)] = self.source(self.find(name, path))
+        if (node := self.roots[path].get("application")) is not None and self.roots[path].get("protocol") is not None:
+            application = self.source(self.find(node, path))
+        return Source(root, path, names, files, uses, application)
+
+
+def find_definition(name: str, folder: Path) -> Path | None:
+    """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a shipped one; None if there is none."""
+    for place in (folder, shipped_folder("frames")):
+        for candidate in (place / name, place / f"{name}.yaml"):
+            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
+                return candidate
+    return None
+
+
+def _merged(base: Mapping, own: Mapping) -> Mapping:
+    """`own` on top of `base`: sections joined by name, other keys replaced."""
+    sections = {entry.key.text: entry for entry in base.entries if entry.key.text != "extends"}
+    for entry in own.entries:
+        key = entry.key.text
+        old = sections.get(key)
+        if old is not None and isinstance(old.value, Mapping) and isinstance(entry.value, Mapping):
+            depth = 2 if key in ("params", "state", "areas") else 1
+            entry = Entry(entry.key, joined(old.value, entry.value, depth))
+        sections[key] = entry
+    return Mapping(tuple(sections.values()), own.at)
+
+
+def joined(base: Mapping, own: Mapping, depth: int) -> Mapping:
+    """Entries of both; a key of `own` replaces that of `base`, or is joined with it while `depth` is above 1."""
+    entries = {entry.key.text: entry for entry in base.entries}
+    for entry in own.entries:
+        old = entries.get(entry.key.text)
+        if depth > 1 and old is not None and isinstance(old.value, Mapping) and isinstance(entry.value, Mapping):
+            entry = Entry(entry.key, joined(old.value, entry.value, depth - 1))
+        entries[entry.key.text] = entry
+    return Mapping(tuple(entries.values()), own.at)
+
+
+def scalar_of(node: Node | None) -> str | None:
+    return node.text if isinstance(node, Scalar) else None

@@ -1,0 +1,59 @@
+"""The doors of the definition layer: a protocol by name or path, or from a text."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from framekit.definition.load.documents import Documents, find_definition
+from framekit.definition.load.protocol import ProtocolLoader
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.shipped import shipped_folder
+
+
+def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
+    """The protocol in a file, or of a name: beside `folder` (default: here), else shipped.
+
+    Raises DefinitionError with every problem of it and of the files it stands on; warnings are in the result.
+    """
+    path = definition_path(name, folder)
+    reader = Reader()
+    documents = Documents(reader)
+    protocol = None
+    with suppress(Broken):
+        protocol = ProtocolLoader(reader, documents, documents.source(path)).load()
+    problems = documents.first_words(reader.problems)
+    if protocol is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return replace(protocol, warnings=tuple(problems))
+
+
+def load_protocol_text(text: str, name: str = "definition", folder: Path | None = None) -> Protocol:
+    """A protocol from its text, as if it stood in `NAME.yaml` in `folder`. Raises DefinitionError."""
+    with TemporaryDirectory() as temporary:
+        path = Path(temporary) / f"{name}.yaml"
+        path.write_text(text, encoding="utf-8")
+        if folder is not None:
+            for other in folder.glob("*.yaml"):
+                (Path(temporary) / other.name).symlink_to(other.resolve())
+        return load_protocol(path)
+
+
+def definition_path(name: str | Path, folder: Path | None = None) -> Path:
+    """Where a definition stands. Raises DefinitionError when there is none of that name."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        if path.is_file():
+            return path
+        raise DefinitionError([Problem(Position(str(name), 1, 1), "there is no such file", "check the path")])
+    found = find_definition(str(name), folder or Path.cwd())
+    if found is None:
+        known = {file.name.split(".")[0] for file in shipped_folder("frames").glob("*.yaml")}
+        raise DefinitionError(
+            [Problem(Position(str(name), 1, 1), f"there is no definition '{name}'", did_you_mean(str(name), known))]
+        )
+    return found

@@ -1,0 +1,119 @@
+"""What names of a definition mean: entries of its own sections, of its application's, and of the files it uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from framekit.definition.checks_catalogue import ready_methods
+from framekit.definition.load.documents import Source, scalar_of
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.load.tables import load_check, load_table
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.values import Table
+from framekit.definition.nodes import Entry, Node, Sequence
+from framekit.definition.problems import did_you_mean
+
+
+@dataclass(frozen=True, slots=True)
+class Owned:
+    """An entry of a section and the source it stands in; `inner` when that is the application of a protocol."""
+
+    entry: Entry
+    source: Source
+    inner: bool
+
+
+class Namespace:
+    """Looks names up for the loaders. One for every source; used files have their own."""
+
+    def __init__(self, reader: Reader, source: Source) -> None:
+        self.reader = reader
+        self.source = source
+        self.uses = {name: Namespace(reader, used) for name, used in self._used()}
+        self._tables: dict[str, Table | None] = {}
+        self._checks: dict[str, CheckMethod | None] = {}
+        self._sections: dict[str, dict[str, Owned]] = {}
+        self._orders = {file: self._order_of(one) for one in self._sources() for file in one.files}
+
+    def _sources(self) -> list[Source]:
+        application = self.source.application
+        return [self.source, application] if application else [self.source]
+
+    def _used(self) -> list[tuple[str, Source]]:
+        return [item for source in self._sources() for item in source.uses.items()]
+
+    @staticmethod
+    def _order_of(source: Source) -> str:
+        return scalar_of(source.root.get("order")) or "big"
+
+    def order(self, file: str) -> str:
+        """The byte order of numbers written in `file`."""
+        return self._orders.get(file, "big")
+
+    def section(self, key: str) -> dict[str, Owned]:
+        """The entries of a section by name, the definition's own first, then its application's."""
+        if key not in self._sections:
+            found: dict[str, Owned] = {}
+            for source in self._sources():
+                inner = source is not self.source
+                for entry in source.section(key):
+                    if entry.key.text in found and key in ("frames", "groups", "layouts", "sequences"):
+                        self.reader.note(
+                            entry.key.at,
+                            f"'{entry.key.text}' stands in the protocol and in its application",
+                            "give one of them another name",
+                        )
+                    found.setdefault(entry.key.text, Owned(entry, source, inner))
+            self._sections[key] = found
+        return self._sections[key]
+
+    def elsewhere(self, name: str) -> tuple[str, Namespace] | None:
+        """For `FILE.name`: the name and the namespace of FILE, which is used, or this definition's application."""
+        prefix, dot, rest = name.partition(".")
+        if not dot:
+            return None
+        if prefix in self.uses:
+            return rest, self.uses[prefix]
+        application = self.source.application
+        if (application is not None and prefix in application.names) or prefix in self.source.names:
+            return rest, self
+        return None
+
+    def layout(self, node: Node) -> tuple[Sequence, Namespace]:
+        """The segments of a layout and the namespace they are to be read in. Raises Broken."""
+        name = self.reader.text(node)
+        space: Namespace = self
+        layouts = space.section("layouts")
+        if name not in layouts and (found := self.elsewhere(name)) is not None:
+            name, space = found
+            layouts = space.section("layouts")
+        if name not in layouts:
+            raise self.reader.broken(node.at, f"there is no layout '{name}'", did_you_mean(name, layouts))
+        return self.reader.sequence(layouts[name].entry.value), space
+
+    def table(self, name: str) -> Table | None:
+        """A table of this namespace, or None."""
+        if name not in self._tables:
+            owned = self.section("tables").get(name)
+            self._tables[name] = None
+            if owned is not None:
+                with self.reader.going_on():
+                    self._tables[name] = load_table(self.reader, owned.entry)
+        return self._tables[name]
+
+    def check(self, node: Node) -> CheckMethod:
+        """A check method of this definition or a ready one. Raises Broken."""
+        name = self.reader.text(node)
+        own = self.section("checks")
+        if name in own:
+            if name not in self._checks:
+                self._checks[name] = None
+                self._checks[name] = load_check(self.reader, own[name].entry)
+            method = self._checks[name]
+            if method is None:
+                raise Broken(name)
+            return method
+        ready = ready_methods()
+        if name not in ready:
+            raise self.reader.broken(node.at, f"there is no check '{name}'", did_you_mean(name, [*own, *ready]))
+        return ready[name]

@@ -1,0 +1,240 @@
+"""Sequences, steps, rows and actions, roles and sessions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.load.values import ValueLoader
+from framekit.definition.model.procedure import (
+    HANDLERS,
+    Action,
+    CallOf,
+    Lane,
+    Parts,
+    Role,
+    Row,
+    Sequence,
+    Serve,
+    Session,
+    Step,
+)
+from framekit.definition.model.values import FrameOf, Value
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar
+from framekit.definition.problems import did_you_mean
+
+
+class ProcedureLoader:
+    """Reads the sections `sequences`, `roles` and `sessions`."""
+
+    def __init__(self, values: ValueLoader) -> None:
+        self.values = values
+        self.reader: Reader = values.reader
+
+    # ---- actions and rows ---------------------------------------------------------------------------------
+
+    def action(self, node: Node) -> Action:
+        """One action; a bare word stands for `then`. Raises Broken."""
+        if isinstance(node, Scalar):
+            return Action(at=node.at, then=node.text)
+        return Action(**self._action_keys(self.reader.mapping(node)))
+
+    def actions(self, node: Node) -> tuple[Action, ...]:
+        """One action or a list of them."""
+        return tuple(self.action(item) for item in self.reader.items(node))
+
+    def _action_keys(self, keys: Mapping) -> dict[str, Any]:
+        reader = self.reader
+        deliver, send, otherwise = keys.get("deliver"), keys.get("send"), keys.get("else")
+        return {
+            "at": keys.at,
+            "when": reader.maybe(reader.expression, keys.get("when")),
+            "at_most": reader.maybe(reader.expression, keys.get("at_most")),
+            "otherwise": None if otherwise is None else self.action(otherwise),
+            "take": reader.maybe(reader.text, keys.get("take")),
+            "set": self.values.settings(keys.get("set")),
+            "store": self._store(keys.get("store")),
+            "put": self._put(keys.get("put")),
+            "deliver": None if deliver is None else self.values.sent(deliver),
+            "send": None if send is None else self.values.sent(send),
+            "then": reader.maybe(reader.text, keys.get("then")),
+            "fail": reader.maybe(reader.text, keys.get("fail")),
+        }
+
+    def _store(self, node: Node | None) -> tuple[tuple[Expression, str], ...]:
+        reader = self.reader
+        return tuple((reader.expression(entry.key), reader.text(entry.value)) for entry in reader.entries(node))
+
+    def _put(self, node: Node | None) -> tuple[tuple[str, dict[str, Value]], ...]:
+        return tuple((entry.key.text, self.values.fields(entry.value)) for entry in self.reader.entries(node))
+
+    def row(self, node: Node) -> Row:
+        """A row of a receive matrix. Raises Broken."""
+        keys = self.reader.mapping(node)
+        frames: list[str] = []
+        expected = False
+        for item in self.reader.items(keys.get("frame")):
+            if self.reader.text(item) == "expected":
+                expected = True
+            else:
+                found = self.values.frames.find(self.values.space, item)
+                frames.extend(name for name in found if name not in frames)
+        return Row(
+            frames=tuple(frames),
+            expected=expected,
+            queue=self.reader.maybe(self.reader.text, keys.get("queue")),
+            room=self.reader.maybe(self.reader.text, keys.get("room")),
+            **self._action_keys(keys),
+        )
+
+    def rows(self, node: Node | None) -> tuple[Row, ...]:
+        found = []
+        for item in self.reader.items(node):
+            with self.reader.going_on():
+                found.append(self.row(item))
+        return tuple(found)
+
+    def handlers(self, keys: Mapping) -> dict[str, tuple[Action, ...]]:
+        return {name: self.actions(node) for name in HANDLERS if (node := keys.get(name)) is not None}
+
+    # ---- steps and sequences ------------------------------------------------------------------------------
+
+    def step(self, node: Node) -> Step:
+        """Raises Broken."""
+        reader, keys = self.reader, self.reader.mapping(node)
+        deliver, send, ask = keys.get("deliver"), keys.get("send"), keys.get("ask")
+        receive, branch = keys.get("receive"), keys.get("branch")
+        return Step(
+            name=reader.text(keys.get("step")),
+            at=keys.at,
+            when=reader.maybe(reader.expression, keys.get("when")),
+            session=reader.maybe(reader.text, keys.get("session")),
+            parts=self._parts(keys.get("parts")),
+            wait=reader.maybe(reader.expression, keys.get("wait")),
+            hold_break=reader.maybe(reader.expression, keys.get("break")),
+            set=self.values.settings(keys.get("set")),
+            serve=self._serve(keys.get("serve")),
+            call=self._call(keys),
+            ask=None if ask is None else self._ask(ask),
+            put=self._put(keys.get("put")),
+            deliver=None if deliver is None else self.values.sent(deliver),
+            send=None if send is None else self.values.sent(send),
+            receive=None if receive is None else self.rows(receive),
+            branch=None if branch is None else self.actions(branch),
+            then=reader.maybe(reader.text, keys.get("then")) or "next",
+            within=reader.maybe(reader.expression, keys.get("within")),
+            complete=reader.maybe(reader.expression, keys.get("complete")),
+            gap=reader.maybe(reader.expression, keys.get("gap")),
+            retries=reader.maybe(reader.expression, keys.get("retries")),
+            handlers=self.handlers(keys),
+        )
+
+    def _parts(self, node: Node | None) -> Parts | None:
+        if node is None:
+            return None
+        keys = self.reader.mapping(node)
+        return Parts(self.reader.expression(keys.get("of")), self.reader.expression(keys.get("size")))
+
+    def _serve(self, node: Node | None) -> Serve | None:
+        if node is None:
+            return None
+        reader, keys = self.reader, self.reader.mapping(node)
+        return Serve(
+            request=reader.expression(keys.get("request")),
+            buffer=reader.maybe(reader.expression, keys.get("buffer")),
+            station=reader.maybe(reader.expression, keys.get("station")),
+            check_only=reader.flag(keys.get("check")),
+        )
+
+    def _call(self, keys: Mapping) -> CallOf | None:
+        node = keys.get("call")
+        if node is None:
+            return None
+        into = {entry.key.text: self.reader.text(entry.value) for entry in self.reader.entries(keys.get("into"))}
+        return CallOf(self.reader.text(node), self.values.fields(keys.get("with")), into)
+
+    def _ask(self, node: Node) -> FrameOf:
+        """`{service: {argument: value}}`: the service's name stands where a constructor has its frame."""
+        mapping = self.reader.mapping(node)
+        if len(mapping.entries) != 1:
+            raise self.reader.broken(
+                mapping.at, "ask runs exactly one service", "write ask: {service: {argument: value}}"
+            )
+        entry = mapping.entries[0]
+        return FrameOf(entry.key.text, self.values.fields(entry.value), entry.key.at)
+
+    def sequence(self, entry: Entry) -> Sequence:
+        """Raises Broken when a step or a row of it is broken."""
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        before = len(reader.problems)
+        steps = []
+        for item in reader.items(keys.get("steps")):
+            with reader.going_on():
+                steps.append(self.step(item))
+        always = self.rows(keys.get("always"))
+        handlers = self.handlers(keys)
+        if any(not problem.warning for problem in reader.problems[before:]) or not steps:
+            raise Broken(entry.key.text)
+        return Sequence(
+            name=entry.key.text,
+            at=entry.key.at,
+            takes=reader.texts(keys.get("takes")),
+            gives=self.values.expressions(keys.get("gives")),
+            local={local.key.text: reader.text(local.value) for local in reader.entries(keys.get("local"))},
+            always=always,
+            handlers=handlers,
+            steps=tuple(steps),
+        )
+
+    # ---- roles and sessions -------------------------------------------------------------------------------
+
+    def role(self, entry: Entry, sequences: set[str]) -> Role:
+        """Raises Broken."""
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        lanes = tuple(self._lane(lane, sequences) for lane in reader.entries(keys.get("lanes")))
+        session = reader.maybe(reader.text, keys.get("session"))
+        return Role(name=entry.key.text, session=session, lanes=lanes, at=entry.key.at)
+
+    def _lane(self, entry: Entry, sequences: set[str]) -> Lane:
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        exchange = tuple(self.named_sequence(node, sequences) for node in reader.items(keys.get("exchange")))
+        listen = keys.get("listen")
+        return Lane(
+            name=entry.key.text,
+            exchange=exchange,
+            listen=None if listen is None else self.named_sequence(listen, sequences),
+            at_once=reader.maybe(reader.expression, keys.get("at_once")),
+            at=entry.key.at,
+        )
+
+    def named_sequence(self, node: Node, sequences: set[str]) -> str:
+        name = self.reader.text(node)
+        if name not in sequences:
+            self.reader.note(node.at, f"there is no sequence '{name}'", did_you_mean(name, sequences))
+        return name
+
+    def session(self, entry: Entry, sequences: set[str]) -> Session:
+        """Raises Broken."""
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        keep_alive = reader.mapping(node) if (node := keys.get("keep_alive")) is not None else None
+        lost_by = keys.get("lost_by")
+        run = None if keep_alive is None else keep_alive.get("run")
+        return Session(
+            name=entry.key.text,
+            open=tuple(self.named_sequence(node, sequences) for node in reader.items(keys.get("open"))),
+            close=tuple(self.named_sequence(node, sequences) for node in reader.items(keys.get("close"))),
+            one_station=self._flag_expression(keys.get("one_station")),
+            keep_alive_after=None if keep_alive is None else reader.expression(keep_alive.get("after")),
+            keep_alive_run=None if run is None else self.named_sequence(run, sequences),
+            lost_by=None if lost_by is None or reader.texts(lost_by) == ("any",) else reader.texts(lost_by),
+            at=entry.key.at,
+        )
+
+    def _flag_expression(self, node: Node | None) -> Expression | None:
+        """`yes`, `no` or an expression."""
+        if node is None:
+            return None
+        scalar = self.reader.scalar(node)
+        text = {"yes": "true", "no": "false"}.get(scalar.text, scalar.text)
+        return self.reader.expression_text(text, scalar.at)

@@ -1,0 +1,307 @@
+"""A definition file to a `Protocol`: the loaders of all sections, in the order they need each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from framekit.definition.expression.syntax import Attribute, Name, Node
+from framekit.definition.load.addresses import load_address_forms
+from framekit.definition.load.documents import Documents, Source, scalar_of
+from framekit.definition.load.frames import FrameLoader
+from framekit.definition.load.imports import names_mentioned, used_entries
+from framekit.definition.load.named import numbers_by_name, resolve_names
+from framekit.definition.load.namespace import Namespace, Owned
+from framekit.definition.load.procedure import ProcedureLoader
+from framekit.definition.load.reader import Reader
+from framekit.definition.load.references import named_segments, resolve_references
+from framekit.definition.load.sections import (
+    load_line,
+    load_parameter,
+    load_queue,
+    load_receiver,
+    load_state,
+    load_station,
+)
+from framekit.definition.load.segments import SegmentLoader
+from framekit.definition.load.services import ServiceLoader, load_area
+from framekit.definition.load.values import ValueLoader
+from framekit.definition.model.frames import Frame, Layout
+from framekit.definition.model.procedure import Row, Sequence
+from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.model.segments import Bits, Field, Record, Repeat, Segment
+from framekit.definition.model.services import AddressForm, Area, Errors, Refusal
+from framekit.definition.model.values import LayoutOf, ReadAs, Table
+from framekit.definition.model.visit import parts_of
+from framekit.definition.nodes import Entry, Scalar
+
+T = TypeVar("T")
+
+
+class ProtocolLoader:
+    """Reads one source. Problems go to the reader; what is broken is missing from the result."""
+
+    def __init__(self, reader: Reader, documents: Documents, source: Source) -> None:
+        self.reader = reader
+        self.documents = documents
+        self.source = source
+        self.space = Namespace(reader, source)
+        self.frames = FrameLoader(self.space)
+        self.values = ValueLoader(self.space, self.frames)
+
+    def load(self) -> Protocol:
+        """The protocol as far as it could be read."""
+        frames = self.frames.load_all()
+        groups = self.frames.load_groups()
+        procedure = ProcedureLoader(self.values)
+        sequences = self._each("sequences", procedure.sequence)
+        names = set(self.space.section("sequences"))
+        roles = self._each("roles", lambda entry: procedure.role(entry, names))
+        sessions = self._each("sessions", lambda entry: procedure.session(entry, names))
+        services = ServiceLoader(self.values)
+        rows = {name: services.rows(owned.entry) for name, owned in self.space.section("services").items()}
+        areas, forms = self._areas()
+        errors = self._errors(services)
+        refusals = self._refusals(services)
+        parts = [frames, sequences, roles, sessions, rows, forms, errors, refusals]
+        layouts = self._layouts(parts, areas)
+        line, receiver = self._line(), self._receiver()
+        parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
+        resolve = _Resolver(self.reader, frames, state)
+        return Protocol(
+            name=self._name(),
+            about=self._text("about"),
+            source=self._text("source"),
+            kind="application" if self.source.root.get("protocol") is None else "protocol",
+            profile=self._text("profile") or None,
+            order="little" if self._text("order") == "little" else "big",
+            station=load_station(self.reader, self._own("station")),
+            line=line,
+            params=parameters,
+            state=state,
+            queues=self._each("queues", lambda entry: load_queue(self.reader, entry)),
+            tables=tables,
+            checks={
+                name: self.space.check(Scalar(name, owned.entry.key.at, False))
+                for name, owned in self.space.section("checks").items()
+            },
+            layouts=resolve.plainly(layouts),
+            groups=groups,
+            frames={name: resolve.frame(frame) for name, frame in frames.items()},
+            receiver=receiver,
+            sequences={name: resolve.sequence(sequence) for name, sequence in sequences.items()},
+            roles=roles,
+            sessions=sessions,
+            areas=areas,
+            addresses=resolve.plainly(forms),
+            errors=resolve.plainly(errors),
+            server_refusals=resolve.plainly(refusals),
+            services=resolve.plainly(rows),
+            sources=self.source.files + (self.source.application.files if self.source.application else ()),
+            warnings=(),
+            at=self.source.at,
+        )
+
+    # ---- parts --------------------------------------------------------------------------------------------
+
+    def _name(self) -> str:
+        return self._text("protocol") or self._text("application") or self._text("device")
+
+    def _own(self, key: str) -> Any:
+        """A section of the definition, or of its application."""
+        node = self.source.root.get(key)
+        if node is None and self.source.application is not None:
+            node = self.source.application.root.get(key)
+        return node
+
+    def _text(self, key: str) -> str:
+        return scalar_of(self.source.root.get(key)) or ""
+
+    def _each(self, section: str, load: Callable[[Entry], T]) -> dict[str, T]:
+        found = {}
+        for name, owned in self.space.section(section).items():
+            with self.reader.going_on():
+                found[name] = load(owned.entry)
+        return found
+
+    def _line(self) -> Any:
+        with self.reader.going_on():
+            return load_line(self.reader, self._own("line"))
+        return load_line(self.reader, None)
+
+    def _receiver(self) -> Any:
+        with self.reader.going_on():
+            return load_receiver(self.reader, self._own("receiver"))
+        return load_receiver(self.reader, None)
+
+    def _elsewhere(self, key: str) -> Namespace:
+        """The namespace of `areas: FILE` or `addresses: FILE`; this one when the section stands here."""
+        name = scalar_of(self._own(key))
+        if name is None:
+            return self.space
+        if name in self.space.uses:
+            return self.space.uses[name]
+        with self.reader.going_on():
+            path = self.documents.find(self._own(key), self.source.path)
+            return Namespace(self.reader, self.documents.source(path))
+        return self.space
+
+    def _areas(self) -> tuple[dict[str, Area], tuple[AddressForm, ...]]:
+        areas = {}
+        for name, owned in self._elsewhere("areas").section("areas").items():
+            with self.reader.going_on():
+                areas[name] = load_area(self.reader, owned.entry)
+        space = self._elsewhere("addresses")
+        node = space.source.root.get("addresses")
+        if node is None and space.source.application is not None:
+            node = space.source.application.root.get("addresses")
+        tables = [*self.space.section("tables"), *space.section("tables")]
+        return areas, load_address_forms(self.reader, None if isinstance(node, Scalar) else node, areas, tables)
+
+    def _errors(self, services: ServiceLoader) -> Errors | None:
+        node = self._own("errors")
+        if node is not None:
+            with self.reader.going_on():
+                return services.errors(node)
+        return None
+
+    def _refusals(self, services: ServiceLoader) -> tuple[Refusal, ...]:
+        node = self._own("server")
+        found = []
+        for item in self.reader.items(node.get("refuse")) if node is not None else ():
+            with self.reader.going_on():
+                found.append(services.refusal(item))
+        return tuple(found)
+
+    def _layouts(self, parts: list[Any], areas: Mapping[str, Area]) -> dict[str, Layout]:
+        """The layouts that are built or read by themselves; the others are only included."""
+        wanted = {value.layout: value.at for value in parts_of(parts, LayoutOf)}
+        wanted |= {value.layout: value.at for value in parts_of(parts, ReadAs)}
+        wanted |= {area.layout: area.at for area in areas.values() if area.layout}
+        for owned in self.space.section("state").values():
+            for key in ("list", "record", "holds"):
+                node = owned.entry.value.get(key) if hasattr(owned.entry.value, "get") else None
+                if isinstance(node, Scalar) and node.text in self.space.section("layouts"):
+                    wanted[node.text] = node.at
+        found: dict[str, Layout] = {}
+        for name, at in wanted.items():
+            with self.reader.going_on():
+                loader = SegmentLoader(self.space, self.frames.find)
+                segments = loader.layout(Scalar(name, at, False))
+                segments = resolve_references(self.reader, ((), segments, ()), loader.aliases)[1]
+                found[name] = Layout(name=name, segments=segments, at=at)
+        return found
+
+    def _variables(
+        self, parts: list[Any], frames: Mapping[str, Frame]
+    ) -> tuple[dict[str, Parameter], dict[str, StateVariable], dict[str, Table]]:
+        """Own parameters, state and tables, and those of used files that something here mentions."""
+        announced = {name for frame in frames.values() for name in frame.announces}
+        result: dict[str, dict[str, Any]] = {"params": {}, "state": {}, "tables": {}}
+
+        def add(section: str, name: str, owned: Owned, space: Namespace) -> None:
+            with self.reader.going_on():
+                if section == "tables":
+                    result[section][name] = space.table(name)
+                elif section == "params":
+                    result[section][name] = load_parameter(self.reader, owned.entry)
+                else:
+                    keys = self.reader.mapping(owned.entry.value)
+                    values = SegmentLoader(space, self.frames.find).values(keys.get("values"))
+                    result[section][name] = load_state(self.reader, owned.entry, values, name in announced)
+
+        for section in result:
+            for name, owned in self._joined(section).items():
+                add(section, name, owned, self.space)
+        while True:
+            mentioned = names_mentioned([*parts, result])
+            size = sum(map(len, result.values()))
+            for section, found in result.items():
+                for name, (space, owned) in used_entries(self.space, section).items():
+                    if name in mentioned and name not in found:
+                        add(section, name, owned, space)
+            if sum(map(len, result.values())) == size:
+                return result["params"], result["state"], result["tables"]
+
+    def _joined(self, section: str) -> dict[str, Owned]:
+        """Entries of a section; for params and state the protocol's keys go over those of its application."""
+        entries = dict(self.space.section(section))
+        application = self.source.application
+        if application is None or section == "tables":
+            return entries
+        from framekit.definition.load.documents import joined
+        from framekit.definition.nodes import Mapping as MappingNode
+
+        for entry in application.section(section):
+            own = entries[entry.key.text]
+            if own.source is not application and isinstance(own.entry.value, MappingNode):
+                assert isinstance(entry.value, MappingNode)
+                merged = Entry(own.entry.key, joined(entry.value, own.entry.value, 1))
+                entries[entry.key.text] = Owned(merged, own.source, False)
+        return entries
+
+
+class _Resolver:
+    """Resolves the names of numbers, narrowed to the frames in question."""
+
+    def __init__(self, reader: Reader, frames: Mapping[str, Frame], state: Mapping[str, StateVariable]) -> None:
+        self.reader = reader
+        self.by_frame = {name: _named_fields(frame.segments) for name, frame in frames.items()}
+        everything = [item for fields in self.by_frame.values() for item in fields]
+        everything += [(name, variable.values) for name, variable in state.items() if variable.values]
+        self.everywhere = numbers_by_name(everything)
+
+    def frame(self, frame: Frame) -> Frame:
+        own = numbers_by_name(self.by_frame[frame.name])
+
+        def numbers(node: Node) -> Mapping[str, int] | None:
+            name = node.name if isinstance(node, (Name, Attribute)) else ""
+            if isinstance(node, Name) and name in own:
+                return own[name]
+            return self.everywhere.get(name)
+
+        resolved: Frame = resolve_names(self.reader, frame, numbers)
+        return resolved
+
+    def plainly(self, value: T) -> T:
+        resolved: T = resolve_names(self.reader, value, self._anywhere)
+        return resolved
+
+    def _anywhere(self, node: Node) -> Mapping[str, int] | None:
+        return self.everywhere.get(node.name) if isinstance(node, (Name, Attribute)) else None
+
+    def sequence(self, sequence: Sequence) -> Sequence:
+        """Rows first, with `it` narrowed to their frames; what is resolved there is a number already afterwards."""
+        return self.plainly(_rows_changed(sequence, self._row))
+
+    def _row(self, row: Row) -> Row:
+        narrowed = numbers_by_name([item for name in row.frames for item in self.by_frame.get(name, ())])
+
+        def numbers(node: Node) -> Mapping[str, int] | None:
+            of_it = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "it"
+            return narrowed[node.name] if of_it and node.name in narrowed else self._anywhere(node)
+
+        resolved: Row = resolve_names(self.reader, row, numbers)
+        return resolved
+
+
+def _rows_changed(sequence: Sequence, change: Callable[[Row], Row]) -> Sequence:
+    from dataclasses import replace
+
+    steps = tuple(
+        step if step.receive is None else replace(step, receive=tuple(change(row) for row in step.receive))
+        for step in sequence.steps
+    )
+    return replace(sequence, steps=steps, always=tuple(change(row) for row in sequence.always))
+
+
+def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int, str] | None]]:
+    found: list[tuple[str, Mapping[int, str] | None]] = []
+    for segment in named_segments(segments):
+        if isinstance(segment, Field):
+            found.append((segment.name, segment.values))
+        elif isinstance(segment, Bits):
+            found.extend((part.name, part.values) for part in segment.parts)
+        elif isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
+            found.extend(_named_fields(segment.of))
+    return found

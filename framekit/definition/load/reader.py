@@ -1,0 +1,153 @@
+"""Typed access to nodes for the loaders, with one list of problems.
+
+A loader that can't go on with a thing (a frame, a sequence, a row) raises `Broken` after the problem is noted; the
+caller leaves that thing out and goes on with the next, so that all problems of a file come at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TypeVar
+
+from framekit.definition.expression.parse import ExpressionError, parse_expression
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.load import scalars
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
+from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.times import parse_time
+
+T = TypeVar("T")
+
+
+class Broken(Exception):  # noqa: N818 - it is a signal between loaders, no error of its own
+    """The thing being loaded cannot be used; the problem has been noted."""
+
+
+class Reader:
+    """Reads nodes as what keys make of them, and notes what is wrong with them."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+
+    # ---- problems -----------------------------------------------------------------------------------------
+
+    def note(self, at: Position, what: str, todo: str = "") -> None:
+        """Adds a problem and goes on."""
+        self.problems.append(Problem(at, what, todo))
+
+    def warn(self, at: Position, what: str, todo: str = "") -> None:
+        self.problems.append(Problem(at, what, todo, warning=True))
+
+    def broken(self, at: Position, what: str, todo: str = "") -> Broken:
+        """Adds a problem; the caller raises what this returns."""
+        self.note(at, what, todo)
+        return Broken(what)
+
+    @contextmanager
+    def going_on(self) -> Iterator[None]:
+        """What is broken inside is left out; reading goes on behind."""
+        with suppress(Broken):
+            yield
+
+    def unknown(self, at: Position, kind: str, word: str, known: Iterator[str] | list[str]) -> Broken:
+        return self.broken(at, f"there is no {kind} '{word}'", did_you_mean(word, known))
+
+    # ---- scalars ------------------------------------------------------------------------------------------
+
+    def scalar(self, node: Node | None) -> Scalar:
+        if not isinstance(node, Scalar):
+            raise self._shape(node, "a single value")
+        return node
+
+    def text(self, node: Node | None) -> str:
+        return self.scalar(node).text
+
+    def _parsed(self, node: Node | None, parse: Callable[[str], T]) -> T:
+        scalar = self.scalar(node)
+        try:
+            return parse(scalar.text)
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise self.broken(scalar.at, what, todo) from None
+
+    def number(self, node: Node | None) -> int:
+        return self._parsed(node, scalars.parse_number)
+
+    def flag(self, node: Node | None, default: bool = False) -> bool:
+        return default if node is None else bool(self._parsed(node, scalars.parse_flag))
+
+    def bytes(self, node: Node | None) -> bytes:
+        return self._parsed(node, scalars.parse_bytes)
+
+    def byte(self, node: Node | None) -> int:
+        data = self.bytes(node)
+        if len(data) != 1:
+            raise self.broken(self.scalar(node).at, "one byte is wanted here", "write two hex digits or one name")
+        return data[0]
+
+    def range(self, node: Node | None) -> tuple[int, int]:
+        return self._parsed(node, scalars.parse_range)
+
+    def time(self, node: Node | None) -> int:
+        """A time in nanoseconds: `10 ms`, or a unit alone for one of it."""
+        return self._parsed(node, lambda text: parse_time(text if text[:1].isdigit() else f"1 {text}"))
+
+    def places(self, node: Node | None) -> tuple[int, int]:
+        return self._parsed(node, scalars.parse_places)
+
+    def one_of(self, node: Node | None, words: dict[str, T], kind: str) -> T:
+        scalar = self.scalar(node)
+        if scalar.text not in words:
+            raise self.broken(scalar.at, f"'{scalar.text}' is not {kind}", did_you_mean(scalar.text, words))
+        return words[scalar.text]
+
+    # ---- expressions --------------------------------------------------------------------------------------
+
+    def expression(self, node: Node | None) -> Expression:
+        scalar = self.scalar(node)
+        return self.expression_text(scalar.text, inside(scalar))
+
+    def expression_text(self, text: str, at: Position) -> Expression:
+        try:
+            return parse_expression(text, at)
+        except ExpressionError as error:
+            self.problems.append(error.problem)
+            raise Broken(str(error)) from None
+
+    def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        return None if node is None else read(node)
+
+    # ---- collections --------------------------------------------------------------------------------------
+
+    def mapping(self, node: Node | None) -> Mapping:
+        if not isinstance(node, Mapping):
+            raise self._shape(node, "a mapping (name: value)")
+        return node
+
+    def sequence(self, node: Node | None) -> Sequence:
+        if not isinstance(node, Sequence):
+            raise self._shape(node, "a list")
+        return node
+
+    def entries(self, node: Node | None) -> tuple[Entry, ...]:
+        return () if node is None else self.mapping(node).entries
+
+    def items(self, node: Node | None) -> tuple[Node, ...]:
+        """The items of a list; a single thing stands for a list of one; nothing for an empty one."""
+        if node is None:
+            return ()
+        return node.items if isinstance(node, Sequence) else (node,)
+
+    def texts(self, node: Node | None) -> tuple[str, ...]:
+        return tuple(self.text(item) for item in self.items(node))
+
+    def _shape(self, node: Node | None, wanted: str) -> Broken:
+        if node is None:
+            return Broken(f"{wanted} is missing")  # the schema has said so
+        return self.broken(node.at, f"{wanted} is wanted here")
+
+
+def inside(scalar: Scalar) -> Position:
+    """Where the text of a scalar begins: behind its quote, if it has one."""
+    return Position(scalar.at.file, scalar.at.line, scalar.at.column + 1) if scalar.quoted else scalar.at
