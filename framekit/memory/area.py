@@ -1,0 +1,218 @@
+"""One area of device memory: bytes, little-endian, seen as bits, bytes, words, double words or long words.
+
+Every view counts from 0 in its own unit over the whole area: byte 3 is the high byte of word 1, bit 17 is bit
+1 of word 1, dword 2 is words 4 and 5. An area knows no addresses, no protocol and no clock; it is used by one
+thread.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+from framekit.memory.errors import AccessError, MemoryRangeError, MemoryValueError
+from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
+from framekit.memory.watch import Changed, Watch, WatchTable
+
+_CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
+
+
+class Area:
+    """`size` elements of `unit`: bit, byte, word, dword, lword, `6 bytes`, or a number of bytes.
+
+    `access` is `rw`, or `read` when only the owner, who says `force=True`, may write. Values are unsigned.
+    Methods raise MemoryRangeError for a place beyond the area, AccessError for a write that is not allowed,
+    MemoryValueError for a value that does not fit, ValueError for an unknown unit.
+    """
+
+    __slots__ = (
+        "_data",
+        "_spare",
+        "_watches",
+        "access",
+        "aliases",
+        "element_bits",
+        "name",
+        "size",
+        "size_bits",
+        "unit",
+    )
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        size: int,
+        unit: str | int = "word",
+        access: Literal["rw", "read"] = "rw",
+        aliases: Iterable[str] = (),
+    ) -> None:
+        if size < 1:
+            raise ValueError(f"area {name} has no size")
+        self.element_bits = unit_bits(unit)
+        self.name = name
+        self.unit = unit if isinstance(unit, str) else f"{unit} bytes"
+        self.size = size
+        self.access = access
+        self.aliases = tuple(aliases)
+        self.size_bits = size * self.element_bits
+        self._data = bytearray((self.size_bits + 7) // 8)
+        self._spare = -self.size_bits % 8
+        self._watches: WatchTable | None = None
+
+    def __repr__(self) -> str:
+        return f"<area {self.name}: {self.size} × {self.unit}, {self.access}>"
+
+    @property
+    def size_bytes(self) -> int:
+        return len(self._data)
+
+    @property
+    def size_words(self) -> int:
+        """Words of 16 bits, the last of which may be cut short."""
+        return (len(self._data) + 1) // 2
+
+    # --- bytes
+
+    def read_bytes(self, offset: int, count: int) -> bytes:
+        """`count` bytes from byte `offset` on."""
+        if offset < 0 or count < 0 or offset + count > len(self._data):
+            raise self._beyond("byte", offset, count, len(self._data))
+        return bytes(self._data[offset : offset + count])
+
+    def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
+        """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
+        end = offset + len(data)
+        if offset < 0 or end > len(self._data):
+            raise self._beyond("byte", offset, len(data), len(self._data))
+        self._allow(force)
+        if self._spare and data and end == len(self._data):
+            data = data[:-1] + bytes([data[-1] & (0xFF >> self._spare)])
+        self._store(offset, data)
+
+    # --- numbers of any unit
+
+    def read(self, unit: str | int, start: int, count: int = 1) -> list[int]:
+        """`count` unsigned values of `unit`, from number `start` on."""
+        bits = unit_bits(unit)
+        self._within(unit, bits, start, count)
+        if bits == 1:
+            return unpack_bits(self.read_bits(start, count), count)
+        size = bits // 8
+        code = _CODES.get(bits)
+        if code is not None:
+            return list(struct.unpack_from(f"<{count}{code}", self._data, start * size))
+        data = self._data[start * size : (start + count) * size]
+        return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
+
+    def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
+        """Puts unsigned `values` of `unit` at number `start` on. Either all are written or none."""
+        bits = unit_bits(unit)
+        self._within(unit, bits, start, len(values))
+        self._allow(force)
+        if bits == 1:
+            self._put_bits(start, len(values), pack_bits(values))
+            return
+        self._store(start * bits // 8, _encode(values, bits))
+
+    # --- bits, packed
+
+    def read_bit(self, start: int) -> bool:
+        """One bit."""
+        if not 0 <= start < self.size_bits:
+            raise self._beyond("bit", start, 1, self.size_bits)
+        return bool(self._data[start >> 3] >> (start & 7) & 1)
+
+    def write_bit(self, start: int, on: bool, *, force: bool = False) -> None:
+        """One bit."""
+        if not 0 <= start < self.size_bits:
+            raise self._beyond("bit", start, 1, self.size_bits)
+        self._allow(force)
+        mask = 1 << (start & 7)
+        old = self._data[start >> 3]
+        self._store(start >> 3, bytes([old | mask if on else old & ~mask]))
+
+    def read_bits(self, start: int, count: int) -> bytes:
+        """`count` bits packed into bytes, the first in bit 0 of the first byte, unused ones 0."""
+        self._within("bit", 1, start, count)
+        if not count:
+            return b""
+        number = int.from_bytes(self._data[start >> 3 : (start + count + 7) >> 3], "little") >> (start & 7)
+        return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
+
+    def write_bits(self, start: int, count: int, data: bytes, *, force: bool = False) -> None:
+        """Puts the first `count` bits of `data`, packed as `read_bits` gives them; no fewer may be there."""
+        self._within("bit", 1, start, count)
+        self._allow(force)
+        if len(data) * 8 < count:
+            raise MemoryValueError(f"{len(data)} bytes do not hold {count} bits")
+        self._put_bits(start, count, data)
+
+    # --- change
+
+    def watch(self, first_word: int, count: int, callback: Changed) -> Watch:
+        """Calls `callback(area, word, words)` once for every write that changes one of these words.
+
+        The calls come in order of registration, after the data are in, with the first changed word of these
+        and the number of words up to the last. A callback should note the change and return: when it writes
+        to a watched word itself, watches called after it hear of that second write first.
+        """
+        if first_word < 0 or count < 1 or first_word + count > self.size_words:
+            raise self._beyond("word", first_word, count, self.size_words)
+        if self._watches is None:
+            self._watches = WatchTable(self.size_words)
+        watch = Watch(self._watches, self, first_word, count, callback)
+        self._watches.add(watch)
+        return watch
+
+    def _store(self, offset: int, data: bytes) -> None:
+        end = offset + len(data)
+        if self._watches is None or not self._watches.touches(offset >> 1, (end - 1) >> 1):
+            self._data[offset:end] = data
+            return
+        first, stop = offset >> 1, (end + 1) >> 1
+        before = bytes(self._data[2 * first : 2 * stop])
+        self._data[offset:end] = data
+        after = bytes(self._data[2 * first : 2 * stop])
+        if before == after:
+            return
+        for watch, word, count in self._watches.changed(first, before, after):
+            if watch.active:
+                watch.callback(self, word, count)
+
+    def _put_bits(self, start: int, count: int, data: bytes) -> None:
+        if not count:
+            return
+        first, stop = start >> 3, (start + count + 7) >> 3
+        shift = start & 7
+        mask = ((1 << count) - 1) << shift
+        old = int.from_bytes(self._data[first:stop], "little")
+        new = (old & ~mask) | (int.from_bytes(data, "little") << shift & mask)
+        self._store(first, new.to_bytes(stop - first, "little"))
+
+    # --- refusals
+
+    def _allow(self, force: bool) -> None:
+        if self.access == "read" and not force:
+            raise AccessError(f"area {self.name} can only be read")
+
+    def _within(self, unit: str | int, bits: int, start: int, count: int) -> None:
+        if start < 0 or count < 0 or (start + count) * bits > self.size_bits:
+            raise self._beyond(unit, start, count, self.size_bits // bits)
+
+    def _beyond(self, unit: str | int, start: int, count: int, there: int) -> MemoryRangeError:
+        asked = f"{unit} {start}" if count == 1 else f"{count} × {unit} from {start} on"
+        has = f"{unit} 0 to {there - 1}" if there else f"no whole {unit}"
+        return MemoryRangeError(f"{asked} is not in area {self.name}, which has {has}")
+
+
+def _encode(values: Sequence[int], bits: int) -> bytes:
+    code = _CODES.get(bits)
+    try:
+        if code is not None:
+            return struct.pack(f"<{len(values)}{code}", *values)
+        return b"".join([value.to_bytes(bits // 8, "little") for value in values])
+    except (struct.error, OverflowError) as problem:
+        wrong = next(value for value in values if not isinstance(value, int) or not 0 <= value < 1 << bits)
+        raise MemoryValueError(f"{wrong} does not fit into {bits} bits: 0 to {(1 << bits) - 1}") from problem

@@ -1,0 +1,168 @@
+"""The bits a memory sets by itself: clocks, always on and off, the first scan, every scan.
+
+Sans-I/O: a driver says what time it is and is told when to come again. A clock of period T rises at T, 2T, 3T
+… after the start, is on for the first half of each period and off for the second; it is off before T. Every
+state is worked out from the time since the start, so nothing drifts, and a long gap costs no more than a
+short one. There is no scan here: one counts `profile.scan` nanoseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+
+from framekit.definition.times import NEVER
+from framekit.memory.area import Area
+from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.profile import FixedBit, MemoryProfile
+
+Locate = Callable[[str], tuple[str, int]]
+"""Area and bit number (from 0 over the whole area) of an address as the profile writes it."""
+
+
+@dataclass(slots=True)
+class _Clock:
+    """Rises at `first`, then every `period` (ns after the start); `rises` is how often it has so far."""
+
+    mask: int
+    period: int
+    first: int
+    waited_for: bool
+    rises: int = 0
+
+    def rises_until(self, time: int) -> int:
+        return (time - self.first) // self.period + 1 if time >= self.first else 0
+
+    def is_on(self, time: int) -> bool:
+        return time >= self.first and 2 * ((time - self.first) % self.period) < self.period
+
+    def next_edge(self, time: int) -> int:
+        if time < self.first:
+            return self.first
+        into = (time - self.first) % self.period
+        half = (self.period + 1) // 2
+        return time - into + (half if into < half else self.period)
+
+
+@dataclass(slots=True)
+class _Word:
+    """The bits of one word that are set here, as masks."""
+
+    area: Area
+    number: int
+    owned: int = 0
+    on: int = 0
+    first_scan: int = 0
+    after_first_scan: int = 0
+    clocks: list[_Clock] = field(default_factory=list)
+
+
+class SystemBits:
+    """Keeps the clock and fixed bits of `profile` in `memory`, read-only areas included.
+
+    `locate` finds the bit of an address; what it raises for a wrong one goes through, and one that is in no
+    whole word of its area raises MemoryRangeError. `wake` are the bits (area, bit number) somebody waits for:
+    clocks and every-scan bits that are not among them do not count in `next_change`; they are right after every
+    `update`, so call it before they are read. None stands for all bits.
+    """
+
+    def __init__(
+        self,
+        memory: DeviceMemory,
+        profile: MemoryProfile,
+        locate: Locate,
+        wake: Collection[tuple[str, int]] | None = None,
+    ) -> None:
+        self._memory = memory
+        self._locate = locate
+        self._wake = None if wake is None else {(memory.area(name).name, bit) for name, bit in wake}
+        self._scan = profile.scan
+        self._origin: int | None = None
+        self._time = 0
+        self._words: dict[tuple[str, int], _Word] = {}
+        for clock in profile.clocks:
+            self._add_clock(clock.address, clock.period, clock.period)
+        for bit in profile.fixed:
+            self._add_fixed(bit)
+        words = self._words.values()
+        self._waited_for = [clock for word in words for clock in word.clocks if clock.waited_for]
+        self._has_scan_bits = any(word.first_scan or word.after_first_scan for word in words)
+
+    def _add_clock(self, address: str, period: int, first: int) -> None:
+        word, mask = self._place(address)
+        place = (word.area.name, 16 * word.number + mask.bit_length() - 1)
+        word.clocks.append(_Clock(mask, period, first, self._wake is None or place in self._wake))
+
+    def _add_fixed(self, bit: FixedBit) -> None:
+        if bit.kind == "every_scan":
+            self._add_clock(bit.address, 2 * self._scan, self._scan)
+            return
+        word, mask = self._place(bit.address)
+        if bit.kind == "on":
+            word.on |= mask
+        elif bit.kind == "first_scan":
+            word.first_scan |= mask
+        elif bit.kind == "after_first_scan":
+            word.after_first_scan |= mask
+
+    def _place(self, address: str) -> tuple[_Word, int]:
+        name, bit = self._locate(address)
+        area = self._memory.area(name)
+        area.read("word", bit // 16)
+        word = self._words.setdefault((area.name, bit // 16), _Word(area, bit // 16))
+        mask = 1 << bit % 16
+        word.owned |= mask
+        return word, mask
+
+    def start(self, now: int) -> None:
+        """Time zero: clocks are off, the first scan begins. May be called again, to begin anew."""
+        self._origin, self._time = now, 0
+        for word in self._words.values():
+            for clock in word.clocks:
+                clock.rises = 0
+            self._show(word, 0)
+
+    def next_change(self, now: int) -> int:
+        """When `update` has something to do, `now` if it has already; NEVER when nothing changes any more."""
+        origin = self._started()
+        due = self._scan if self._has_scan_bits and self._time < self._scan else NEVER
+        for clock in self._waited_for:
+            due = min(due, clock.next_edge(self._time))
+        return max(now, origin + due) if due < NEVER else NEVER
+
+    def update(self, now: int) -> None:
+        """Brings all bits to what they are at `now`; an earlier time than the last does nothing.
+
+        A clock somebody waits for that has risen since the last update shows one rising edge, even if its on
+        phase has passed or a new one has begun: the word is then written up to three times.
+        """
+        time = now - self._started()
+        if time <= self._time:
+            return
+        self._time = time
+        for word in self._words.values():
+            self._show(word, time)
+
+    def _started(self) -> int:
+        if self._origin is None:
+            raise DeviceMemoryError("the system bits have not been started")
+        return self._origin
+
+    def _show(self, word: _Word, time: int) -> None:
+        risen = 0
+        on = word.on | (word.first_scan if time < self._scan else word.after_first_scan)
+        for clock in word.clocks:
+            rises = clock.rises_until(time)
+            if rises != clock.rises and clock.waited_for:
+                risen |= clock.mask
+            clock.rises = rises
+            if clock.is_on(time):
+                on |= clock.mask
+        before = word.area.read("word", word.number)[0]
+        final = before & ~word.owned | on
+        current = before
+        for value in (before & ~risen, final | risen, final):
+            if value != current:
+                word.area.write("word", word.number, [value], force=True)
+                current = value

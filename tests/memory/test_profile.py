@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from framekit.definition.problems import DefinitionError, Position
+from framekit.memory.errors import AccessError
+from framekit.memory.load import load_profile
+
+GOOD = """\
+memory: bench
+about: two areas
+areas:
+  M: {unit: word, size: 0x10, digits: 4, aliases: [relays, flags]}
+  T: {unit: 6 bytes, size: 3, access: read, wire: "'T'"}
+addresses:
+  - {form: "{area}{start:dec}"}
+scan: 5 ms
+clocks: {M00000: 1 s}
+fixed: {M00001: on, M00002: every_scan}
+flags:
+  status:
+    {area: M, first: 2, words: 3, sets: 2, blocks: 2, items: {done: {word: 0, bit: 1}, count: {word: 1, unit: dword}}}
+"""
+
+
+def write(folder: Path, text: str, name: str = "bench") -> Path:
+    path = folder / f"{name}.memory.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_a_profile_says_all_there_is_to_a_memory(tmp_path: Path) -> None:
+    profile = load_profile(write(tmp_path, GOOD))
+    assert (profile.name, profile.about, profile.scan) == ("bench", "two areas", 5_000_000)
+    relays, timers = profile.areas["M"], profile.areas["T"]
+    assert (relays.size, relays.element_bits, relays.columns) == (16, 16, {"digits": 4})
+    assert relays.aliases == ("relays", "flags")
+    assert (timers.element_bits, timers.access, timers.columns) == (48, "read", {"wire": "T"})
+    assert [(clock.address, clock.period) for clock in profile.clocks] == [("M00000", 1_000_000_000)]
+    assert [(bit.address, bit.kind) for bit in profile.fixed] == [("M00001", "on"), ("M00002", "every_scan")]
+    assert [form.text for form in profile.addresses] == ["{area}{start:dec}"]
+    memory = profile.create()
+    memory.write("flags", "word", 15, [1])
+    assert memory.read("M", "word", 15) == [1]
+    with pytest.raises(AccessError):
+        memory.write("T", "6 bytes", 2, [1])
+
+
+def test_words_of_blocks_follow_each_other(tmp_path: Path) -> None:
+    status = load_profile(write(tmp_path, GOOD)).flags["status"]
+    assert [status.base(number, block) for number in (1, 2) for block in (0, 1)] == [2, 5, 8, 11]
+    assert status.items["count"].words == 2
+    for number, block in ((0, 0), (3, 0), (1, 2), (1, -1)):
+        with pytest.raises(ValueError, match="sets are 1 to 2, blocks 0 to 1"):
+            status.base(number, block)
+
+
+def test_names_are_looked_for_beside_the_file_and_among_the_shipped(tmp_path: Path) -> None:
+    write(tmp_path, GOOD)
+    assert load_profile("bench", tmp_path).name == "bench"
+    assert load_profile("bench.memory.yaml", tmp_path).name == "bench"
+    assert load_profile("masterlogic", tmp_path).name == "masterlogic"
+    write(tmp_path, GOOD, "masterlogic")
+    assert load_profile("masterlogic", tmp_path).name == "bench"
+    at = Position("run.yaml", 2, 9)
+    with pytest.raises(DefinitionError, match=r"run.yaml:2:9: .* no memory profile 'benhc' – did you mean 'bench'"):
+        load_profile("benhc", tmp_path, at)
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (inner / "link.memory.yaml").symlink_to(tmp_path / "bench.memory.yaml")
+    for name in ("../bench", "/etc/passwd", "~/x", "", "..\\bench"):
+        with pytest.raises(DefinitionError, match="leaves the folder"):
+            load_profile(name, inner)
+    with pytest.raises(DefinitionError, match="no memory profile 'link'"):
+        load_profile("link", inner)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("size: 0x10", "size: 0", "0"),
+        ("size: 0x10", "sise: 16", "size"),
+        ("access: read", "acess: read", "acess"),
+        ("access: read", "access: write", "write"),
+        ("6 bytes", "6 bits", "'6 bits' is not a unit"),
+        ("aliases: [relays, flags]", "aliases: [T]", "two areas are named 'T'"),
+        ("{M00000: 1 s}", "{M00000: 1 sec}", "1 sec"),
+        ("{M00000: 1 s}", "{M00000: 1 us}", "1 ms or more"),
+        ("{M00000: 1 s}", "{M00000: never}", "1 ms or more"),
+        ("scan: 5 ms", "scan: 0 ms", "1 ms or more"),
+        ("M00001: on", "M00001: always", "always"),
+        ("area: M,", "area: K,", "no area 'K'"),
+        ("blocks: 2", "blocks: 3", "reaches to word 19, beyond the end of area M"),
+        ("{word: 0, bit: 1}", "{word: 3, bit: 1}", "beyond the 3 words"),
+        ("{word: 0, bit: 1}", "{word: 0, bit: 16}", "bit|16"),
+        ("{word: 1, unit: dword}", "{word: 2, unit: dword}", "beyond the 3 words"),
+        ("{word: 1, unit: dword}", "{word: 1, unit: byte}", "byte"),
+        ("areas:", "areas: 7\nflags_: ", "areas|flags_"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in GOOD
+    path = write(tmp_path, GOOD.replace(old, new, 1))
+    with pytest.raises(DefinitionError, match=message) as caught:
+        load_profile(path)
+    line = GOOD[: GOOD.index(old)].count("\n") + 1
+    places = [(problem.at.file, problem.at.line) for problem in caught.value.problems]
+    assert (str(path), line) in places or (str(path), line - 1) in places or (str(path), line + 1) in places
