@@ -1,0 +1,100 @@
+"""What the values of a definition come to: frame values, bytes of layouts, records and lists, worked out on names.
+
+Compiled once, evaluated as often as needed. It knows neither sequences nor services; only `each` needs something from
+outside, the list of variables that a service offers under the name `EACH`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model import protocol as model
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.link.evaluate import Names, compile_expression
+from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.values import FrameValue, plain
+
+Compute = Callable[[Names], Any]
+MakeFrame = Callable[[str, dict[str, Any], Names], FrameValue]
+
+EACH = "(each)"
+"""The name (no word of the language) under which names hold one mapping of names a variable, for `{each: {…}}`."""
+
+
+def compile_value(value: Value, protocol: model.Protocol, codec: Codec, table: FrameTable | None = None) -> Compute:
+    """A function of names that gives the value: a `FrameValue`, bytes, a dict, a list, or what an expression gives.
+
+    `table` spares making a new one. Evaluating raises `EVALUATION_ERRORS`; what a codec refuses is a ValueError.
+    """
+    return ValueCompiler(codec, (table or FrameTable(protocol, codec)).made).compile(value)
+
+
+def evaluate_value(value: Value, names: Names, codec: Codec) -> Any:
+    """The value at once, for values used only once; frames have just the fields that are written down."""
+    return ValueCompiler(codec, lambda frame, fields, _: FrameValue(frame, fields)).compile(value)(names)
+
+
+class ValueCompiler:
+    """Compiles values; `make` makes the frame values of constructors."""
+
+    def __init__(self, codec: Codec, make: MakeFrame) -> None:
+        self.layouts = codec.layouts
+        self.make = make
+
+    def compile(self, value: Value) -> Compute:
+        """A function of names. Raises KeyError for a layout that the codec does not have."""
+        match value:
+            case Expression():
+                return compile_expression(value)
+            case FrameOf(frame=frame, fields=fields):
+                return self._frame(frame, self.fields(fields))
+            case LayoutOf(layout=layout, fields=fields):
+                return self._layout(layout, self.fields(fields))
+            case ReadAs(layout=layout, source=source):
+                return self._read(layout, self.compile(source))
+            case ListOf(items=items):
+                parts = [self.compile(item) for item in items]
+                return lambda names: [part(names) for part in parts]
+            case RecordOf(fields=fields):
+                return self.fields(fields)
+            case EachOf(fields=fields):
+                record = self.fields(fields)
+                return lambda names: [record(Names(variable, names)) for variable in names[EACH]]
+        raise TypeError(f"no value of a definition: {value!r}")
+
+    def fields(self, fields: Mapping[str, Value]) -> Callable[[Names], dict[str, Any]]:
+        """A function that gives the record of these fields."""
+        compiled = [(name, self.compile(field)) for name, field in fields.items()]
+        return lambda names: {name: compute(names) for name, compute in compiled}
+
+    def _frame(self, frame: str, fields: Callable[[Names], dict[str, Any]]) -> Compute:
+        make = self.make
+        return lambda names: make(frame, fields(names), names)
+
+    def _layout(self, layout: str, fields: Callable[[Names], dict[str, Any]]) -> Compute:
+        encode = self.layouts[layout][0]
+        return lambda names: encode(plain(fields(names)), names)
+
+    def _read(self, layout: str, source: Compute) -> Compute:
+        encode, decode = self.layouts[layout]
+
+        def read(names: Names) -> Any:
+            found = source(names)
+            if isinstance(found, Mapping):
+                return encode(plain(dict(found)), names)
+            return read_layout(decode, found, names)
+
+        return read
+
+
+def read_layout(decode: Callable[..., dict[str, Any]], data: bytes, names: Names) -> dict[str, Any]:
+    """Reads bytes as a layout; bytes behind its end are padding that nobody looks at. Raises ValueError."""
+    try:
+        return decode(data, names)
+    except ValueError as error:
+        end = getattr(error, "offset", None)
+        if getattr(error, "cause", None) != "surplus" or not isinstance(end, int) or not 0 <= end < len(data):
+            raise
+        return decode(data[:end], names)
