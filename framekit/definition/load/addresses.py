@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 
+from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.services import UNIT_BITS, AddressForm, Literally, Maybe, Part
 from framekit.definition.nodes import Mapping, Node, Scalar
@@ -51,7 +52,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
     )
 
 
-def _area(reader: Reader, scalar: Scalar, areas: Collection[str]) -> object:
+def _area(reader: Reader, scalar: Scalar, areas: Collection[str]) -> Expression | str:
     return scalar.text if scalar.text in areas else reader.expression(scalar)
 
 

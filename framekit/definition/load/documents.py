@@ -117,7 +117,7 @@ class Documents:
         base_name = root.get("extends")
         if base_name is not None:
             base = self.source(self.find(base_name, path))
-            root = _merged(base.root, root)
+            root = merged(base.root, root)
             names, files, uses = names + base.names, files + base.files, dict(base.uses)
             application = base.application
         for name in self.reader.items(root.get("uses")):
@@ -137,7 +137,7 @@ def find_definition(name: str, folder: Path) -> Path | None:
     return None
 
 
-def _merged(base: Mapping, own: Mapping) -> Mapping:
+def merged(base: Mapping, own: Mapping) -> Mapping:
     """`own` on top of `base`: sections joined by name, other keys replaced."""
     sections = {entry.key.text: entry for entry in base.entries if entry.key.text != "extends"}
     for entry in own.entries:

@@ -278,8 +278,10 @@ class _Resolver:
         narrowed = numbers_by_name([item for name in row.frames for item in self.by_frame.get(name, ())])
 
         def numbers(node: Node) -> Mapping[str, int] | None:
-            of_it = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "it"
-            return narrowed[node.name] if of_it and node.name in narrowed else self._anywhere(node)
+            match node:
+                case Attribute(value=Name(name="it"), name=name) if name in narrowed:
+                    return narrowed[name]
+            return self._anywhere(node)
 
         resolved: Row = resolve_names(self.reader, row, numbers)
         return resolved

@@ -7,6 +7,7 @@ caller leaves that thing out and goes on with the next, so that all problems of 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from collections.abc import Mapping as Mapping_
 from contextlib import contextmanager, suppress
 from typing import TypeVar
 
@@ -96,7 +97,7 @@ class Reader:
     def places(self, node: Node | None) -> tuple[int, int]:
         return self._parsed(node, scalars.parse_places)
 
-    def one_of(self, node: Node | None, words: dict[str, T], kind: str) -> T:
+    def one_of(self, node: Node | None, words: Mapping_[str, T], kind: str) -> T:
         scalar = self.scalar(node)
         if scalar.text not in words:
             raise self.broken(scalar.at, f"'{scalar.text}' is not {kind}", did_you_mean(scalar.text, words))

@@ -55,7 +55,7 @@ def resolve_references(reader: Reader, parts: Parts, aliases: dict[str, tuple[st
 
 
 class _Resolver:
-    def __init__(self, reader: Reader, names: dict[str | None, Segment], meant: dict[str, tuple[str, ...]]) -> None:
+    def __init__(self, reader: Reader, names: dict[str, Segment], meant: dict[str, tuple[str, ...]]) -> None:
         self.reader = reader
         self.names = names
         self.meant = meant

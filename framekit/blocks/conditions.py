@@ -1,0 +1,34 @@
+"""Conditions over device memory: expressions whose names are addresses, such as `M00002` or `MW10 > 5 and not F00099`.
+
+A condition knows which words it reads, so that it is only looked at when one of them changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from framekit.definition.expression.syntax import Expression, names_in
+from framekit.link.addresses import Address
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.memory.memory import DeviceMemory
+
+Resolve = Callable[[str], Address]
+
+
+class Condition:
+    """An expression over a memory; `addresses` are the places it reads, by the names it uses."""
+
+    def __init__(self, expression: Expression, resolve: Resolve) -> None:
+        self.expression = expression
+        self.addresses = {name: resolve(name) for name in names_in(expression.root)}
+        self._evaluate = compile_expression(expression)
+
+    def holds(self, memory: DeviceMemory) -> bool:
+        """Whether it is true now; a condition that cannot be worked out is not."""
+        values = {
+            name: memory.read(place.area, place.unit, place.start, 1)[0] for name, place in self.addresses.items()
+        }
+        try:
+            return bool(self._evaluate(Names(values)))
+        except EVALUATION_ERRORS:
+            return False

@@ -1,0 +1,141 @@
+"""What a run file says: channels, memory and blocks, as frozen values.
+
+Block instructions and their words are those of the P2P service (Snet module guide, chapter 6): READ, WRITE, SEND,
+RECEIVE with trigger conditions. Addresses of the own memory are resolved; those of the other side are kept as text,
+for the protocol of the block's channel to read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import Position, Problem
+from framekit.definition.times import LineFormat
+from framekit.link.addresses import Address
+from framekit.memory.profile import MemoryProfile
+
+Instruction = Literal["read", "write", "send", "receive", "call"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Every:
+    """A regular cycle: due at `phase` after the start and every `period` (ns) from there, without drift."""
+
+    period: int
+    phase: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rising:
+    """Due when the expression over memory goes from false to true."""
+
+    condition: Expression
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class While:
+    """Due again and again, as long as the expression over memory is true."""
+
+    condition: Expression
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Changed:
+    """Due when a word of the area changes."""
+
+    address: Address
+    words: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class After:
+    """Due once, `delay` ns after the start; `once` is a delay of 0."""
+
+    delay: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockEnd:
+    """Due when another block of the set ends well (`done`) or badly (`failed`)."""
+
+    block: int
+    ok: bool
+
+
+Trigger = Every | Rising | While | Changed | After | BlockEnd
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A piece of the own memory that a variable or a field is read from or written to."""
+
+    address: Address
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """One exchange of a run.
+
+    `targets`: addresses on the other side as text (READ, WRITE). `places`: own memory, one for each target, or one for
+    `count` elements of `unit`. `frame` and `data` (field → own memory): SEND and RECEIVE. `service` and `arguments`:
+    CALL. `station`: a constant, or the place it is read from at each start. `values`: constants to write or send.
+    """
+
+    number: int
+    set: int
+    name: str
+    instruction: Instruction
+    channel: int
+    targets: tuple[str, ...] = ()
+    places: tuple[Place, ...] = ()
+    unit: str | None = None
+    count: int = 1
+    station: Any = None
+    station_from: Place | None = None
+    frame: str | None = None
+    data: Mapping[str, Place] = field(default_factory=dict)
+    values: Any = None
+    service: str | None = None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    triggers: tuple[Trigger, ...] = ()
+    unless: Expression | None = None
+    repeat: int | None = None
+    priority: int = 0
+    enabled: bool = True
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form."""
+
+    number: int
+    port: str
+    protocol: Protocol
+    role: str | None
+    line: LineFormat | None
+    own: Any
+    station: Any
+    params: Mapping[str, Any]
+    pause: int
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """A whole run: what `framekit run` carries out."""
+
+    name: str
+    about: str
+    memory: MemoryProfile
+    initial: tuple[tuple[Place, tuple[int, ...]], ...]
+    channels: Mapping[int, Channel]
+    blocks: tuple[Block, ...]
+    folder: str
+    warnings: tuple[Problem, ...]
+    at: Position

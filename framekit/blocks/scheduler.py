@@ -1,0 +1,204 @@
+"""The scheduler: which block starts when.
+
+Channels are independent; within a channel one exchange runs at a time, ordered by due time, then priority, then number.
+A block that comes due while it waits or runs counts an overrun and runs once. The scheduler is told the time and calls
+`start` for a block whose turn it is; how an exchange works is not known here.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Iterable
+
+from framekit.blocks.conditions import Condition, Resolve
+from framekit.blocks.counters import Counters
+from framekit.blocks.model import After, Block, BlockEnd, Every
+from framekit.blocks.triggers import Cycle, MemoryTriggers
+from framekit.definition.times import NEVER
+from framekit.memory.memory import DeviceMemory
+
+LEVEL_PAUSE = 1_000_000
+"""A `while` block starts again at the earliest 1 ms after it ended, so that one that fails at once can't stop the rest."""
+
+
+class BlockState:
+    """A block at work: its counters, whether it waits or runs, and how it ended last."""
+
+    def __init__(self, block: Block) -> None:
+        self.block = block
+        self.counters = Counters()
+        self.enabled = block.enabled
+        self.waiting = False
+        self.starts_left = block.repeat
+        self.memory_triggers: MemoryTriggers | None = None
+        self.unless: Condition | None = None
+        self.last_outcome = ""
+        self.last_end = 0
+
+    @property
+    def running(self) -> bool:
+        return self.counters.running > 0
+
+
+class _Lane:
+    """The blocks of one channel that wait, and whether one is running."""
+
+    def __init__(self, pause: int) -> None:
+        self.pause = pause
+        self.waiting: list[tuple[int, int, int, BlockState]] = []
+        self.busy = False
+        self.free_from = 0
+
+
+class Scheduler:
+    """Makes blocks due and starts them, channel by channel.
+
+    `start(state, now)` begins the exchange of a block; its end is told by `finished`. `wake()` asks the owner to call
+    `tick` soon: something came due between two ticks.
+    """
+
+    def __init__(
+        self,
+        blocks: Iterable[Block],
+        memory: DeviceMemory,
+        resolve: Resolve,
+        pauses: dict[int, int],
+        start: Callable[[BlockState, int], None],
+        wake: Callable[[], None],
+    ) -> None:
+        self.states = {block.number: BlockState(block) for block in blocks}
+        self.memory = memory
+        self.resolve = resolve
+        self._start = start
+        self._wake = wake
+        self._lanes = {channel: _Lane(pause) for channel, pause in pauses.items()}
+        self._timers: list[tuple[int, int, Cycle | None, BlockState]] = []
+        self._order = itertools.count()
+        self._fired: list[BlockState] = []
+        self._after: dict[tuple[int, bool], list[BlockState]] = {}
+        self._active = False
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def begin(self, now: int) -> None:
+        """Arms the triggers. Time triggers count from here."""
+        self._active = True
+        for state in self.states.values():
+            self._arm(state, now)
+        self.tick(now)
+
+    def _arm(self, state: BlockState, now: int) -> None:
+        block = state.block
+        state.memory_triggers = MemoryTriggers(block, self.memory, self.resolve, self._fire_from_memory)
+        state.unless = None if block.unless is None else Condition(block.unless, self.resolve)
+        for trigger in block.triggers:
+            if isinstance(trigger, Every):
+                self._timer(now + trigger.phase, Cycle(now + trigger.phase, trigger.period), state)
+            elif isinstance(trigger, After):
+                self._timer(now + trigger.delay, None, state)
+            elif isinstance(trigger, BlockEnd):
+                self._after.setdefault((trigger.block, trigger.ok), []).append(state)
+        if state.memory_triggers.level_holds():
+            self._timer(now, None, state)
+
+    def _timer(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
+        heapq.heappush(self._timers, (when, next(self._order), cycle, state))
+
+    def end(self) -> None:
+        """No block comes due any more; what runs may finish."""
+        self._active = False
+        self._timers.clear()
+        for lane in self._lanes.values():
+            for *_, state in lane.waiting:
+                state.waiting = False
+            lane.waiting.clear()
+        for state in self.states.values():
+            if state.memory_triggers is not None:
+                state.memory_triggers.cancel()
+
+    # ---- becoming due -------------------------------------------------------------------------------------
+
+    def fire(self, number: int, now: int) -> None:
+        """Makes a block due by hand. Raises KeyError for a number there is not."""
+        self._due(self.states[number], now)
+        self.tick(now)
+
+    def _fire_from_memory(self, block: Block) -> None:
+        self._fired.append(self.states[block.number])
+        self._wake()
+
+    def _due(self, state: BlockState, now: int) -> None:
+        if not state.enabled or not self._active or state.starts_left == 0:
+            return
+        if state.unless is not None and state.unless.holds(self.memory):
+            return
+        if state.waiting or state.running:
+            state.counters.overruns += 1
+            return
+        if state.starts_left is not None:
+            state.starts_left -= 1
+        state.waiting = True
+        block = state.block
+        heapq.heappush(self._lanes[block.channel].waiting, (now, -block.priority, block.number, state))
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    @property
+    def deadline(self) -> int:
+        """When `tick` has to be called next."""
+        if self._fired:
+            return 0
+        times = [self._timers[0][0]] if self._timers else []
+        times += [lane.free_from for lane in self._lanes.values() if lane.waiting and not lane.busy]
+        return min(times, default=NEVER)
+
+    def tick(self, now: int) -> None:
+        """Makes due what is due now, and starts what can start."""
+        while self._timers and self._timers[0][0] <= now:
+            due, _, cycle, state = heapq.heappop(self._timers)
+            self._due(state, due)
+            if cycle is not None:
+                state.counters.overruns += cycle.step(now)
+                self._timer(cycle.due, cycle, state)
+        fired, self._fired = self._fired, []
+        for state in fired:
+            self._due(state, now)
+        for lane in self._lanes.values():
+            self._start_next(lane, now)
+
+    def _start_next(self, lane: _Lane, now: int) -> None:
+        if lane.busy or not lane.waiting or now < lane.free_from:
+            return
+        *_, state = heapq.heappop(lane.waiting)
+        lane.busy = True
+        state.waiting = False
+        state.counters.started += 1
+        self._start(state, now)
+
+    def finished(self, number: int, ok: bool, outcome: str, now: int) -> None:
+        """An exchange has ended; blocks that wait for this come due."""
+        state = self.states[number]
+        lane = self._lanes[state.block.channel]
+        lane.busy = False
+        lane.free_from = now + lane.pause
+        self._ended(state, ok, outcome, now)
+        if state.memory_triggers is not None and state.memory_triggers.level_holds():
+            self._timer(now + LEVEL_PAUSE, None, state)
+        self._wake()
+
+    def arrived(self, number: int, ok: bool, outcome: str, now: int) -> None:
+        """A frame of a RECEIVE block has come: it counts as one exchange, started and ended."""
+        state = self.states[number]
+        state.counters.started += 1
+        self._ended(state, ok, outcome, now)
+        self._wake()
+
+    def _ended(self, state: BlockState, ok: bool, outcome: str, now: int) -> None:
+        if ok:
+            state.counters.done += 1
+        else:
+            state.counters.failed += 1
+        state.last_outcome = outcome
+        state.last_end = now
+        self._fired.extend(self._after.get((state.block.number, ok), ()))

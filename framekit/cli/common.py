@@ -1,0 +1,113 @@
+"""What several verbs share: naming a protocol, assignments, hex input, tables. No verb's work is done here."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.main import Failure
+
+if TYPE_CHECKING:
+    from framekit.definition.model.protocol import Protocol
+    from framekit.link.scope import Scope
+
+
+def add_protocol(parser: argparse.ArgumentParser, **options: Any) -> None:
+    """The argument PROTOCOL: a shipped name, a name beside the current folder, or a file."""
+    parser.add_argument("protocol", metavar="PROTOCOL", help="name of a shipped protocol, or a YAML file", **options)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE",
+        help="value of a parameter or a variable that the bytes depend on; may be repeated",
+    )  # fmt: skip
+
+
+def load(name: str) -> Protocol:
+    """The protocol of a command line. Raises DefinitionError; warnings go to standard error."""
+    from framekit.definition.load import load_protocol
+
+    protocol = load_protocol(name, Path.cwd())
+    for warning in protocol.warnings:
+        print(warning, file=sys.stderr)
+    return protocol
+
+
+def assignment(text: str) -> tuple[str, Any]:
+    """`NAME=VALUE`; the value is JSON where it is an object, a list or a quoted string, else plain text."""
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise Failure(f"'{text}' is not NAME=VALUE")
+    if value[:1] in ("{", "[", '"'):
+        try:
+            return name, json.loads(value)
+        except json.JSONDecodeError as error:
+            raise Failure(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
+    return name, value
+
+
+def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Scope:
+    """Names for a codec: parameters and state with the given settings. Raises Failure for those that do not fit."""
+    from framekit.link.parameters import ParameterError
+    from framekit.link.scope import Scope
+
+    given = dict(assignment(text) for text in settings)
+    try:
+        scope = Scope(protocol, params={n: v for n, v in given.items() if n in protocol.params}, **options)
+        for name, value in given.items():
+            if name not in protocol.params:
+                set_variable(scope, protocol, name, value)
+    except ParameterError as error:
+        raise Failure(str(error)) from None
+    return scope
+
+
+def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
+    """Sets a state variable from its text."""
+    from framekit.definition.load.scalars import parse_bytes, parse_number
+    from framekit.definition.problems import did_you_mean
+    from framekit.definition.times import parse_time
+
+    if name not in protocol.state:
+        hint = did_you_mean(name, [*protocol.params, *protocol.state])
+        raise Failure(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
+    parse = {"bytes": parse_bytes, "text": str, "time": parse_time}.get(protocol.state[name].type, parse_number)
+    try:
+        scope.set(name, parse(value) if isinstance(value, str) else value)
+    except (ValueError, TypeError) as error:
+        raise Failure(f"variable '{name}': {error}") from None
+
+
+def hex_bytes(text: str) -> bytes:
+    """Bytes from hex digits with any spacing; `-` reads standard input. Raises Failure."""
+    if text == "-":
+        text = sys.stdin.read()
+    try:
+        return bytes.fromhex("".join(text.replace("0x", " ").replace(",", " ").replace(":", " ").split()))
+    except ValueError:
+        raise Failure("these are not bytes – write pairs of hex digits") from None
+
+
+def spaced(data: bytes) -> str:
+    """Upper-case hex pairs."""
+    return data.hex(" ").upper()
+
+
+def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
+    """Rows in columns, left-aligned, under a head."""
+    lines = [list(head), *[list(row) for row in rows]]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
+    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines)
+
+
+def print_json(value: Any) -> None:
+    print(json.dumps(value, ensure_ascii=False))

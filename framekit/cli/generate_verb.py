@@ -1,0 +1,29 @@
+"""`framekit generate python PROTOCOL [-o FILE]`: a stand-alone codec module."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from framekit.cli.common import add_protocol, load
+from framekit.cli.main import Failure
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", choices=("python",), help="python: a module of plain functions, usable without framekit")
+    add_protocol(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write it; default: standard output")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from framekit.codec.codec import generate_source
+
+    source = generate_source(load(arguments.protocol))
+    if arguments.output is None:
+        print(source, end="")
+        return 0
+    try:
+        arguments.output.write_text(source, encoding="utf-8")
+    except OSError as error:
+        raise Failure(f"cannot write {arguments.output}: {error.strerror}") from None
+    return 0

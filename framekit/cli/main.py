@@ -1,0 +1,70 @@
+"""`framekit VERB …`: finds the verb, runs it, and turns what goes wrong into a message and an exit status.
+
+0 all right · 1 the thing asked about is wrong or failed · 2 the command line itself is wrong. Never a traceback.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from framekit import __version__
+
+VERBS = {
+    "check": "check definitions and run files",
+    "encode": "make the bytes of a frame",
+    "decode": "tell which frame some bytes are, and its fields",
+    "frames": "list protocols, frames and fields",
+    "generate": "write stand-alone code from a definition",
+    "test": "run the vectors beside a definition",
+    "run": "carry out a run file",
+    "completion": "print a shell's completion script",
+}
+
+
+class Failure(Exception):  # noqa: N818 - a message for the user, not a fault of the program
+    """What a verb was asked for can't be done; the message says why. Exit status 1."""
+
+
+def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+    """The parser with every verb, or – quicker – with one of them complete and the others by name."""
+    parser = argparse.ArgumentParser(prog="framekit", description="Protocols of serial field devices in YAML, and run.")
+    parser.add_argument("--version", action="version", version=f"framekit {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb, about in VERBS.items():
+        one = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
+        if only is None or only == verb:
+            importlib.import_module(f"framekit.cli.{verb}_verb").add_arguments(one)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of the console script; returns the exit status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    verb = next((word for word in words if not word.startswith("-")), None)
+    parsed = build_parser(verb if verb in VERBS else "").parse_args(words)
+    module = importlib.import_module(f"framekit.cli.{parsed.verb}_verb")
+    try:
+        return int(module.run(parsed))
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Failure as failure:
+        print(f"framekit {parsed.verb}: {failure}", file=sys.stderr)
+        return 1
+    except ValueError as error:
+        from framekit.definition.problems import DefinitionError
+
+        if not isinstance(error, DefinitionError):
+            raise
+        print(error, file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,169 @@
+"""Values as people and JSON write them, and back: bytes as hex pairs, times with their unit, numbers also in hex.
+
+It goes by the model of the frame, so that `10` means a number, a text or bytes as the field wants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from framekit.codec.errors import EncodeError
+from framekit.definition.load.scalars import parse_bytes, parse_number
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import (
+    Bits,
+    Choose,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Value,
+    Wrap,
+)
+from framekit.definition.times import format_time, parse_time
+
+Convert = Callable[[Any], Any]
+
+
+class PlainValues:
+    """Conversion of the values of a protocol's frames between codec form and plain (JSON) form."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+
+    def from_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+        """Codec values. Unknown names are left for the encoder to refuse. Raises EncodeError."""
+        return self._read(self.protocol.frames[frame].segments, fields)
+
+    def to_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+        """JSON-ready values: bytes as upper-case hex pairs, times as text."""
+        if frame not in self.protocol.frames:
+            return {name: _show(value) for name, value in fields.items()}
+        return self._written(self.protocol.frames[frame].segments, fields)
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    def _read(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
+        known = _by_name(segments)
+        result = {}
+        for name, value in fields.items():
+            segment = known.get(name)
+            try:
+                result[name] = value if segment is None else self._value(segment, value)
+            except (ValueError, TypeError) as error:
+                if isinstance(error, EncodeError):
+                    raise
+                raise EncodeError(name, f"'{name}': {str(error).partition(' – ')[0]}") from None
+        return result
+
+    def _value(self, segment: Segment, value: Any) -> Any:
+        match segment:
+            case Field(type=type_, values=values, unit=unit):
+                if values is not None and isinstance(value, str) and value in values.values():
+                    return value
+                return parse_time(value) if unit is not None and isinstance(value, str) else _typed(type_, value)
+            case Data():
+                return _bytes(value)
+            case Length() | Count():
+                return _number(value)
+            case Repeat(of=of):
+                items = value if isinstance(value, list) else [value]
+                return [self._read(of, item) if isinstance(of, tuple) else _typed(of, item) for item in items]
+            case Record(of=of):
+                return self._read(of, _mapping(value))
+            case Inner():
+                ((frame, fields),) = _mapping(value).items()
+                if frame not in self.protocol.frames:
+                    return {frame: fields}
+                return {frame: self.from_plain(frame, _mapping(fields))}
+            case Bits():
+                return _number(value)
+        return _number(value) if isinstance(value, str) and _is_number(value) else value
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    def _written(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
+        known = _by_name(segments)
+        return {name: self._shown(known.get(name), value) for name, value in fields.items()}
+
+    def _shown(self, segment: Segment | None, value: Any) -> Any:
+        match segment:
+            case Field(unit=unit) if unit is not None and isinstance(value, int):
+                return format_time(value)
+            case Repeat(of=of) if isinstance(of, tuple) and isinstance(value, list):
+                return [self._written(of, item) for item in value]
+            case Record(of=of) if isinstance(value, dict):
+                return self._written(of, value)
+            case Inner() if isinstance(value, dict):
+                return {frame: self.to_plain(frame, fields) for frame, fields in value.items()}
+        return _show(value)
+
+
+def _show(value: Any) -> Any:
+    if isinstance(value, (bytes, bytearray)):
+        return value.hex(" ").upper()
+    if isinstance(value, dict):
+        return {name: _show(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_show(item) for item in value]
+    return value
+
+
+def _by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:
+    """The segments that hold values, by the name of the value, also those in wraps, choices and optional parts."""
+    found: dict[str, Segment] = {}
+    for segment in segments:
+        if isinstance(segment, (Wrap, Optional)):
+            found |= _by_name(segment.of)
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                found |= _by_name(case)
+            found |= _by_name(segment.otherwise or ())
+        elif isinstance(segment, Bits):
+            found |= {part.name: segment for part in segment.parts}
+        elif isinstance(segment, (Field, Data, Length, Count, Repeat, Record, Inner, Value)):
+            found[segment.name] = segment
+    return found
+
+
+def _typed(type_: FieldType, value: Any) -> Any:
+    if type_.kind == "ascii":
+        return value if isinstance(value, str) else str(value)
+    if type_.kind == "bytes":
+        return _bytes(value)
+    if type_.kind == "float":
+        return float(value)
+    return _number(value)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        parse_number(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _number(value: Any) -> Any:
+    return parse_number(value) if isinstance(value, str) else value
+
+
+def _bytes(value: Any) -> Any:
+    if isinstance(value, str):
+        return parse_bytes(value) if value.strip() else b""
+    if isinstance(value, list):
+        return bytes(value)
+    return value
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping) or not value:
+        raise ValueError("a mapping {name: value} is wanted here")
+    return value

@@ -1,0 +1,76 @@
+"""Check methods: what a check code is worked out with, as plain parameters.
+
+The definition layer only names and adjusts methods; how a code is computed is the codecs' business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from framekit.definition.expression.syntax import Expression
+
+CheckKind = Literal["sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"]
+Complement = Literal["ones", "twos"]
+WIDEST = 128
+"""Bits of the widest check code that is accepted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckMethod:
+    """A way to compute a check code of `width` bits over bytes.
+
+    The code starts at `initial`, every byte is worked in, the result is cut to `width` bits, complemented, and at last
+    combined with `mask` by AND (None: every bit counts). What "worked in" means is the `kind`:
+
+    - `sum`: bytes are added; `sum7`: the same, cut to 7 bits.
+    - `word_sum`: words of two bytes in `order` are added. An odd last byte is a word with 00 behind it.
+    - `xor`: bytes are combined by exclusive or; `xor7`: the same, cut to 7 bits. A width of more than 8 bits takes
+      words of so many bytes in `order`, the last one filled up with 00 behind.
+    - `or`: bytes are combined by OR. `multiply`: bytes are multiplied (ready methods start at 1).
+    - `crc`: polynomial division with the catalogue's parameters; `initial` is its init: the register before the first
+      byte, highest power in the highest bit whatever `refin` says.
+    - `fold`: `expression` over `acc` and `byte` gives the next `acc`; compilers give it its meaning.
+
+    `poly`, `refin`, `refout`, `xorout` are for `crc` only, `expression` for `fold` only.
+    """
+
+    name: str
+    kind: CheckKind
+    width: int = 8
+    order: Literal["big", "little"] = "big"
+    initial: int = 0
+    complement: Complement | None = None
+    mask: int | None = None
+    poly: int = 0
+    refin: bool = False
+    refout: bool = False
+    xorout: int = 0
+    expression: Expression | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes the code takes when it is sent as a plain number."""
+        return (self.width + 7) // 8
+
+    def fault(self) -> str | None:
+        """What is wrong with the parameters, in one sentence; None if nothing is."""
+        if self.kind not in get_args(CheckKind):
+            return f"'{self.kind}' is no kind of check"
+        if not 1 <= self.width <= WIDEST:
+            return f"a check code of {self.width} bits is not possible: 1 to {WIDEST} are"
+        if self.complement not in (None, *get_args(Complement)):
+            return f"the complement is 'ones' or 'twos', not '{self.complement}'"
+        if self.order not in ("big", "little"):
+            return f"the order is 'big' or 'little', not '{self.order}'"
+        numbers = {"initial": self.initial, "mask": self.mask or 0, "poly": self.poly, "xorout": self.xorout}
+        for name, value in numbers.items():
+            if not 0 <= value < 1 << self.width:
+                return f"{name} {value:#x} does not fit into {self.width} bits"
+        if self.kind == "xor" and self.width > 8 and self.width % 8:
+            return f"an exclusive or of words takes whole bytes, {self.width} bits are none"
+        if self.kind == "crc" and self.poly == 0:
+            return "a CRC needs its polynomial: poly"
+        if (self.kind == "fold") != (self.expression is not None):
+            return "an expression belongs to a fold, and only there"
+        return None
