@@ -76,12 +76,12 @@ def ready_methods() -> Mapping[str, CheckMethod]:
     return MappingProxyType(methods)
 
 
-def from_ready(name: str, **overrides: Any) -> CheckMethod:
-    """The ready method `name` with other parameters (fields of `CheckMethod`).
+def from_ready(ready: str, /, **overrides: Any) -> CheckMethod:
+    """The method named `ready` with other parameters (fields of `CheckMethod`).
 
     Raises KeyError for an unknown name, ValueError with one sentence when the parameters do not fit together.
     """
-    return _sound(replace(ready_methods()[name], **overrides))
+    return _sound(replace(ready_methods()[ready], **overrides))
 
 
 def from_crc(
