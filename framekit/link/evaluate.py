@@ -7,7 +7,7 @@ tables, built-in); what a level does not have, its parent has. The codecs take t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 from framekit.codec import support
@@ -73,7 +73,7 @@ _GLOBALS: dict[str, Any] = {"attribute": attribute, "support": support, "__built
 }}
 
 
-@lru_cache(maxsize=None)
+@cache
 def _compiled(source: str) -> Evaluate:
     code = compile(f"lambda n: {source}", "<expression>", "eval")
     function: Evaluate = eval(code, dict(_GLOBALS))

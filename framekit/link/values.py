@@ -6,17 +6,18 @@ Knows nothing of sequences, services or the line.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 
 class FrameValue:
     """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
 
-    `fields` are the values a codec decodes or is to encode. `'name' in value` asks whether it has that field.
+    `fields` are the values a codec decodes or is to encode. What is computed when a frame is built stands beside them
+    once it has been sent; `pending` reads it the first time somebody asks. `'name' in value` asks for a field.
     """
 
-    __slots__ = ("fields", "frame", "raw", "refusal")
+    __slots__ = ("_computed", "fields", "frame", "pending", "raw", "refusal")
 
     def __init__(
         self, frame: str, fields: dict[str, Any], raw: bytes | None = None, refusal: int | None = None
@@ -25,9 +26,39 @@ class FrameValue:
         self.fields = fields
         self.raw = raw
         self.refusal = refusal
+        self.pending: Callable[[], dict[str, Any]] | None = None
+        self._computed: dict[str, Any] | None = None
+
+    def complete(self) -> dict[str, Any]:
+        """All fields, the computed ones of a sent frame included."""
+        if self.pending is not None:
+            read, self.pending = self.pending, None
+            self._computed = read()
+        return self.fields if self._computed is None else {**self._computed, **self.fields}
+
+    def field(self, name: str) -> Any:
+        """A field by name. Raises KeyError."""
+        if name in self.fields:
+            return self.fields[name]
+        if self.pending is not None:
+            self.complete()
+        if self._computed is None:
+            raise KeyError(name)
+        return self._computed[name]
+
+    def set_field(self, name: str, value: Any) -> None:
+        """Changes a field; what was computed for the old ones is gone."""
+        self.fields[name] = value
+        self.raw = self.pending = self._computed = None
+
+    def copy(self) -> FrameValue:
+        """The same frame with fields of its own, to be changed and sent."""
+        return FrameValue(self.frame, dict(self.fields), self.raw, self.refusal)
 
     def __contains__(self, name: object) -> bool:
-        return name in self.fields
+        return name in self.fields or (
+            (self.pending is not None or self._computed is not None) and name in self.complete()
+        )
 
     def __repr__(self) -> str:
         return f"<{self.frame} {self.fields}>"
@@ -40,9 +71,9 @@ def attribute(value: Any, name: str) -> Any:
             return value.fields[name]
         if name == "frame":
             return value.frame
-        if name == "refusal":
+        if name == "refusal" and name not in value:
             return value.refusal or 0
-        raise KeyError(name)
+        return value.field(name)
     if isinstance(value, Mapping):
         return value[name]
     if isinstance(value, (list, tuple)):

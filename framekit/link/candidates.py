@@ -1,0 +1,199 @@
+"""One candidate at one place: does it begin here, want more, fit, or have a fault?
+
+Remembers what each candidate said, so that it is asked again only when the bytes it lacked are there. It knows what
+codecs answer (`measure`, `decode`) and nothing of who waits for what.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from framekit.link.arrivals import BadFrame
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.frame_table import FrameInfo
+from framekit.link.stream import Stream
+
+
+class Good:
+    """A complete frame; `refusal` is the code it is to be refused with."""
+
+    __slots__ = ("fields", "info", "raw", "refusal")
+
+    def __init__(self, info: FrameInfo, raw: bytes, fields: dict[str, Any], refusal: int | None) -> None:
+        self.info, self.raw, self.fields, self.refusal = info, raw, fields, refusal
+
+
+class Bad:
+    """A frame with a fault. `known_end`: its end does not depend on content that may be damaged."""
+
+    __slots__ = ("bad", "known_end")
+
+    def __init__(self, bad: BadFrame, known_end: bool) -> None:
+        self.bad, self.known_end = bad, known_end
+
+
+class Wants:
+    """Asked for `need` bytes from its start; `seen` of them are looked through already."""
+
+    __slots__ = ("need", "seen")
+
+    def __init__(self, need: int, seen: int) -> None:
+        self.need, self.seen = need, seen
+
+
+class Silent:
+    """Fits so far, but only silence ends it."""
+
+    __slots__ = ("seen",)
+
+    def __init__(self, seen: int) -> None:
+        self.seen = seen
+
+
+class _No:
+    __slots__ = ()
+
+
+NO = _No()
+Result = Good | Bad | Wants | Silent | _No
+Trouble = Callable[[str, Exception], None]
+"""Told about an expression of a frame that could not be worked out: the frame's name and what happened."""
+
+
+class Candidates:
+    """What candidates said about the current place; `forget` when the place changes."""
+
+    __slots__ = ("_context", "_lost", "_quiet", "_said", "_stream", "_trouble")
+
+    def __init__(self, stream: Stream, context: Names, quiet: int, lost: int, trouble: Trouble) -> None:
+        self._stream = stream
+        self._context = context
+        self._quiet = quiet
+        self._lost = lost
+        self._trouble = trouble
+        self._said: dict[str, Result] = {}
+
+    def forget(self) -> None:
+        if self._said:
+            self._said = {}
+
+    def ask(self, info: FrameInfo, end: int) -> Result:
+        """What `info` is at the current place, with the bytes up to buffer index `end`."""
+        said = self._said.get(info.name)
+        stream = self._stream
+        position = stream.position
+        seen = 0
+        if said is not None:
+            if isinstance(said, (Wants, Silent)):
+                if isinstance(said, Wants) and end - position < said.need:
+                    return said
+                seen = said.seen
+                if seen >= end - position:
+                    return said
+            else:
+                return said
+        try:
+            length = info.measure(stream.buffer, position, end, self._context, seen)
+        except EVALUATION_ERRORS as error:
+            self._trouble(info.name, error)
+            length = 0
+        if length > 0:
+            result = self._read(info, position, position + length)
+        elif length == 0:
+            result = NO
+        elif length == self._quiet:
+            result = Silent(end - position)
+        elif length == self._lost:
+            result = self._without_end(info, position, end)
+        else:
+            result = Wants(end - position - length, end - position)
+        self._said[info.name] = result
+        return result
+
+    def at_silence(self, info: FrameInfo, end: int) -> Result:
+        """A frame that silence ends, ended at buffer index `end`."""
+        result = self._read(info, self._stream.position, end)
+        self._said[info.name] = result
+        return result
+
+    def _read(self, info: FrameInfo, start: int, end: int) -> Result:
+        raw = bytes(self._stream.buffer[start:end])
+        fault = self._stream.fault_in(start, end)
+        if fault is not None:
+            return Bad(self._report(info, raw, fault.value, found="a damaged character"), True)
+        try:
+            return Good(info, raw, info.decode(raw, self._context), None)
+        except EVALUATION_ERRORS as error:
+            return self._judged(info, raw, error, True)
+
+    def _judged(self, info: FrameInfo, raw: bytes, error: Exception, known_end: bool) -> Result:
+        cause = getattr(error, "cause", None)
+        if cause is None:
+            self._trouble(info.name, error)
+            return NO
+        refuse: int | None = getattr(error, "refuse", None)
+        if refuse is not None:
+            return Good(info, raw, dict(getattr(error, "fields", {})), refuse)
+        bad = self._report(
+            info,
+            raw,
+            cause,
+            segment=str(getattr(error, "segment", "")),
+            place=int(getattr(error, "offset", 0) or 0),
+            expected=str(getattr(error, "expected", "")),
+            found=str(getattr(error, "found", "")),
+            message=str(error),
+        )
+        return Bad(bad, known_end)
+
+    def _without_end(self, info: FrameInfo, start: int, end: int) -> Result:
+        """A frame whose end is lost: the fewest bytes that show it, however many came at once."""
+        low, high = start + 1, end
+        while low < high:
+            middle = (low + high) // 2
+            if info.measure(self._stream.buffer, start, middle, self._context, 0) == self._lost:
+                high = middle
+            else:
+                low = middle + 1
+        raw = bytes(self._stream.buffer[start:low])
+        fault = self._stream.fault_in(start, low)
+        if fault is not None:
+            return Bad(self._report(info, raw, fault.value, found="a damaged character"), False)
+        try:
+            info.decode(raw, self._context)
+        except EVALUATION_ERRORS as error:
+            judged = self._judged(info, raw, error, False)
+            return judged if isinstance(judged, (Bad, _No)) else self._endless(info, raw)
+        return self._endless(info, raw)
+
+    def _endless(self, info: FrameInfo, raw: bytes) -> Bad:
+        return Bad(self._report(info, raw, "length", expected="a findable end", found="none"), False)
+
+    def cut(self, info: FrameInfo, end: int) -> Bad:
+        """A frame that fitted and was broken off before buffer index `end`."""
+        start = self._stream.position
+        raw = bytes(self._stream.buffer[start:end])
+        fault = self._stream.fault_in(start, end)
+        cause = "cut" if fault is None else fault.value
+        return Bad(self._report(info, raw, cause, expected="more bytes", found="a pause", place=len(raw)), False)
+
+    def _report(
+        self, info: FrameInfo, raw: bytes, cause: str, *, segment: str = "", place: int = 0,
+        expected: str = "", found: str = "", message: str = "",
+    ) -> BadFrame:  # fmt: skip
+        stream = self._stream
+        start = stream.position
+        return BadFrame(
+            frame=info.name,
+            cause=cause,
+            segment=segment,
+            offset=stream.offset,
+            expected=expected,
+            found=found,
+            raw=raw,
+            started_at=stream.time_of(start),
+            ended_at=stream.time_of(start + len(raw) - 1) if raw else stream.time_of(start),
+            place=place,
+            message=message,
+        )

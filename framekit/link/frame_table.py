@@ -1,0 +1,247 @@
+"""What the link knows of every frame before any byte comes: codec, beginning, inner frames, echo, announcements.
+
+Made once when an engine starts. It knows the codec only by the contract below, and no sequences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from framekit.definition.expression.syntax import Name
+from framekit.definition.model import protocol as model
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    BitsPart,
+    Choose,
+    Const,
+    Field,
+    Inner,
+    Record,
+    Repeat,
+    Segment,
+    Wrap,
+)
+from framekit.definition.model.segments import Optional as OptionalSegments
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.values import FrameValue, plain
+
+Context = Mapping[str, Any]
+
+
+class FrameCodec(Protocol):
+    """One frame's compiled functions, as the codec contract has them."""
+
+    @property
+    def encode(self) -> Callable[..., bytes]: ...
+    @property
+    def decode(self) -> Callable[..., dict[str, Any]]: ...
+    @property
+    def measure(self) -> Callable[..., int]: ...
+
+
+class Codec(Protocol):
+    """A compiled protocol. `QUIET` and `LOST` are the special results of `measure`; both below every other result."""
+
+    @property
+    def frames(self) -> Mapping[str, FrameCodec]: ...
+    @property
+    def layouts(self) -> Mapping[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]]: ...
+    @property
+    def QUIET(self) -> int: ...  # noqa: N802 - a constant of the generated module
+    @property
+    def LOST(self) -> int: ...  # noqa: N802
+
+
+Shape = tuple[tuple[str, str, Any], ...]
+"""Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
+
+
+class FrameInfo:
+    """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants."""
+
+    __slots__ = (
+        "announces", "computed", "decode", "echo", "encode", "first", "flat", "frame", "known", "measure", "most",
+        "name", "numbers", "refuse", "shape",
+    )  # fmt: skip
+
+    def __init__(self, frame: Frame, codec: FrameCodec) -> None:
+        self.frame = frame
+        self.name = frame.name
+        self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
+        self.first = first_byte(frame.segments)
+        self.shape = shape_of(frame.segments)
+        self.flat = not self.shape
+        self.refuse = frame.refuse
+        self.most = frame.most
+        self.known: dict[str, Any] = {}
+        self.computed: list[tuple[str, Evaluate]] = []
+        self.numbers: dict[str, dict[str, int]] = {}
+        self._collect(frame.segments)
+        self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
+        self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
+
+    def _collect(self, segments: tuple[Segment, ...], certain: bool = True) -> None:
+        for segment in segments:
+            there = certain and segment.when is None
+            if isinstance(segment, Field):
+                self._field(segment, segment.values, there)
+            elif isinstance(segment, Bits):
+                for part in segment.parts:
+                    self._field(part, part.values, there)
+            elif isinstance(segment, (Wrap, OptionalSegments)):
+                self._collect(segment.of, there and isinstance(segment, Wrap))
+
+    def _field(self, field: Field | BitsPart, values: Mapping[int, str] | None, there: bool) -> None:
+        """Constants of a field that may be absent are not known: the builder decides whether it is there."""
+        name, constants, is_ = field.name, field.constants, field.is_
+        if values:
+            self.numbers[name] = {text: number for number, text in values.items()}
+        if not there:
+            return
+        if constants:
+            self.known[name] = constants[0]
+        elif is_ is not None:
+            self.computed.append((name, compile_expression(is_)))
+
+
+class FrameTable:
+    """All frames of a protocol; `outer` are those looked for on the line, frames that exist to be refused last."""
+
+    def __init__(self, protocol: model.Protocol, codec: Codec) -> None:
+        self.codec = codec
+        self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
+        outer = [info for info in self.infos.values() if not info.frame.inner and info.frame.side != "none"]
+        self.outer = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
+
+    def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
+        """The frame value of decoded fields; a refusal holds for the frame and for what it carries."""
+        info = self.infos.get(name)
+        if info is None:
+            return FrameValue(name, fields, raw, refusal)
+        if refusal is None:
+            refusal = info.refuse
+        value = FrameValue(name, fields, raw, refusal)
+        if info.shape:
+            self._convert(info.shape, value, fields)
+        return value
+
+    def _convert(self, shape: Shape, outer: FrameValue, fields: dict[str, Any]) -> None:
+        for kind, name, below in shape:
+            found = fields.get(name)
+            if kind == "inner" and type(found) is dict and len(found) == 1:
+                ((frame, content),) = found.items()
+                fields[name] = inner = self.received(frame, content, None, outer.refusal)
+                if outer.refusal is None:
+                    outer.refusal = inner.refusal
+            elif kind == "record" and type(found) is dict:
+                self._convert(below, outer, found)
+            elif kind == "list" and type(found) is list:
+                for item in found:
+                    if type(item) is dict:
+                        self._convert(below, outer, item)
+
+    def made(self, name: str, fields: dict[str, Any], names: Names) -> FrameValue:
+        """A frame value from a constructor's fields: constants and `is` are known at once."""
+        info = self.infos[name]
+        for field, numbers in info.numbers.items():
+            given = fields.get(field)
+            if type(given) is str:
+                fields[field] = numbers.get(given, given)
+        for field, constant in info.known.items():
+            fields.setdefault(field, constant)
+        for field, evaluate in info.computed:
+            if field not in fields:
+                try:
+                    fields[field] = evaluate(Names(fields, names))
+                except EVALUATION_ERRORS:
+                    continue
+        return FrameValue(name, fields)
+
+    def encode(self, value: FrameValue, names: Context) -> bytes:
+        """The bytes of a frame value; afterwards the value holds them and every field as sent. Raises ValueError."""
+        info = self.infos[value.frame]
+        data = info.encode(value.fields if info.flat else plain(value.fields), names)
+        value.raw = data
+        value.pending = lambda: self._read_back(info, data, names)
+        if info.announces:
+            value.complete()
+        return data
+
+    def _read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
+        try:
+            return self.received(info.name, info.decode(data, names), data, None).fields
+        except EVALUATION_ERRORS:
+            return {}
+
+    def fill_echo(self, reply: FrameValue, request: FrameValue | None) -> None:
+        """Building a reply copies what it repeats of the request, where nothing else was given."""
+        info = self.infos.get(reply.frame)
+        if info is None or request is None:
+            return
+        for field, plain_name, evaluate in info.echo:
+            if field not in reply.fields:
+                try:
+                    reply.fields[field] = echoed(plain_name, evaluate, request)
+                except EVALUATION_ERRORS:
+                    continue
+
+    def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Names) -> bool:
+        """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too."""
+        info = self.infos.get(reply.frame)
+        if info is None:
+            return True
+        for field, plain_name, evaluate in info.echo:
+            for request in requests:
+                try:
+                    wanted = echoed(plain_name, evaluate, request, names)
+                except EVALUATION_ERRORS:
+                    continue
+                if field in reply.fields and reply.fields[field] != wanted:
+                    return False
+                break
+        if info.shape:
+            for kind, name, _ in info.shape:
+                inner = reply.fields.get(name)
+                if kind == "inner" and type(inner) is FrameValue and not self.fits_echo(inner, requests, names):
+                    return False
+        return True
+
+
+def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, names: Names | None = None) -> Any:
+    """What a reply repeats of a request. Raises KeyError when the request has no such field."""
+    if plain_name is not None:
+        return request.field(plain_name)
+    return evaluate(Names({**request.complete(), "request": request}, names))
+
+
+def _plain_name(expression: Any) -> str | None:
+    return expression.root.name if isinstance(expression.root, Name) else None
+
+
+def first_byte(segments: tuple[Segment, ...]) -> int | None:
+    """The byte every frame of these segments begins with, when that is a constant."""
+    first = segments[0] if segments else None
+    if isinstance(first, Const) and first.when is None and first.data:
+        return first.data[0]
+    return None
+
+
+def shape_of(segments: tuple[Segment, ...]) -> Shape:
+    """Where inner frames stand in the fields of these segments."""
+    found: list[tuple[str, str, Any]] = []
+    for segment in segments:
+        if isinstance(segment, Inner):
+            found.append(("inner", segment.name, None))
+        elif isinstance(segment, (Wrap, OptionalSegments)):
+            found.extend(shape_of(segment.of))
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                found.extend(shape_of(case))
+            found.extend(shape_of(segment.otherwise or ()))
+        elif isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
+            below = shape_of(segment.of)
+            if below:
+                found.append(("record" if isinstance(segment, Record) else "list", segment.name, below))
+    return tuple(found)

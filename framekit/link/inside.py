@@ -1,0 +1,143 @@
+"""Frames that may stand in the middle of others: found and taken out before the outer frame is measured.
+
+A byte-stuffed region may hold them anywhere; they begin with the escape byte and something that is neither a doubled
+escape nor the region's end. It knows no protocol, only the segments of a frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from framekit.definition.model.segments import Const, Field, Segment, Skip, Wrap
+from framekit.link.evaluate import Names
+from framekit.link.frame_table import FrameInfo, FrameTable
+from framekit.link.stream import Stream
+
+DONE = -1
+"""The region has ended: there is nothing more to look for."""
+
+
+@dataclass(slots=True)
+class InsideRule:
+    """Which frames may stand in the region of which outer frame, and what comes before the region."""
+
+    before: tuple[Segment, ...]
+    escape: int
+    frames: tuple[FrameInfo, ...]
+
+    def region(self, buffer: bytearray, position: int, end: int) -> int | None:
+        """Where the region begins; None when it is not there yet, or this is another frame."""
+        for segment in self.before:
+            if isinstance(segment, Const):
+                size = len(segment.data)
+                if buffer[position : min(position + size, end)] != segment.data:
+                    return None
+            elif isinstance(segment, Wrap):
+                stop = plain_end(buffer, position, end, self.escape)
+                if stop is None:
+                    return None
+                size = stop - position
+            elif isinstance(segment, Skip):
+                size = segment.size
+            else:
+                assert isinstance(segment, Field)
+                size = segment.type.fixed_size or 0
+            position += size
+            if position > end:
+                return None
+        return position
+
+
+def plain_end(buffer: bytearray, position: int, end: int, escape: int) -> int | None:
+    """Where doubled content ends: at the first escape byte that is not doubled; None when that is not there yet."""
+    while True:
+        found = buffer.find(escape, position, end)
+        if found < 0 or found + 1 >= end:
+            return None
+        if buffer[found + 1] != escape:
+            return found
+        position = found + 2
+
+
+class InsideFinder:
+    """Looks through what is arriving for frames in the middle of others, every byte once."""
+
+    __slots__ = ("_names", "_places", "_rules")
+
+    def __init__(self, table: FrameTable, names: Names) -> None:
+        self._names = names
+        self._rules = inside_rules(table)
+        self._places: dict[str, int] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._rules)
+
+    def forget(self) -> None:
+        """The place in the stream has changed."""
+        if self._places:
+            self._places.clear()
+
+    def end_for(self, outer: str, limit: int, base: int) -> int:
+        """How far `outer` may be measured: not over what has not been looked through."""
+        place = self._places.get(outer, DONE) if self._places else DONE
+        return limit if place == DONE else min(limit, place - base)
+
+    def find(self, stream: Stream, infos: tuple[FrameInfo, ...]) -> tuple[FrameInfo, int, int] | None:
+        """The first frame inside one of `infos`, which begin at the stream's position, and its place."""
+        for info in infos:
+            rule = self._rules.get(info.name)
+            if rule is not None and self._places.get(info.name, 0) != DONE:
+                found = self._find(stream, info.name, rule)
+                if found is not None:
+                    return found
+        return None
+
+    def _find(self, stream: Stream, outer: str, rule: InsideRule) -> tuple[FrameInfo, int, int] | None:
+        end = len(stream.buffer)
+        place = self._places.get(outer)
+        start = rule.region(stream.buffer, stream.position, end) if place is None else place - stream.base
+        if start is None:
+            return None
+        while True:
+            found = stream.buffer.find(rule.escape, start, end)
+            if found < 0 or found + 1 >= end:
+                self._places[outer] = stream.base + (end if found < 0 else found)
+                return None
+            if stream.buffer[found + 1] != rule.escape:
+                self._places[outer] = stream.base + found
+                return self._at(stream, outer, rule, found)
+            start = found + 2
+
+    def _at(self, stream: Stream, outer: str, rule: InsideRule, place: int) -> tuple[FrameInfo, int, int] | None:
+        for info in rule.frames:
+            length = info.measure(stream.buffer, place, len(stream.buffer), self._names, 0)
+            if length > 0:
+                return info, place, place + length
+            if length < 0:
+                return None
+        self._places[outer] = DONE
+        return None
+
+
+def inside_rules(table: FrameTable) -> dict[str, InsideRule]:
+    """The outer frames that may hold others, by name. Frames whose region has no findable start are left out."""
+    rules = {}
+    for info in table.infos.values():
+        before: list[Segment] = []
+        for segment in info.frame.segments:
+            if isinstance(segment, Wrap) and segment.inside and segment.escape is not None:
+                frames = tuple(table.infos[name] for name in segment.inside)
+                rules[info.name] = InsideRule(tuple(before), segment.escape, frames)
+                break
+            if not _is_findable(segment):
+                break
+            before.append(segment)
+    return rules
+
+
+def _is_findable(segment: Segment) -> bool:
+    if segment.when is not None:
+        return False
+    if isinstance(segment, Field):
+        return segment.type.fixed_size is not None and segment.long is None
+    return isinstance(segment, (Const, Skip)) or (isinstance(segment, Wrap) and segment.how == "escape")

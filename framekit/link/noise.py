@@ -1,0 +1,42 @@
+"""A run of bytes that fit nothing, collected until it ends."""
+
+from __future__ import annotations
+
+from framekit.link.arrivals import Noise
+from framekit.link.stream import Stream
+
+LONGEST = 65536
+"""A run is reported in pieces of this many bytes, so that endless noise takes no endless memory."""
+
+
+class NoiseRun:
+    """Bytes since the run began. `skipped`: they are what a bad frame that has been reported left behind."""
+
+    __slots__ = ("_data", "_last", "_offset", "_started", "skipped")
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+        self._offset = self._started = self._last = 0
+        self.skipped = False
+
+    def __bool__(self) -> bool:
+        return bool(self._data)
+
+    @property
+    def is_long(self) -> bool:
+        return len(self._data) >= LONGEST
+
+    def collect(self, stream: Stream, count: int, skipped: bool) -> None:
+        """Takes the next `count` bytes of the stream; the stream's position is not moved."""
+        position = stream.position
+        if not self._data:
+            self.skipped = skipped
+            self._offset, self._started = stream.offset, stream.time_of(position)
+        self._data += stream.buffer[position : position + count]
+        self._last = stream.time_of(position + count - 1)
+
+    def take(self) -> Noise:
+        """The run as it stands; it begins anew."""
+        noise = Noise(bytes(self._data), self._offset, self._started, self._last, self.skipped)
+        self._data.clear()
+        return noise

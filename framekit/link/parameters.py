@@ -1,0 +1,112 @@
+"""Given values of parameters: checked against type, range and choices, and taken as text or as values.
+
+It knows nothing of where a value comes from, nor of the formulas that stand in for those not given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.load import scalars
+from framekit.definition.model.protocol import Parameter
+from framekit.definition.problems import NOWHERE
+from framekit.definition.times import NEVER, format_time, parse_time
+
+
+class ParameterError(ValueError):
+    """A value that a parameter does not take; `name` is the parameter."""
+
+    def __init__(self, name: str, what: str) -> None:
+        self.name = name
+        super().__init__(f"parameter '{name}': {what}")
+
+
+def given_value(parameter: Parameter, value: Any) -> Any:
+    """The checked value; an Expression for a time written with `chars` or `bits`. Raises ParameterError.
+
+    Times are nanoseconds or text with a unit, flags 0 or 1, bytes are bytes or hex pairs.
+    """
+    if parameter.is_ is not None:
+        raise ParameterError(parameter.name, f"it is always {parameter.is_}, nobody sets it")
+    try:
+        taken = _TAKE[parameter.type](value)
+    except ValueError as error:
+        raise ParameterError(parameter.name, str(error)) from None
+    if not isinstance(taken, Expression):
+        check_value(parameter, taken)
+    return taken
+
+
+def check_value(parameter: Parameter, value: Any) -> None:
+    """Raises ParameterError for a value out of range, or not among the choices."""
+    if parameter.type == "choice" and value not in parameter.choices:
+        raise ParameterError(parameter.name, f"'{value}' is none of {', '.join(parameter.choices)}")
+    if parameter.limits is None or not isinstance(value, int):
+        return
+    low, high = parameter.limits
+    if not low <= value <= high and not (parameter.type == "time" and value >= NEVER):
+        show: Callable[[int], object] = format_time if parameter.type == "time" else int
+        raise ParameterError(parameter.name, f"{show(value)} is not in {show(low)}..{show(high)}")
+
+
+def _take_time(value: Any) -> Any:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is not a time – write a number and a unit, such as 50 ms")
+    try:
+        return parse_time(value)
+    except ValueError as error:
+        if "char" in value or "bit" in value:
+            return parse_expression(value, NOWHERE)
+        raise error
+
+
+def _take_number(value: Any) -> int:
+    if isinstance(value, str):
+        return scalars.parse_number(value)
+    if not isinstance(value, int):
+        raise ValueError(f"{value!r} is not a whole number")
+    return int(value)
+
+
+def _take_flag(value: Any) -> int:
+    if isinstance(value, str):
+        return scalars.parse_flag(value)
+    if value in (0, 1):
+        return int(value)
+    raise ValueError(f"{value!r} is neither yes nor no")
+
+
+def _take_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is not a text")
+    return value
+
+
+def _take_bytes(value: Any) -> bytes:
+    if isinstance(value, str):
+        return scalars.parse_bytes(value) if value.strip() else b""
+    if not isinstance(value, (bytes, bytearray)):
+        raise ValueError(f"{value!r} is not bytes – write hex pairs")
+    return bytes(value)
+
+
+def _take_list(value: Any) -> list[Any]:
+    if not isinstance(value, (list, tuple)):
+        raise ValueError(f"{value!r} is not a list")
+    return [scalars.parse_constant(item) if isinstance(item, str) else item for item in value]
+
+
+_TAKE: dict[str, Callable[[Any], Any]] = {
+    "time": _take_time,
+    "number": _take_number,
+    "flag": _take_flag,
+    "choice": _take_text,
+    "text": _take_text,
+    "bytes": _take_bytes,
+    "list": _take_list,
+}

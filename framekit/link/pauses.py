@@ -1,0 +1,109 @@
+"""Pauses in a stream: the silence that ends things (`quiet`) and the longest pause inside a frame (`gap`).
+
+What bytes themselves take on the line is no pause, so it does not matter in which pieces a port hands them over.
+"""
+
+from __future__ import annotations
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.protocol import Receiver
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.scope import LineTimes, Scope
+from framekit.link.stream import Stream
+
+QUIET_CHARACTERS = 3
+"""Silence that ends noise, and frames without another end, where a definition does not say `quiet`."""
+
+
+class Pauses:
+    """Times (ns) are worked out anew when a variable or parameter has changed.
+
+    `own_gap` false: `gap` is what whoever waits allows instead of the definition's (None: any pause).
+    """
+
+    __slots__ = ("_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "gap", "own_gap")
+
+    def __init__(self, rules: Receiver, names: Names, stream: Stream) -> None:
+        self._names = names
+        self._stream = stream
+        self._scope = scope_of(names)
+        self._quiet_of = _maybe(rules.quiet)
+        self._gap_of = _maybe(rules.gap)
+        line = names.get("line")
+        self._line = line if isinstance(line, LineTimes) else LineTimes(None)
+        self._worked_out: tuple[int, int, int | None] | None = None
+        self.own_gap = True
+        self.gap: int | None = None
+
+    def limits(self) -> tuple[int, int | None]:
+        """`quiet`, and the gap in force or None."""
+        version = -1 if self._scope is None else self._scope.version
+        found = self._worked_out
+        if found is None or found[0] != version:
+            quiet = self._time(self._quiet_of)
+            if quiet is None:
+                quiet = self._line.chars(QUIET_CHARACTERS)
+            found = self._worked_out = (version, quiet, self._time(self._gap_of))
+        return found[1], found[2] if self.own_gap else self.gap
+
+    @property
+    def defines_gap(self) -> bool:
+        return self._gap_of is not None
+
+    def _time(self, evaluate: Evaluate | None) -> int | None:
+        """A time that cannot be worked out counts as not given."""
+        try:
+            return None if evaluate is None else int(evaluate(self._names))
+        except EVALUATION_ERRORS:
+            return None
+
+    def note(self, now: int, count: int) -> None:
+        """Marks a pause before `count` bytes the last of which comes at `now`."""
+        stream = self._stream
+        quiet, gap = self.limits()
+        pause = now - stream.last - self._line.chars(count)
+        place = stream.base + len(stream.buffer)
+        if pause > quiet:
+            stream.silences.append(place)
+        if gap is not None and pause > gap:
+            stream.pauses.append(place)
+
+    def is_quiet(self, now: int) -> bool:
+        """Whether nothing has come for `quiet`."""
+        return now - self._stream.last >= self.limits()[0]
+
+    def reach(self, now: int) -> tuple[int, bool]:
+        """How far a frame that begins here can reach (buffer index), and whether a pause too long stands there."""
+        stream = self._stream
+        if stream.pauses:
+            pause = stream.first_after(stream.pauses, stream.position)
+            if pause is not None:
+                return pause, True
+        end = len(stream.buffer)
+        if now == stream.last:
+            return end, False
+        gap = self.limits()[1]
+        return end, gap is not None and now - stream.last >= gap
+
+    def silence_behind(self, index: int, now: int) -> int | None:
+        """The buffer index behind `index` where a silence stands, the present one included; None when there is none."""
+        stream = self._stream
+        found = stream.first_after(stream.silences, index)
+        cut = stream.first_after(stream.pauses, index)
+        if cut is not None and (found is None or cut < found):
+            found = cut
+        if found is None and self.is_quiet(now):
+            return len(stream.buffer)
+        return found
+
+
+def scope_of(names: Names) -> Scope | None:
+    """The protocol-level names that `names` end in."""
+    found: Names | None = names
+    while found is not None and not isinstance(found, Scope):
+        found = found.parent
+    return found
+
+
+def _maybe(expression: Expression | None) -> Evaluate | None:
+    return None if expression is None else compile_expression(expression)

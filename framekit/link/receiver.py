@@ -1,0 +1,381 @@
+"""Bytes to frames: finds expected frames, other frames, bad ones and noise in a stream (language reference, section 6).
+
+Sans-I/O and pull-based: whoever waits says at every `next` what he waits for. The result does not depend on how the
+stream is cut into pieces. It knows no sequences; who takes a frame and what follows is not its business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import NEVER
+from framekit.link.arrivals import Arrival, FrameArrived, Noise
+from framekit.link.candidates import Bad, Candidates, Good, Silent, Trouble, Wants
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.events import CharacterFault
+from framekit.link.frame_table import Codec, FrameInfo, FrameTable
+from framekit.link.inside import InsideFinder
+from framekit.link.interest import Interest
+from framekit.link.noise import NoiseRun
+from framekit.link.pauses import Pauses, scope_of
+from framekit.link.stream import Stream
+
+
+class _Again:
+    """The place has changed: look again."""
+
+
+AGAIN = _Again()
+
+
+def _ignore(frame: str, error: Exception) -> None:
+    return None
+
+
+class Receiver:
+    """Finds frames. `names` are what expressions of frames read; `pauses` tells how long silences and gaps are.
+
+    `deadline`: when `tick` and `next` are to be called although nothing came. `waiting` names the candidates that the
+    bytes at hand fit so far; their first byte came at `waiting_since`. `broken`: the stream is out of step, and the
+    definition wants the connection closed; everything is dropped until `reset`.
+    """
+
+    def __init__(
+        self, codec: Codec, protocol: Protocol, names: Names, table: FrameTable | None = None,
+        trouble: Trouble = _ignore,
+    ) -> None:
+        self.table = table or FrameTable(protocol, codec)
+        self.stream = Stream()
+        self.pauses = Pauses(protocol.receiver, names, self.stream)
+        self.deadline = NEVER
+        self.broken = False
+        self.waiting: tuple[str, ...] = ()
+        self.waiting_since = 0
+        self._names = names
+        self._scope = scope_of(names)
+        self._rules = protocol.receiver
+        self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
+        self._inside = InsideFinder(self.table, names)
+        self._trouble = trouble
+        self._interests: dict[tuple[tuple[str, ...], tuple[str, ...]], Interest] = {}
+        self._interest = self._interest_of((), ())
+        self._version = 0
+        self._now = 0
+        self._given = 0
+        self._declined: list[str] = []
+        self._noise = NoiseRun()
+        self._bad_until = 0
+        self._skipping = False
+        self._needs_silence = False
+
+    # ---- bytes in -----------------------------------------------------------------------------------------
+
+    def append(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> None:
+        """Bytes, the last of which came at `now` (ns), and what was wrong with single characters."""
+        if self._given:
+            self._use()
+        if not data or self.broken:
+            return
+        self._now = now
+        stream = self.stream
+        stream.tidy()
+        if stream.buffer or self._noise or self._skipping:
+            self.pauses.note(now, len(data))
+        stream.add(data, now, faults)
+
+    def tick(self, now: int) -> None:
+        """Nothing has come until `now`; `next` tells what follows from that."""
+        self._now = max(self._now, now)
+
+    def cut(self) -> None:
+        """Whoever waits allows no longer pause: what is unfinished ends here."""
+        stream = self.stream
+        place = stream.base + len(stream.buffer)
+        if not stream.pauses or stream.pauses[-1] != place:
+            stream.pauses.append(place)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether every byte has been used or reported."""
+        return self.stream.position + self._given >= len(self.stream.buffer) and not self._noise
+
+    # ---- frames out ---------------------------------------------------------------------------------------
+
+    def next(self, expected: tuple[str, ...], others: tuple[str, ...] = ()) -> Arrival | None:
+        """The next thing in the stream for those who wait for `expected`, then `others`; None: nothing yet.
+
+        What it returns counts as used at the next call; until then `other_reading` may read the same bytes otherwise.
+        """
+        if self._given:
+            self._use()
+        interest = self._interest
+        if interest.expected is not expected or interest.others is not others:
+            interest = self._interest_of(expected, others)
+        if self._scope is not None and self._scope.version != self._version:
+            self._version = self._scope.version
+            self._candidates.forget()
+        while True:
+            found = self._look(interest)
+            if not isinstance(found, _Again):
+                if found is None:
+                    self._set_deadline()
+                return found
+
+    def other_reading(self) -> FrameArrived | None:
+        """The same bytes as another frame that fits them, in the order of the rows; None when there is none."""
+        if not self._given:
+            return None
+        stream, interest = self.stream, self._interest
+        end = len(stream.buffer)
+        for level, infos in enumerate(interest.at(stream.buffer[stream.position])):
+            for info in infos:
+                if info.name not in self._declined:
+                    result = self._candidates.ask(info, end)
+                    if isinstance(result, Good):
+                        return self._arrived(result, level == 1)
+        return None
+
+    def flush(self) -> list[Noise]:
+        """Drops everything that has not become a frame; returns it as noise."""
+        if self._given:
+            self._use()
+        found = [self._noise.take()] if self._noise else []
+        stream = self.stream
+        if stream.position < len(stream.buffer):
+            self._collect(len(stream.buffer) - stream.position, False)
+            found.append(self._noise.take())
+        stream.clear()
+        self._skipping = False
+        self.waiting = ()
+        self.deadline = NEVER
+        return found
+
+    def reset(self) -> list[Noise]:
+        """As `flush`; and a broken stream may begin anew."""
+        self.broken = False
+        return self.flush()
+
+    # ---- one place ----------------------------------------------------------------------------------------
+
+    def _look(self, interest: Interest) -> Arrival | _Again | None:
+        stream = self.stream
+        position = stream.position
+        self.waiting = ()
+        self._needs_silence = False
+        if position >= len(stream.buffer):
+            return self._at_end()
+        if self._skipping:
+            return self._skip()
+        if self._noise and (self._noise.is_long or stream.first_after(stream.silences, position - 1) == position):
+            return self._noise.take()
+        levels = interest.at(stream.buffer[position])
+        if self._inside:
+            found = self._inside.find(stream, (*levels[0], *levels[1]))
+            if found is not None:
+                return self._noise_before() or self._taken_out(*found)
+        limit, is_cut = self.pauses.reach(self._now)
+        worst: Bad | None = None
+        silent: list[FrameInfo] = []
+        for level, infos in enumerate(levels):
+            wanting: list[FrameInfo] = []
+            for info in infos:
+                end = limit if not self._inside else self._inside.end_for(info.name, limit, stream.base)
+                result = self._candidates.ask(info, end)
+                if isinstance(result, Good):
+                    return self._noise_before() or self._arrived(result, level == 1)
+                if isinstance(result, Wants):
+                    wanting.append(info)
+                elif isinstance(result, Silent):
+                    silent.append(info)
+                elif isinstance(result, Bad):
+                    worst = _worse(worst, result)
+            if wanting and not is_cut:
+                self._wait((*wanting, *silent))
+                return None
+            if wanting and worst is None:
+                worst = self._candidates.cut(wanting[0], limit)
+        if worst is not None:
+            return self._bad(worst)
+        return self._ended_by_silence(silent) if silent else self._unusable()
+
+    def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
+        self.waiting = tuple(info.name for info in infos)
+        self.waiting_since = self.stream.time_of(self.stream.position)
+
+    def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | _Again | None:
+        """Rule 4: nothing else applies; the frame ends where a silence begins."""
+        stop = self.pauses.silence_behind(self.stream.position, self._now)
+        if stop is None:
+            self._needs_silence = True
+            self._wait(tuple(silent))
+            return None
+        worst: Bad | None = None
+        for info in silent:
+            result = self._candidates.at_silence(info, stop)
+            if isinstance(result, Good):
+                return self._noise_before() or self._arrived(result, info.name not in self._interest.expected)
+            if isinstance(result, Bad):
+                worst = _worse(worst, result)
+        return self._unusable() if worst is None else self._bad(worst)
+
+    def _arrived(self, good: Good, other: bool) -> FrameArrived:
+        stream = self.stream
+        position, size = stream.position, len(good.raw)
+        self._given = size
+        self._declined.append(good.info.name)
+        value = self.table.received(good.info.name, good.fields, good.raw, good.refusal)
+        return FrameArrived(
+            value, good.raw, stream.offset, stream.time_of(position), stream.time_of(position + size - 1), other
+        )
+
+    def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
+        """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
+        stream = self.stream
+        raw = bytes(stream.buffer[start:end])
+        offset = stream.base + start + stream.removed
+        times = stream.time_of(start), stream.time_of(end - 1)
+        stream.remove(start, end)
+        self._candidates.forget()
+        try:
+            value = self.table.received(info.name, info.decode(raw, self._names), raw, None)
+        except EVALUATION_ERRORS as error:
+            self._trouble(info.name, error)
+            value = self.table.received(info.name, {}, raw, None)
+        return FrameArrived(value, raw, offset, *times)
+
+    def _use(self) -> None:
+        """Goes on behind what was handed over last."""
+        count, self._given = self._given, 0
+        self._declined.clear()
+        self._move(count)
+
+    def _move(self, count: int) -> None:
+        self.stream.position += count
+        self._candidates.forget()
+        self._inside.forget()
+
+    # ---- bad frames ---------------------------------------------------------------------------------------
+
+    def _bad(self, worst: Bad) -> Arrival | _Again | None:
+        """Reports a bad frame once; bad frames that begin inside one that has been reported are not new ones."""
+        stream, bad = self.stream, worst.bad
+        start = stream.base + stream.position
+        if start < self._bad_until:
+            return self._unusable()
+        before = self._noise_before()
+        if before is not None:
+            return before
+        size = len(bad.raw)
+        self._bad_until = start + size
+        mode = self._rules.resync
+        if mode == "never":
+            self._break_off()
+        elif mode == "after_quiet":
+            self._skipping = True
+            self._collect(size, True)
+            self._noise.take()
+        elif mode == "after_frame" and worst.known_end:
+            self._move(size)
+        else:
+            self._collect(self._symbol(), True)
+        return bad
+
+    def _break_off(self) -> None:
+        self.broken = True
+        self.stream.clear()
+        self._candidates.forget()
+
+    def _skip(self) -> _Again | None:
+        """After a bad frame, where reading goes on only behind a silence."""
+        stream = self.stream
+        place = self.pauses.silence_behind(stream.position - 1, self._now)
+        self._skipping = place is None
+        stop = len(stream.buffer) if place is None else place
+        if stop > stream.position:
+            self._collect(stop - stream.position, True)
+        return AGAIN
+
+    # ---- noise --------------------------------------------------------------------------------------------
+
+    def _at_end(self) -> Noise | None:
+        if (self._noise or self._skipping) and self.pauses.is_quiet(self._now):
+            self._skipping = False
+            return self._noise.take() if self._noise else None
+        return None
+
+    def _symbol(self) -> int:
+        """How many bytes are passed over together: two, when the first is the escape symbol and the second is there."""
+        stream = self.stream
+        if stream.buffer[stream.position] != self._rules.symbols:
+            return 1
+        return min(2, len(stream.buffer) - stream.position)
+
+    def _unusable(self) -> Arrival | _Again | None:
+        """Rule 5: the bytes here begin nothing."""
+        stream = self.stream
+        skipped = stream.base + stream.position < self._bad_until
+        if self._noise and self._noise.skipped != skipped:
+            return self._noise.take()
+        if self._rules.resync == "never":
+            self._collect(len(stream.buffer) - stream.position, False)
+            self._break_off()
+            return self._noise.take()
+        count = self._symbol()
+        if self._rules.symbols is None:
+            count = self._to_next_start(skipped)
+        elif count == 1 and stream.buffer[stream.position] == self._rules.symbols:
+            if not self.pauses.is_quiet(self._now):
+                return None
+        self._collect(count, skipped)
+        return AGAIN
+
+    def _to_next_start(self, skipped: bool) -> int:
+        """Bytes up to the next that may begin a frame, not over a silence or the end of a bad frame."""
+        stream, starts = self.stream, self._interest.starts
+        if starts is None:
+            return 1
+        match = starts.search(stream.buffer, stream.position + 1)
+        stops = [len(stream.buffer) if match is None else match.start()]
+        silence = stream.first_after(stream.silences, stream.position)
+        if silence is not None:
+            stops.append(silence)
+        if skipped:
+            stops.append(self._bad_until - stream.base)
+        return max(1, min(stops) - stream.position)
+
+    def _collect(self, count: int, skipped: bool) -> None:
+        self._noise.collect(self.stream, count, skipped)
+        self._move(count)
+
+    def _noise_before(self) -> Noise | None:
+        return self._noise.take() if self._noise else None
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def _set_deadline(self) -> None:
+        stream = self.stream
+        deadline = NEVER
+        if self.waiting:
+            quiet, gap = self.pauses.limits()
+            if gap is not None:
+                deadline = stream.last + gap
+            if self._needs_silence:
+                deadline = min(deadline, stream.last + quiet)
+        elif self._noise or self._skipping or stream.position < len(stream.buffer):
+            deadline = stream.last + self.pauses.limits()[0]
+        self.deadline = deadline if deadline > self._now else NEVER
+
+    def _interest_of(self, expected: tuple[str, ...], others: tuple[str, ...]) -> Interest:
+        """The prepared interest; it keeps these very tuples, so that the next call sees at once they are the same."""
+        interest = self._interests.get((expected, others))
+        if interest is None:
+            interest = self._interests[expected, others] = Interest(self.table, expected, others)
+        interest.expected, interest.others = expected, others
+        self._interest = interest
+        return interest
+
+
+def _worse(first: Bad | None, second: Bad) -> Bad:
+    """The one that got further; of two that got equally far, the one asked first."""
+    return second if first is None or second.bad.place > first.bad.place else first

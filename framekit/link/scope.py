@@ -1,0 +1,215 @@
+"""The protocol-level names of one engine: parameters, state, tables, and what is built in.
+
+Levels above (what a service row offers, a sequence's variables, what just arrived) have this as their last parent.
+It knows no sequences and no wire; the time is told to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any
+
+from framekit.definition.expression.syntax import Call, Expression, LineTime, names_in, walk
+from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.times import LineFormat
+from framekit.link.clock import DEFAULT_START, Clock
+from framekit.link.evaluate import Formula, Names, compile_expression
+from framekit.link.parameters import ParameterError, check_value, given_value
+from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
+
+
+class LineTimes:
+    """`line` of the language: its speed, and how long characters and bits take. On a stream they take no time."""
+
+    __slots__ = ("_bit", "_character", "speed")
+
+    def __init__(self, line: LineFormat | None) -> None:
+        self.speed = 0 if line is None else line.speed
+        self._bit = 0.0 if line is None else 1_000_000_000 / line.speed
+        self._character = 0.0 if line is None else self._bit * line.character_bits
+
+    def chars(self, numerator: int, denominator: int = 1) -> int:
+        """Nanoseconds that numerator / denominator characters take."""
+        return round(self._character * numerator / denominator)
+
+    def bits(self, numerator: int, denominator: int = 1) -> int:
+        """Nanoseconds that numerator / denominator bits take."""
+        return round(self._bit * numerator / denominator)
+
+    def language_attribute(self, name: str) -> int:
+        if name == "speed":
+            return self.speed
+        raise KeyError(name)
+
+
+class Scope(Names):
+    """Names of a protocol's engine. `version` grows whenever a variable or parameter changes."""
+
+    __slots__ = ("_cache", "_fits", "_lasting", "clock", "line", "now", "protocol", "version")
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        *,
+        role: str | None = None,
+        own: Any = None,
+        line: LineFormat | None = None,
+        params: Mapping[str, Any] | None = None,
+        now: int = 0,
+        clock_start: datetime = DEFAULT_START,
+    ) -> None:
+        """Raises ParameterError for unknown parameters and values that do not fit."""
+        super().__init__(formulas={})
+        self.protocol = protocol
+        self.now = now
+        self.version = 0
+        self.clock = Clock(now, clock_start)
+        self.line = LineTimes(line)
+        self._cache: dict[str, tuple[int, Any]] = {}
+        self._lasting: frozenset[str] = frozenset()
+        self.update({name: table_values(table) for name, table in protocol.tables.items()})
+        self.update(role=role or "", line=self.line, own=_own_station(protocol, own))
+        assert self.formulas is not None
+        formulas: dict[str, Formula] = {"now": lambda _: self.now, "clock": lambda _: self.clock.read(self.now)}
+        formulas["station"] = lambda names: names["own"]
+        self.formulas = formulas
+        self._add_parameters(formulas, params or {})
+        self._fits = {name: fit_of(variable.type, variable.values) for name, variable in protocol.state.items()}
+        for variable in protocol.state.values():
+            self[variable.name] = self._start_value(variable)
+
+    # ---- parameters ---------------------------------------------------------------------------------------
+
+    def _add_parameters(self, formulas: dict[str, Formula], given: Mapping[str, Any]) -> None:
+        parameters = self.protocol.params
+        for name in given:
+            if name not in parameters:
+                raise ParameterError(name, f"'{self.protocol.name}' has no such parameter")
+        for name, parameter in parameters.items():
+            value = given_value(parameter, given[name]) if name in given else parameter.is_ or parameter.default
+            if isinstance(value, Expression) and is_constant(value):
+                self[name] = compile_expression(value)(self)
+            elif isinstance(value, Expression):
+                formulas[name] = self._formula(name, value)
+            elif value is not None:
+                self[name] = value
+            elif parameter.type == "list":
+                self[name] = []
+        self._lasting = _lasting({name: item for name, item in parameters.items() if name in formulas}, given)
+
+    def _formula(self, name: str, expression: Expression) -> Formula:
+        """Works a parameter out; kept until something changes unless it depends on the time or an exchange."""
+        evaluate = compile_expression(expression)
+
+        def formula(_: Names) -> Any:
+            found = self._cache.get(name)
+            if found is not None and found[0] == self.version:
+                return found[1]
+            value = evaluate(self)
+            if name in self._lasting:
+                self._cache[name] = (self.version, value)
+            return value
+
+        return formula
+
+    # ---- state --------------------------------------------------------------------------------------------
+
+    def _start_value(self, variable: StateVariable) -> Any:
+        initial = None if variable.initial is None else compile_expression(variable.initial)
+        fit = self._fits[variable.name]
+        if variable.keys is not None:
+            fill = None if initial is None else _filler(initial, fit, self)
+            return StateTable(variable.keys, fit_of(variable.type), fill)
+        if initial is not None:
+            return fit(initial(self))
+        if variable.announced:
+            return None
+        layout = self.protocol.layouts.get(variable.layout or "")
+        if variable.type == "record" and layout is not None:
+            return empty_record(layout.segments)
+        return empty_of(variable.type)
+
+    def is_settable(self, name: str) -> bool:
+        return name in self.protocol.state or name in self.protocol.params or name == "clock"
+
+    def set(self, name: str, value: Any) -> None:
+        """Sets a variable or a parameter. Raises KeyError (no such name), TypeError or ValueError (does not fit)."""
+        fit = self._fits.get(name)
+        if fit is not None:
+            most = self.protocol.state[name].most
+            fitted = fit(value)
+            self[name] = fitted[-most:] if most is not None and type(fitted) is list else fitted
+        elif name == "clock":
+            self.clock.set(value, self.now)
+        else:
+            parameter = self.protocol.params[name]
+            if parameter.is_ is not None:
+                raise ParameterError(name, "it is a formula that nobody sets")
+            check_value(parameter, value)
+            self[name] = fit_of(parameter.type)(value)
+        self.version += 1
+
+    def set_entry(self, name: str, key: Any, value: Any) -> None:
+        """Sets an entry of a table, an item of a list or a field of a record variable."""
+        holder = self[name]
+        if isinstance(holder, StateTable):
+            holder.put(key, value)
+        else:
+            changed = holder.copy()
+            changed[key] = value
+            self[name] = changed
+        self.version += 1
+
+    def drop_entry(self, name: str, key: Any) -> None:
+        """Takes an entry out of a table. Raises KeyError if it has none."""
+        del self[name][key]
+        self.version += 1
+
+    def reset_session(self) -> None:
+        """Session variables return to their start values."""
+        for variable in self.protocol.state.values():
+            if variable.scope == "session":
+                self[variable.name] = self._start_value(variable)
+        self.version += 1
+
+    def published(self) -> dict[str, Any]:
+        """Variables that are shown as status."""
+        return {name: self[name] for name, variable in self.protocol.state.items() if variable.publish}
+
+
+def _own_station(protocol: Protocol, own: Any) -> Any:
+    if own is not None or protocol.station.default is None:
+        return own
+    return compile_expression(protocol.station.default)(Names())
+
+
+def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable[[], Any]:
+    return lambda: fit(initial(scope))
+
+
+_CHANGING = frozenset({"memory", "empty", "full", "with_date"})
+
+
+def _lasting(formulas: Mapping[str, Parameter], given: Mapping[str, Any]) -> frozenset[str]:
+    """Parameters whose formulas depend only on parameters, state, tables and the line, so that results can be kept."""
+
+    def passing(name: str) -> bool:
+        expression = formulas[name].is_ or formulas[name].default
+        if name in given or expression is None:
+            return True
+        calls = {node.function for node in walk(expression.root) if isinstance(node, Call)}
+        return not calls & _CHANGING and not names_in(expression.root) & changing
+
+    changing = {"now", "clock", "station", "request", "buffer"}
+    while fresh := {name for name in formulas if name not in changing and not passing(name)}:
+        changing |= fresh
+    return frozenset(formulas) - changing
+
+
+def is_constant(expression: Expression) -> bool:
+    """Whether an expression reads nothing at all, so that it can be worked out once."""
+    return not names_in(expression.root) and not any(
+        isinstance(node, LineTime) or (isinstance(node, Call) and node.function in _CHANGING)
+        for node in walk(expression.root)
+    )
