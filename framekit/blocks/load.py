@@ -86,7 +86,9 @@ class RunLoader:
     def _profile(self) -> MemoryProfile:
         node = self.root.get("memory")
         if node is None:
-            raise self.reader.broken(self.root.at, "the run has no memory", "add memory: with a profile's name or areas")
+            raise self.reader.broken(
+                self.root.at, "the run has no memory", "add memory: with a profile's name or areas"
+            )
         try:
             if isinstance(node, Mapping):
                 return load_profile_node(node, self.path.parent)
@@ -114,7 +116,9 @@ class RunLoader:
             role = role or next((name for name in ("client", "master", "full") if name in protocol.roles), None)
             if role not in protocol.roles:
                 at = keys.get("role") or entry.key
-                raise reader.broken(at.at, f"'{protocol.name}' has no role '{role}'", did_you_mean(role or "", protocol.roles))
+                raise reader.broken(
+                    at.at, f"'{protocol.name}' has no role '{role}'", did_you_mean(role or "", protocol.roles)
+                )
         pause = keys.get("pause")
         return Channel(
             number=reader.number(entry.key),
@@ -202,7 +206,9 @@ class RunLoader:
                         entry.key.at, f"there is no block {number}", f"blocks are numbered 0 to {MOST_BLOCKS - 1}"
                     )
                 found.append(loader.block(number, 1, entry))
-        loader.check_ends({block.number for block in found} | {int(e.key.text) for e in entries if e.key.text.isdigit()})
+        loader.check_ends(
+            {block.number for block in found} | {int(e.key.text) for e in entries if e.key.text.isdigit()}
+        )
         return tuple(found)
 
 

@@ -177,7 +177,9 @@ class BlockLoader:
         assert node is not None
         name = reader.text(node)
         if name not in protocol.frames:
-            raise reader.broken(node.at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
+            raise reader.broken(
+                node.at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames)
+            )
         fields = {part.name: part for part in protocol.frames[name].segments if isinstance(part, (Data, Field))}
         data: dict[str, Place] = {
             field: self.place(Scalar(part.memory, part.at, False)) for field, part in fields.items() if part.memory

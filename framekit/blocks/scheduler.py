@@ -19,7 +19,7 @@ from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 
 LEVEL_PAUSE = 1_000_000
-"""A `while` block starts again at the earliest 1 ms after it ended, so that one that fails at once can't stop the rest."""
+"""A `while` block starts again 1 ms after it ended at the earliest, so that one that fails at once stops nobody."""
 
 
 class BlockState:

@@ -17,7 +17,6 @@ from framekit.memory.memory import DeviceMemory
 Fire = Callable[[Block], None]
 
 
-
 def words_of(address: Address, element_bits: int, count: int = 1) -> tuple[int, int]:
     """First word and number of words that `count` elements of `element_bits` at an address lie in."""
     first = address.start * element_bits // 16

@@ -106,7 +106,9 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
     """Rows in columns, left-aligned, under a head."""
     lines = [list(head), *[list(row) for row in rows]]
     widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
-    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines)
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+    )
 
 
 def print_json(value: Any) -> None:

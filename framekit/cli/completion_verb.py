@@ -8,7 +8,9 @@ from framekit.cli.main import Failure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="which shell; put the output where it reads such scripts")
+    parser.add_argument(
+        "shell", choices=("bash", "zsh", "tcsh"), help="which shell; put the output where it reads such scripts"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

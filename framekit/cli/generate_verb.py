@@ -10,7 +10,9 @@ from framekit.cli.main import Failure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", choices=("python",), help="python: a module of plain functions, usable without framekit")
+    parser.add_argument(
+        "what", choices=("python",), help="python: a module of plain functions, usable without framekit"
+    )
     add_protocol(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write it; default: standard output")
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from framekit.definition.check import check_protocol
 from framekit.definition.load.documents import Documents, find_definition
 from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Broken, Reader
@@ -26,6 +27,7 @@ def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
     protocol = None
     with suppress(Broken):
         protocol = ProtocolLoader(reader, documents, documents.source(path)).load()
+        reader.problems.extend(check_protocol(protocol))
     problems = documents.first_words(reader.problems)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)

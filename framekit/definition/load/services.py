@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.scalars import parse_constant
 from framekit.definition.load.sections import literal_or_expression
@@ -18,10 +19,11 @@ from framekit.definition.model.services import (
     ServeWork,
     ServiceRow,
 )
-from framekit.definition.model.values import Constant
+from framekit.definition.model.values import Constant, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import did_you_mean
 
+UNIT_WORDS = (*UNIT_BITS, "own")
 AREA_KEYS = {"unit", "size", "access", "code", "memory", "layout", "about"}
 
 
@@ -115,7 +117,7 @@ class ServiceLoader:
             reply=self._replies(keys.get("reply")),
             packing=self._packing(keys.get("packing")),
             gives=values.fields(keys.get("gives")),
-            run=reader.maybe(reader.expression, keys.get("run")),
+            run=self._run(keys.get("run")),
             back=values.expressions(keys.get("back")),
             refuse=tuple(self.refusal(item) for item in reader.items(keys.get("refuse"))),
             serve=None if serve is None else self._work(serve),
@@ -160,25 +162,42 @@ class ServiceLoader:
         reader, keys = self.reader, self.reader.mapping(node)
         return Refusal(when=reader.expression(keys.get("when")), code=reader.expression(keys.get("code")), at=keys.at)
 
+    def _word_or_value(self, key: str, node: Node) -> Value:
+        """Areas, units and the name of an item are written as bare words; everything else is a value."""
+        if isinstance(node, Scalar):
+            areas = self.values.space.section("areas")
+            word = key == "as" or (key == "unit" and node.text in UNIT_WORDS) or (key == "area" and node.text in areas)
+            if word:
+                return Expression(node.text, Text(node.at, node.text))
+        return self.values.value(node)
+
+    def _run(self, node: Node | None) -> Expression | None:
+        """The sequence to run: its bare name, or an expression that gives it."""
+        if isinstance(node, Scalar) and node.text in self.values.space.section("sequences"):
+            return Expression(node.text, Text(node.at, node.text))
+        return self.reader.maybe(self.reader.expression, node)
+
     def _work(self, node: Node) -> ServeWork:
         reader, values, keys = self.reader, self.values, self.reader.mapping(node)
 
-        def fields(key: str) -> dict[str, object] | None:
-            part = keys.get(key)
-            return None if part is None else dict(values.fields(part))
+        def fields(key: str) -> dict[str, Value] | None:
+            entries = None if keys.get(key) is None else reader.entries(keys.get(key))
+            if entries is None:
+                return None
+            return {entry.key.text: self._word_or_value(entry.key.text, entry.value) for entry in entries}
 
         read = keys.get("read")
         return ServeWork(
             let=values.fields(keys.get("let")),
-            write=fields("write"),  # type: ignore[arg-type]
-            span=fields("span"),  # type: ignore[arg-type]
+            write=fields("write"),
+            span=fields("span"),
             update=reader.maybe(reader.expression, keys.get("update")),
             set=values.settings(keys.get("set")),
-            drop=fields("drop"),  # type: ignore[arg-type]
-            read=reader.expression(read) if isinstance(read, Scalar) else fields("read"),  # type: ignore[arg-type]
+            drop=fields("drop"),
+            read=reader.expression(read) if isinstance(read, Scalar) else fields("read"),
             each=reader.maybe(reader.expression, keys.get("each")),
             each_as=reader.maybe(reader.text, keys.get("as")),
-            block=fields("block"),  # type: ignore[arg-type]
+            block=fields("block"),
             at=keys.at,
         )
 

@@ -1,0 +1,190 @@
+"""Names in expressions: every bare word must mean something where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from typing import Any
+
+from framekit.definition.expression.syntax import Attribute, Expression, Name, walk
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.procedure import Action, Row, Sequence, Step
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Bits, Choose, Optional, Record, Repeat, Segment, Wrap
+from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.visit import expressions_of
+from framekit.definition.problems import Problem, did_you_mean
+
+BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
+EXCHANGE = frozenset({"request", "reply", "buffer", "reply_buffer", "expected", "refusal"})
+ARRIVED = frozenset({"it", "part", "cause", "outcome", "frame"})
+OFFERED = frozenset({
+    "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
+    "element_bytes", "spans", "old", "key", "entry",
+})  # fmt: skip
+OF_EVERY_FRAME = frozenset({"frame", "refusal"})
+
+
+class NameChecker:
+    """Checks the names of one protocol; `globally` are those that exist everywhere in it."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        self.globally = BUILT_IN | protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
+        self.globally |= protocol.queues.keys()
+        self.problems: list[Problem] = []
+
+    def check(self) -> list[Problem]:
+        """Problems of all expressions in the protocol."""
+        protocol = self.protocol
+        for frame in protocol.frames.values():
+            self._segments(frame.segments, EXCHANGE)
+            self._expressions(frame.announces, field_names(frame.segments))
+        for layout in protocol.layouts.values():
+            self._segments(layout.segments, EXCHANGE)
+        self._expressions([*protocol.params.values(), *protocol.state.values()], EXCHANGE)
+        self._expressions([protocol.line, protocol.receiver, *protocol.sessions.values()], ())
+        self._expressions(protocol.roles, EXCHANGE)
+        for sequence in protocol.sequences.values():
+            self._sequence(sequence)
+        for rows in protocol.services.values():
+            for row in rows:
+                self._service(row)
+        self._expressions(protocol.server_refusals, EXCHANGE)
+        self._expressions([method.expression for method in protocol.checks.values()], {"acc", "byte"})
+        self._errors()
+        return self.problems
+
+    # ---- one expression -----------------------------------------------------------------------------------
+
+    def _expressions(self, holder: Any, local: Collection[str]) -> None:
+        known = self.globally | set(local)
+        for expression in expressions_of(holder):
+            self._names(expression, known)
+
+    def _names(self, expression: Expression, known: Collection[str]) -> None:
+        for node in walk(expression.root):
+            if isinstance(node, Name) and node.name not in known:
+                quote = f"write '{node.name}' in quotes if text is meant"
+                self.problems.append(
+                    Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known) or quote)
+                )
+
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    def _segments(self, segments: tuple[Segment, ...], outer: Collection[str]) -> None:
+        known = set(outer) | field_names(segments)
+        for segment in flat(segments):
+            self._expressions(_without_parts(segment), known)
+            if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
+                self._segments(segment.of, known)
+
+    # ---- procedure ----------------------------------------------------------------------------------------
+
+    def _sequence(self, sequence: Sequence) -> None:
+        local = EXCHANGE | ARRIVED | set(sequence.takes) | sequence.local.keys()
+        self._expressions(sequence.gives, local)
+        self._expressions([sequence.always, sequence.handlers], local)
+        for step in sequence.steps:
+            self._expressions(step, local)
+            self._targets(step, local)
+            for row in step.receive or ():
+                self._row(row)
+        for row in sequence.always:
+            self._row(row)
+
+    def _targets(self, step: Step, local: Collection[str]) -> None:
+        """What `set` writes must be a variable; parameters and the clock may be set too."""
+        known = set(local) | self.protocol.state.keys() | self.protocol.params.keys() | {"clock"}
+        actions: list[Action | Step] = [step, *(step.receive or ()), *(step.branch or ())]
+        actions += [action for handler in step.handlers.values() for action in handler]
+        for action in actions:
+            for target, _ in action.set:
+                if target.name not in known:
+                    what = f"there is no variable '{target.name}' to set"
+                    self.problems.append(Problem(action.at, what, did_you_mean(target.name, known)))
+
+    def _row(self, row: Row) -> None:
+        """`it.field` must be a field of a frame that the row takes."""
+        frames = [self.protocol.frames[name] for name in row.frames if name in self.protocol.frames]
+        if not frames or row.expected:
+            return
+        fields = set().union(*(field_names(frame.segments) for frame in frames)) | OF_EVERY_FRAME
+        for expression in expressions_of(row):
+            for node in walk(expression.root):
+                if isinstance(node, Attribute) and node.value == Name(node.value.at, "it") and node.name not in fields:
+                    names = ", ".join(f"'{frame.name}'" for frame in frames[:3])
+                    what = f"no frame of this row has a field '{node.name}' ({names})"
+                    self.problems.append(Problem(node.at, what, did_you_mean(node.name, fields)))
+
+    # ---- services -----------------------------------------------------------------------------------------
+
+    def _service(self, row: ServiceRow) -> None:
+        local = set(EXCHANGE | OFFERED) | {argument.name for argument in row.takes}
+        if row.service in ("read", "write") or row.most_variables:
+            local |= {name for form in self.protocol.addresses for name in form.results}
+            local |= {name for form in self.protocol.addresses for name in part_names(form.parts)}
+        if row.serve is not None:
+            local |= row.serve.let.keys()
+            if row.serve.each_as:
+                local.add(row.serve.each_as)
+            for part in (row.serve.read, row.serve.span):
+                alias = part.get("as") if isinstance(part, dict) else None
+                if isinstance(alias, Expression):
+                    local.add(alias.text)
+        self._expressions(row, local)
+
+    def _errors(self) -> None:
+        errors = self.protocol.errors
+        if errors is None:
+            return
+        fields: set[str] = set()
+        for name in self.protocol.frames_of(errors.frame) if errors.frame else ():
+            fields |= field_names(self.protocol.frames[name].segments)
+        self._expressions(errors, fields | EXCHANGE | {"code"})
+
+
+def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """Segments whose fields belong to one level: those inside wraps, choices and optional parts too."""
+    for segment in segments:
+        yield segment
+        if isinstance(segment, (Wrap, Optional)):
+            yield from flat(segment.of)
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                yield from flat(case)
+            yield from flat(segment.otherwise or ())
+
+
+def field_names(segments: Iterable[Segment]) -> set[str]:
+    """The names that values of these segments have."""
+    found: set[str] = set()
+    for segment in flat(segments):
+        if isinstance(segment, Bits):
+            found |= {part.name for part in segment.parts}
+        elif segment.name is not None and not segment.name.startswith("_"):
+            found.add(segment.name)
+    return found
+
+
+def part_names(parts: Iterable[Any]) -> Iterator[str]:
+    """The names of the parts of an address form."""
+    for part in parts:
+        if hasattr(part, "parts"):
+            yield from part_names(part.parts)
+        elif hasattr(part, "name"):
+            yield part.name
+
+
+def _without_parts(segment: Segment) -> list[Any]:
+    """What a segment says itself, without the segments it holds (they are checked on their own)."""
+    parts = [
+        getattr(segment, name)
+        for name in segment.__dataclass_fields__
+        if name not in ("of", "cases", "otherwise", "method")
+    ]
+    return [part for part in parts if part is not None]
+
+
+def frame_fields(frame: Frame) -> set[str]:
+    """The field names of a frame."""
+    return field_names(frame.segments)

@@ -1,0 +1,146 @@
+"""Binds one engine to one port and a clock: events in, commands out, at the times the engine asks for.
+
+Nothing from the wire may raise out of here. A lost port is reopened with back-off. What the engine does is not known.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping
+
+from framekit.definition.times import NEVER
+from framekit.link.engine import Engine
+from framekit.link.events import Break, CharacterFault, Command, Reopen, Send, SetRts
+from framekit.transport.clock import Clock, Handle
+from framekit.transport.port import Port
+
+FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
+
+log = logging.getLogger(__name__)
+
+
+class Driver:
+    """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails."""
+
+    def __init__(self, engine: Engine, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None) -> None:
+        self.engine = engine
+        self.port = port
+        self.clock = clock
+        self.on_state = on_state or (lambda text: None)
+        self.is_open = False
+        self.stopped = False
+        self.reopenings = 0
+        self._pending: deque[Command] = deque()
+        self._timer: Handle | None = None
+        self._timer_at = NEVER
+        self._send_timer: Handle | None = None
+        self._retry = FIRST_RETRY
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Opens the port; it goes on trying until `stop`."""
+        self.port.open(self)
+
+    def stop(self) -> None:
+        """Closes the port and forgets what was to be sent."""
+        self.stopped = True
+        self._pending.clear()
+        for timer in (self._timer, self._send_timer):
+            if timer is not None:
+                timer.cancel()
+        self.port.close()
+
+    def do(self, action: Callable[[int], list[Command]]) -> None:
+        """Runs something that talks to the engine (an exchange started, say) and carries out what comes of it."""
+        self._carry_out(action(self.clock.now()))
+
+    # ---- events of the port -------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self.is_open = True
+        self._retry = FIRST_RETRY
+        self.on_state("open")
+        self._carry_out(self.engine.opened(now))
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self._carry_out(self.engine.receive(data, now, faults))
+
+    def line_break(self, now: int) -> None:
+        self._carry_out(self.engine.line_break(now))
+
+    def sent(self, now: int) -> None:
+        self._carry_out(self.engine.sent(now))
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        self._carry_out(self.engine.control(dict(lines), now))
+
+    def closed(self, now: int, reason: str) -> None:
+        """The port is gone: the engine is told, and the port is opened again after a while."""
+        self.is_open = False
+        self._pending.clear()
+        if self.stopped:
+            return
+        log.info("%s: closed (%s), trying again in %.1f s", self.port.name, reason, self._retry / 1e9)
+        self.on_state(reason)
+        self._carry_out(self.engine.closed(now, reason))
+        self.clock.call_at(now + self._retry, self._reopen)
+        self._retry = min(2 * self._retry, LONGEST_RETRY)
+
+    def _reopen(self) -> None:
+        if not self.stopped and not self.is_open:
+            self.reopenings += 1
+            self.port.open(self)
+
+    # ---- commands -----------------------------------------------------------------------------------------
+
+    def _carry_out(self, commands: list[Command]) -> None:
+        if commands:
+            self._pending.extend(commands)
+            self._next_commands()
+        self._set_timer()
+
+    def _next_commands(self) -> None:
+        """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
+        while self._pending:
+            command = self._pending[0]
+            wait_until = getattr(command, "not_before", 0)
+            if wait_until > self.clock.now():
+                if self._send_timer is not None:
+                    self._send_timer.cancel()
+                self._send_timer = self.clock.call_at(wait_until, self._next_commands)
+                return
+            self._pending.popleft()
+            self._one(command)
+
+    def _one(self, command: Command) -> None:
+        match command:
+            case Send(data=data):
+                self.port.write(data)
+            case Break(duration=duration):
+                self.port.send_break(duration)
+            case SetRts(on=on):
+                self.port.set_rts(on)
+            case Reopen(reason=reason):
+                self.port.close()
+                self.closed(self.clock.now(), reason)
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def _set_timer(self) -> None:
+        """One timer on the clock, moved only when the engine wants an earlier call, or a later one once it has rung."""
+        deadline = self.engine.deadline
+        if deadline == self._timer_at and self._timer is not None:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._timer_at = deadline
+        if deadline < NEVER and not self.stopped:
+            self._timer = self.clock.call_at(deadline, self._ring)
+
+    def _ring(self) -> None:
+        self._timer = None
+        self._timer_at = NEVER
+        self._carry_out(self.engine.tick(self.clock.now()))
