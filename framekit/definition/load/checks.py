@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from framekit.definition.load.namespace import Namespace
 from framekit.definition.load.reader import Reader
+from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
 from framekit.definition.nodes import Mapping, Node, Sequence
 
@@ -32,7 +33,7 @@ def load_check_segment(space: Namespace, keys: Mapping, common: dict[str, Any]) 
         span=span,
         form=form,
         order="little" if order == "little" else "big",
-        size=_size(method.width, form) if size is None else reader.number(size),
+        size=_size(method, form) if size is None else reader.number(size),
         verify=VERIFY[reader.maybe(reader.text, keys.get("verify")) or "error"],
         **common,
     )
@@ -50,8 +51,8 @@ def _range(reader: Reader, node: Node | None) -> tuple[tuple[str, ...] | None, t
     return None, (first.strip(), last.strip())
 
 
-def _size(width: int, form: Form) -> int:
-    """Bytes on the wire of a check code of `width` bits."""
+def _size(method: CheckMethod, form: Form) -> int:
+    """Bytes on the wire of a check code."""
     if form == "dec":
-        return len(str((1 << width) - 1))
-    return (width + 7) // 8 * (1 if form == "raw" else 2)
+        return len(str((1 << method.width) - 1))
+    return method.size * (1 if form == "raw" else 2)

@@ -38,7 +38,14 @@ def _table_value(reader: Reader, node: Node) -> TableValue:
 
 def load_check(reader: Reader, entry: Entry) -> CheckMethod:
     """`{method: sum8, complement: twos}`, `{fold: EXPR, initial: N}` or the parameters of a CRC. Raises Broken."""
-    node = reader.mapping(entry.value)
+    method = _method(reader, entry, reader.mapping(entry.value))
+    fault = method.fault()
+    if fault is not None:
+        raise reader.broken(entry.key.at, f"the check '{entry.key.text}' cannot be computed: {fault}")
+    return method
+
+
+def _method(reader: Reader, entry: Entry, node: Mapping) -> CheckMethod:
     name = entry.key.text
     if (fold := node.get("fold")) is not None:
         initial = reader.maybe(reader.number, node.get("initial")) or 0
@@ -81,6 +88,6 @@ def _crc(reader: Reader, name: str, node: Mapping) -> CheckMethod:
         poly=number("poly", 0),
         initial=number("init", 0),
         refin=reader.flag(node.get("refin")),
-        refout=reader.flag(node.get("refout")),
+        refout=reader.flag(node.get("refout"), default=reader.flag(node.get("refin"))),
         xorout=number("xorout", 0),
     )
