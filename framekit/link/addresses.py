@@ -1,0 +1,152 @@
+"""Addresses as users write them, and the places they mean: `%MW100`, `40010`, `N7:0`, `T4:2.ACC`, `%R3`.
+
+The grammar takes forms, areas and tables, so it serves protocols and memory profiles alike; it knows neither. Places
+are counted in units over the whole area, from 0. Language reference, section 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from framekit.definition.model.services import AddressForm, Area
+from framekit.definition.model.values import Table
+from framekit.definition.problems import did_you_mean
+from framekit.link.address_forms import FormMatcher
+from framekit.link.area_view import AreaView, area_views
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.variables import table_values
+from framekit.memory.numbers import unit_bits
+
+
+class AddressError(ValueError):
+    """A text that is no address, or a place that is not there. The message is one sentence with what is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Element `start` of `area`, counted from 0 in `unit`. `parts` are the other things the text says, by name."""
+
+    area: str
+    unit: str
+    start: int
+    text: str = ""
+    parts: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @property
+    def unit_bits(self) -> int:
+        """Width of one element."""
+        return unit_bits(self.unit)
+
+    @property
+    def first_bit(self) -> int:
+        """Bits of the area before this place."""
+        return self.start * self.unit_bits
+
+    def __str__(self) -> str:
+        return self.text or f"{self.unit} {self.start} of {self.area}"
+
+
+class AddressGrammar:
+    """Forms of addresses over areas. Raises ValueError for a form that does not say where a place is."""
+
+    def __init__(self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
+        self.areas = areas
+        self.views: dict[str, AreaView] = area_views(areas, tables)
+        self._tables = Names({name: table_values(table) for name, table in tables.items()})
+        self._forms = [FormMatcher(form, areas, tables) for form in forms]
+        self._wire = [form for form in self._forms if form.form.wire]
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """The place that `text` names; with `unit`, the same place counted in that unit.
+
+        Raises AddressError for what no form takes, for a place that is not at a multiple of `unit`, and, with `check`,
+        for a place beyond the area.
+        """
+        text = text.strip()
+        for form in self._forms:
+            for area, parts in form.match(text):
+                try:
+                    address = self._address(form, area, parts, text)
+                except EVALUATION_ERRORS:
+                    continue
+                if unit is not None:
+                    address = self.in_unit(address, unit)
+                if check:
+                    self.check(address)
+                return address
+        raise AddressError(self._unknown(text))
+
+    def _address(self, form: FormMatcher, area: str | None, parts: dict[str, Any], text: str) -> Address:
+        known = self._tables if area is None else Names({"area": self.views[area]}, self._tables)
+        found = form.evaluate(parts, known)
+        if form.area_of is not None:
+            area = str(form.area_of(Names(found, known)))
+        if area is None or area not in self.areas:
+            raise KeyError(area)
+        unit = found.pop("unit", None) or form.form.unit or self.areas[area].unit
+        unit_bits(unit)
+        return Address(area, unit, found.pop("start"), text, found)
+
+    def _unknown(self, text: str) -> str:
+        forms = ", ".join(form.form.text for form in self._forms)
+        areas = ", ".join(self.areas)
+        hint = did_you_mean(text, self.areas) if text.isalpha() else ""
+        return f"'{text}' is not an address" + (f" – {hint}" if hint else f" – forms: {forms}; areas: {areas}")
+
+    def check(self, address: Address, count: int = 1) -> None:
+        """Raises AddressError if any of `count` elements is beyond the area."""
+        area, width = self.areas[address.area], address.unit_bits
+        there = area.size * area.element_bits // width
+        if address.start < 0 or address.start + count > there:
+            has = f"{address.unit} 0 to {there - 1}" if there else f"no whole {address.unit}"
+            asked = str(address) if count == 1 else f"{count} × {address.unit} from {address} on"
+            raise AddressError(f"{asked} is not in area {address.area}, which has {has}")
+
+    # ---- places -------------------------------------------------------------------------------------------
+
+    def in_unit(self, address: Address, unit: str) -> Address:
+        """The same place counted in another unit. Raises AddressError if it is not at a multiple of that."""
+        if unit == address.unit:
+            return address
+        try:
+            width = unit_bits(unit)
+        except ValueError as error:
+            raise AddressError(str(error)) from None
+        start, over = divmod(address.first_bit, width)
+        if over:
+            raise AddressError(f"{address} is not at the start of a {unit}")
+        return replace(address, unit=unit, start=start)
+
+    def advance(self, address: Address, elements: int) -> Address:
+        """The place `elements` further on, with the text of that; what else the address says stays."""
+        moved = replace(address, start=address.start + elements, text="")
+        return replace(moved, text=self._written(moved) or "")
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    def print(self, address: Address) -> str:
+        """The text of a place, in the form marked `wire`, else in the first that can show it. Raises AddressError."""
+        text = self._written(address)
+        if text is None:
+            raise AddressError(f"{address} cannot be written in any of these forms: {self._form_texts}")
+        return text
+
+    def can_print(self, area: str, unit: str) -> bool:
+        """Whether a form marked `wire` shows places of this area and unit."""
+        return any(form.can_print(area, unit) for form in self._wire)
+
+    def _written(self, address: Address) -> str | None:
+        names = Names({"area": self.views[address.area]}, self._tables)
+        for form in self._wire or self._forms:
+            text = form.print(address.area, address.unit, address.start, address.parts, names)
+            if text is not None:
+                return text
+        return None
+
+    @property
+    def _form_texts(self) -> str:
+        return ", ".join(form.form.text for form in self._wire or self._forms)

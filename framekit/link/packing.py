@@ -1,0 +1,139 @@
+"""Elements of a transfer as they stand in the data bytes of a frame, and as device memory holds them.
+
+The form between both is memory's own: little-endian elements one after the other, bits packed with the first in bit 0.
+It knows no areas and no frames. Language reference, section 11 (packing).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from framekit.codec.support import span, swap
+from framekit.definition.model.services import Packing
+from framekit.memory.errors import MemoryValueError
+from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
+
+
+class PackingError(ValueError):
+    """Data bytes that do not hold what was asked for."""
+
+
+class Packer:
+    """One unit in one packing. Counts and starts are in units.
+
+    `data` is what stands in the frame, `memory` the same elements in memory's form.
+    """
+
+    __slots__ = ("bits", "bits_form", "little", "unit")
+
+    def __init__(self, packing: Packing, unit: str) -> None:
+        self.unit = unit
+        self.bits = unit_bits(unit)
+        self.bits_form = packing.bits
+        self.little = packing.order == "little"
+
+    def size(self, start: int, count: int) -> int:
+        """Data bytes that `count` elements from `start` on take."""
+        if self.bits > 1:
+            return count * self.bits // 8
+        if self.bits_form == "byte_each":
+            return count
+        return span(start, count) if self.bits_form == "aligned" else (count + 7) // 8
+
+    def most(self, start: int, data_bytes: int) -> int:
+        """How many elements from `start` on fit into so many data bytes."""
+        if self.bits > 1:
+            return data_bytes * 8 // self.bits
+        if self.bits_form == "byte_each":
+            return data_bytes
+        return max(0, data_bytes * 8 - (start % 8 if self.bits_form == "aligned" else 0))
+
+    def count_in(self, start: int, data_bytes: int) -> int:
+        """The elements that exactly fill so many data bytes. Raises PackingError if none do."""
+        count = self.most(start, data_bytes)
+        if self.size(start, count) != data_bytes:
+            raise PackingError(f"{data_bytes} bytes are no whole number of {self.unit} elements")
+        return count
+
+    # ---- data bytes and memory ----------------------------------------------------------------------------
+
+    def to_data(self, memory: bytes, start: int, count: int) -> bytes:
+        """The data bytes of elements in memory's form."""
+        if self.bits > 8:
+            return memory if self.little else self._swapped(memory)
+        if self.bits == 8 or self.bits_form == "packed":
+            return memory
+        if self.bits_form == "byte_each":
+            return bytes(unpack_bits(memory, count))
+        shifted = int.from_bytes(memory, "little") << start % 8
+        return shifted.to_bytes(span(start, count), "little")
+
+    def to_memory(self, data: bytes, start: int, count: int) -> bytes:
+        """The elements in memory's form; bits that are none of them are 0.
+
+        Raises PackingError for data of another size than `size(start, count)`, and for a byte that is no bit.
+        """
+        wanted = self.size(start, count)
+        if len(data) != wanted:
+            raise PackingError(f"{count} × {self.unit} take {wanted} bytes, not {len(data)}")
+        if self.bits > 8:
+            return data if self.little else self._swapped(data)
+        if self.bits == 8:
+            return data
+        if self.bits_form == "byte_each":
+            return _packed(list(data))
+        number = int.from_bytes(data, "little") >> (start % 8 if self.bits_form == "aligned" else 0)
+        return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
+
+    def _swapped(self, data: bytes) -> bytes:
+        size = self.bits // 8
+        if size in (2, 4, 8):
+            return swap(data, size)
+        return b"".join([data[at : at + size][::-1] for at in range(0, len(data), size)])
+
+
+def cut_memory(memory: bytes, first_bit: int, bits: int) -> bytes:
+    """Part of data in memory's form: `bits` bits from bit `first_bit` on."""
+    if first_bit % 8 == 0 and bits % 8 == 0:
+        return memory[first_bit // 8 : (first_bit + bits) // 8]
+    number = int.from_bytes(memory, "little") >> first_bit & ((1 << bits) - 1)
+    return number.to_bytes((bits + 7) // 8, "little")
+
+
+def join_memory(pieces: Sequence[tuple[bytes, int]]) -> bytes:
+    """Pieces of memory's form, each with its number of bits, one behind the other without gaps."""
+    if all(bits % 8 == 0 for _, bits in pieces[:-1]):
+        return b"".join([data for data, _ in pieces])
+    number = place = 0
+    for data, bits in pieces:
+        number |= int.from_bytes(data, "little") << place
+        place += bits
+    return number.to_bytes((place + 7) // 8, "little")
+
+
+def values_of(memory: bytes, unit: str, count: int) -> list[int]:
+    """Elements in memory's form as unsigned numbers."""
+    bits = unit_bits(unit)
+    if bits == 1:
+        return unpack_bits(memory, count)
+    size = bits // 8
+    return [int.from_bytes(memory[at : at + size], "little") for at in range(0, count * size, size)]
+
+
+def memory_of(values: Sequence[int], unit: str) -> bytes:
+    """Unsigned numbers, or negative ones as two's complement, in memory's form. Raises PackingError."""
+    bits = unit_bits(unit)
+    if bits == 1:
+        return _packed(values)
+    least, most = -(1 << bits - 1), (1 << bits) - 1
+    for value in values:
+        if not isinstance(value, int) or not least <= value <= most:
+            raise PackingError(f"{value!r} does not fit into a {unit}: 0 to {most}")
+    return b"".join([(value & most).to_bytes(bits // 8, "little") for value in values])
+
+
+def _packed(bits: Sequence[int]) -> bytes:
+    try:
+        return pack_bits(bits)
+    except MemoryValueError as error:
+        raise PackingError(str(error)) from None
