@@ -53,9 +53,7 @@ class DeviceMemory:
         """`count` unsigned values of `unit`, from number `start` on."""
         return self.area(area).read(unit, start, count)
 
-    def write(
-        self, area: str, unit: str | int, start: int, values: Sequence[int], *, force: bool = False
-    ) -> None:
+    def write(self, area: str, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
         """Puts unsigned values at number `start` on; all or none."""
         self.area(area).write(unit, start, values, force=force)
 

@@ -47,6 +47,14 @@ class FixedBit:
 
 
 @dataclass(frozen=True, slots=True)
+class NamedPlace:
+    """A place that has a name of its own; `address` as it is written."""
+
+    address: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
 class BlockItem:
     """`words` words, or one `bit`, from word `word` of a block's words on; `unit` is how they are read."""
 
@@ -84,7 +92,10 @@ class BlockWords:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryProfile:
-    """Everything a profile says. `scan` is how long a scan counts, in nanoseconds."""
+    """Everything a profile says. `scan` is how long a scan counts, in nanoseconds.
+
+    Of the file's `flags`, those that are addresses are in `named`, those that are words of blocks in `flags`.
+    """
 
     name: str
     about: str
@@ -95,6 +106,7 @@ class MemoryProfile:
     clocks: tuple[ClockBit, ...]
     fixed: tuple[FixedBit, ...]
     scan: int
+    named: Mapping[str, NamedPlace]
     flags: Mapping[str, BlockWords]
     at: Position
 

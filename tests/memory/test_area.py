@@ -110,7 +110,14 @@ def test_area_of_bits_keeps_to_its_size() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "start", "values"),
-    [("word", 4, [0]), ("word", 3, [0, 0]), ("word", -1, [0]), ("lword", 1, [0]), ("bit", 64, [0]), ("byte", 7, [0] * 2)],
+    [
+        ("word", 4, [0]),
+        ("word", 3, [0, 0]),
+        ("word", -1, [0]),
+        ("lword", 1, [0]),
+        ("bit", 64, [0]),
+        ("byte", 7, [0, 0]),
+    ],
 )
 def test_nothing_is_written_beyond_the_area(unit: str, start: int, values: list[int]) -> None:
     area = Area("M", size=4)

@@ -37,6 +37,7 @@ def system(
         clocks=tuple(ClockBit(address, period, NOWHERE) for address, period in clocks.items()),
         fixed=tuple(FixedBit(address, kind, NOWHERE) for address, kind in (fixed or {}).items()),
         scan=10 * MS,
+        named={},
         flags={},
         at=NOWHERE,
     )

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from framekit.definition.nodes import Mapping, read_nodes
 from framekit.definition.problems import DefinitionError, Position
 from framekit.memory.errors import AccessError
-from framekit.memory.load import load_profile
+from framekit.memory.load import load_profile, load_profile_node
+from framekit.memory.profile import MemoryProfile
 
 GOOD = """\
 memory: bench
@@ -20,6 +22,7 @@ scan: 5 ms
 clocks: {M00000: 1 s}
 fixed: {M00001: on, M00002: every_scan}
 flags:
+  ready: M00003
   status:
     {area: M, first: 2, words: 3, sets: 2, blocks: 2, items: {done: {word: 0, bit: 1}, count: {word: 1, unit: dword}}}
 """
@@ -41,6 +44,7 @@ def test_a_profile_says_all_there_is_to_a_memory(tmp_path: Path) -> None:
     assert [(clock.address, clock.period) for clock in profile.clocks] == [("M00000", 1_000_000_000)]
     assert [(bit.address, bit.kind) for bit in profile.fixed] == [("M00001", "on"), ("M00002", "every_scan")]
     assert [form.text for form in profile.addresses] == ["{area}{start:dec}"]
+    assert {name: flag.address for name, flag in profile.named.items()} == {"ready": "M00003"}
     memory = profile.create()
     memory.write("flags", "word", 15, [1])
     assert memory.read("M", "word", 15) == [1]
@@ -77,6 +81,44 @@ def test_names_are_looked_for_beside_the_file_and_among_the_shipped(tmp_path: Pa
         load_profile("link", inner)
 
 
+def in_place(folder: Path, text: str) -> MemoryProfile:
+    path = folder / "run.yaml"
+    path.write_text(text)
+    root = read_nodes(path)
+    assert isinstance(root, Mapping)
+    node = root.get("memory")
+    assert isinstance(node, Mapping)
+    return load_profile_node(node, folder)
+
+
+def test_a_profile_written_in_place(tmp_path: Path) -> None:
+    profile = in_place(tmp_path, "memory:\n  areas: {M: {size: 8}}\n  set: {M0: 1}\n")
+    assert (profile.name, profile.areas["M"].unit, profile.scan) == ("", "word", 10_000_000)
+    assert [form.text for form in profile.addresses] == ["{area}{start:dec}"]
+    assert profile.create().read("M", "word", 0, 8) == [0] * 8
+
+
+def test_a_profile_written_in_place_on_top_of_another(tmp_path: Path) -> None:
+    areas = "areas: {D: {size: 20000}, X: {unit: byte, size: 3}}"
+    small = in_place(tmp_path, f"memory:\n  profile: masterlogic\n  {areas}\n  clocks: {{F00093: 2 s}}\n")
+    whole = load_profile("masterlogic")
+    assert (small.name, small.areas["D"].size, small.areas["D"].columns) == ("masterlogic", 20000, {"digits": 5})
+    assert set(small.areas) == {*whole.areas, "X"}
+    assert [form.text for form in small.addresses] == [form.text for form in whole.addresses]
+    assert {clock.period for clock in small.clocks if clock.address == "F00093"} == {2_000_000_000}
+    assert len(small.clocks) == len(whole.clocks)
+    with pytest.raises(DefinitionError, match=r"run.yaml:2:12: there is no memory profile 'masterlogik'"):
+        in_place(tmp_path, "memory:\n  profile: masterlogik\n")
+    with pytest.raises(DefinitionError, match="no areas"):
+        in_place(tmp_path, "memory:\n  set: {M0: 1}\n")
+
+
+def test_a_file_of_something_else(tmp_path: Path) -> None:
+    for text in ("- M\n- P\n", GOOD.replace("areas:", "area:", 1)):
+        with pytest.raises(DefinitionError, match="bench"):
+            load_profile(write(tmp_path, text))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -84,7 +126,7 @@ def test_names_are_looked_for_beside_the_file_and_among_the_shipped(tmp_path: Pa
         ("size: 0x10", "sise: 16", "size"),
         ("access: read", "acess: read", "acess"),
         ("access: read", "access: write", "write"),
-        ("6 bytes", "6 bits", "'6 bits' is not a unit"),
+        ("6 bytes", "6 bits", "6 bits"),
         ("aliases: [relays, flags]", "aliases: [T]", "two areas are named 'T'"),
         ("{M00000: 1 s}", "{M00000: 1 sec}", "1 sec"),
         ("{M00000: 1 s}", "{M00000: 1 us}", "1 ms or more"),
@@ -94,10 +136,14 @@ def test_names_are_looked_for_beside_the_file_and_among_the_shipped(tmp_path: Pa
         ("area: M,", "area: K,", "no area 'K'"),
         ("blocks: 2", "blocks: 3", "reaches to word 19, beyond the end of area M"),
         ("{word: 0, bit: 1}", "{word: 3, bit: 1}", "beyond the 3 words"),
-        ("{word: 0, bit: 1}", "{word: 0, bit: 16}", "bit|16"),
+        ("{word: 0, bit: 1}", "{bit: 1}", "word"),
+        ("sets: 2, ", "", "sets"),
+        ("about: two areas", "about: [two, areas]", "single|string|text|about"),
+        ("scan: 5 ms", "tables: {x: 5}", "mapping|object|table"),
+        ("{word: 0, bit: 1}", "{word: 0, bit: 16}", "no bit 16|maximum of 15"),
         ("{word: 1, unit: dword}", "{word: 2, unit: dword}", "beyond the 3 words"),
         ("{word: 1, unit: dword}", "{word: 1, unit: byte}", "byte"),
-        ("areas:", "areas: 7\nflags_: ", "areas|flags_"),
+        ("areas:", "areas: 7\nflags_: ", "areas|flags_|a mapping"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_place(tmp_path: Path, old: str, new: str, message: str) -> None:
