@@ -9,18 +9,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from framekit.blocks.device import start_value, without
+from framekit.blocks.given import read_params, read_station
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.model import Block, Channel, Place, Run
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.library import load_protocol
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.load.scalars import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.definition.times import LineFormat, parse_format
 from framekit.link.addresses import AddressGrammar
-from framekit.link.parameters import ParameterError, given_value
 from framekit.memory.load import load_profile, load_profile_node
 from framekit.memory.profile import MemoryProfile
 
@@ -63,7 +63,7 @@ class RunLoader:
             name=self._text("run"),
             about=self._text("about"),
             memory=profile,
-            initial=self._initial(blocks),
+            initial=self._initial(grammar),
             channels=channels,
             blocks=self._blocks(blocks),
             folder=str(self.path.parent),
@@ -91,20 +91,17 @@ class RunLoader:
             )
         try:
             if isinstance(node, Mapping):
-                return load_profile_node(node, self.path.parent)
+                return load_profile_node(without(node, "set"), self.path.parent)
             return load_profile(self.reader.text(node), self.path.parent, node.at)
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
             raise Broken("memory") from None
 
-    def _initial(self, blocks: BlockLoader) -> tuple[tuple[Place, tuple[int, ...]], ...]:
-        found = []
-        for entry in self.reader.entries(self.root.get("set")):
-            with self.reader.going_on():
-                place = blocks.place(entry.key)
-                values = tuple(self.reader.number(item) for item in self.reader.items(entry.value))
-                found.append((place, values))
-        return tuple(found)
+    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
+        memory = self.root.get("memory")
+        entries = self.reader.entries(memory.get("set")) if isinstance(memory, Mapping) else ()
+        entries += self.reader.entries(self.root.get("set"))
+        return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
 
     # ---- channels -----------------------------------------------------------------------------------------
 
@@ -128,7 +125,7 @@ class RunLoader:
             line=self._line(keys, protocol),
             own=self._station(keys.get("own"), protocol),
             station=self._station(keys.get("station"), protocol),
-            params=self._params(keys, protocol),
+            params=read_params(reader, reader.entries(keys.get("params")), protocol),
             pause=0 if pause is None else reader.time(pause),
             at=entry.key.at,
         )
@@ -176,23 +173,6 @@ class RunLoader:
         """A station in the form the protocol wants; None when nothing is given."""
         return None if node is None else read_station(self.reader, node, protocol)
 
-    def _params(self, keys: Mapping, protocol: Protocol) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for entry in self.reader.entries(keys.get("params")):
-            with self.reader.going_on():
-                name = entry.key.text
-                if name not in protocol.params:
-                    hint = did_you_mean(name, protocol.params)
-                    raise self.reader.broken(entry.key.at, f"'{protocol.name}' has no parameter '{name}'", hint)
-                value = raw_value(self.reader, entry.value)
-                try:
-                    given_value(protocol.params[name], value)
-                except ParameterError as error:
-                    what, _, todo = str(error).partition(" – ")
-                    raise self.reader.broken(entry.value.at, what, todo) from None
-                found[name] = value
-        return found
-
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def _blocks(self, loader: BlockLoader) -> tuple[Block, ...]:
@@ -210,24 +190,3 @@ class RunLoader:
             {block.number for block in found} | {int(e.key.text) for e in entries if e.key.text.isdigit()}
         )
         return tuple(found)
-
-
-def raw_value(reader: Reader, node: Node) -> Any:
-    """Text, or a list of texts: a value in its YAML form."""
-    return [reader.text(item) for item in node.items] if isinstance(node, Sequence) else reader.text(node)
-
-
-def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
-    """The number, text or bytes that names a station of a protocol. Raises Broken."""
-    station, text = protocol.station, reader.text(node)
-    try:
-        if station.type == "number":
-            number = parse_number(text)
-            if station.limits is not None and not station.limits[0] <= number <= station.limits[1]:
-                low, high = station.limits
-                raise reader.broken(node.at, f"station {number} is not in {low}..{high}", "give the device's number")
-            return number
-        return parse_bytes(text) if station.type == "bytes" else text
-    except ValueError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(node.at, what, todo) from None

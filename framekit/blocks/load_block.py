@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from framekit.blocks.given import read_station
 from framekit.blocks.model import (
     After,
     Block,
@@ -21,6 +22,7 @@ from framekit.blocks.model import (
 )
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load.reader import Reader
+from framekit.definition.load.scalars import parse_constant
 from framekit.definition.model.segments import Data, Field
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
@@ -117,8 +119,6 @@ class BlockLoader:
         return self.channels[number]
 
     def _station(self, keys: MappingNode, channel: Channel) -> dict[str, Any]:
-        from framekit.blocks.load import read_station
-
         node = keys.get("station")
         if node is None:
             return {"station": channel.station}
@@ -191,7 +191,8 @@ class BlockLoader:
                     raise reader.broken(entry.key.at, f"frame '{name}' has no field '{entry.key.text}'", hint)
                 data[entry.key.text] = self.place(entry.value)
         values = {entry.key.text: self._plain(entry.value) for entry in reader.entries(keys.get("values"))}
-        return {"frame": name, "data": data, "values": values}
+        sizes = {entry.key.text: reader.number(entry.value) for entry in reader.entries(keys.get("size"))}
+        return {"frame": name, "data": data, "values": values, "sizes": sizes}
 
     def _call(self, keys: MappingNode, channel: Channel) -> dict[str, Any]:
         reader = self.reader
@@ -207,8 +208,6 @@ class BlockLoader:
         }
 
     def _plain(self, node: Node) -> Any:
-        from framekit.definition.load.scalars import parse_constant
-
         return parse_constant(self.reader.text(node))
 
     # ---- triggers -----------------------------------------------------------------------------------------

@@ -82,7 +82,8 @@ class Block:
     """One exchange of a run.
 
     `targets`: addresses on the other side as text (READ, WRITE). `places`: own memory, one for each target, or one for
-    `count` elements of `unit`. `frame` and `data` (field → own memory): SEND and RECEIVE. `service` and `arguments`:
+    `count` elements of `unit`. `frame`, `data` (field → own memory) and `sizes` (bytes of a
+    field whose frame leaves that open): SEND and RECEIVE. `service` and `arguments`:
     CALL. `station`: a constant, or the place it is read from at each start. `values`: constants to write or send.
     """
 
@@ -99,6 +100,7 @@ class Block:
     station_from: Place | None = None
     frame: str | None = None
     data: Mapping[str, Place] = field(default_factory=dict)
+    sizes: Mapping[str, int] = field(default_factory=dict)
     values: Any = None
     service: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)

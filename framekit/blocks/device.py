@@ -1,0 +1,159 @@
+"""Simulated devices as files describe them: protocol, role, memory with start values, parameters, station."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from framekit.blocks.given import read_params, read_station
+from framekit.blocks.model import Place
+from framekit.definition.check import check_protocol
+from framekit.definition.load.device import DeviceDefinition, load_device_definition
+from framekit.definition.load.documents import Documents
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.nodes import Entry, Scalar
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.problems import DefinitionError, did_you_mean
+from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.memory.area import Area
+from framekit.memory.load import load_profile, load_profile_node
+from framekit.memory.memory import DeviceMemory
+
+SERVING_ROLES = ("device", "server", "slave", "full")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Device:
+    """A simulated device, ready to be put on a line. `grammar` reads addresses of its `memory`."""
+
+    name: str
+    protocol: Protocol
+    role: str | None
+    own: Any
+    params: Mapping[str, Any]
+    areas: tuple[Area, ...]
+    grammar: AddressGrammar
+    initial: tuple[tuple[Place, tuple[int, ...]], ...]
+
+    def create_memory(self) -> DeviceMemory:
+        """A memory of its own with the start values in it."""
+        memory = DeviceMemory(
+            Area(area.name, size=area.size, unit=area.unit, access=area.access, aliases=area.aliases)
+            for area in self.areas
+        )
+        put_values(memory, self.initial)
+        return memory
+
+
+def put_values(memory: DeviceMemory, initial: tuple[tuple[Place, tuple[int, ...]], ...]) -> None:
+    """Puts start values into a memory, also into areas that are read-only for others."""
+    for place, values in initial:
+        memory.write(place.address.area, place.address.unit, place.address.start, values, force=True)
+
+
+def load_device(name: str | Path, folder: Path) -> Device:
+    """The device in a file. Raises DefinitionError with everything that is wrong."""
+    reader = Reader()
+    documents = Documents(reader)
+    device = None
+    with suppress(Broken):
+        definition = load_device_definition(reader, documents, name, folder)
+        reader.problems.extend(check_protocol(definition.protocol))
+        device = _DeviceLoader(reader, definition).load()
+    problems = documents.first_words(reader.problems)
+    if device is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return device
+
+
+class _DeviceLoader:
+    def __init__(self, reader: Reader, definition: DeviceDefinition) -> None:
+        self.reader = reader
+        self.definition = definition
+        self.protocol = definition.protocol
+        self.root = definition.root
+
+    def load(self) -> Device:
+        areas, grammar = self._memory()
+        own = self.root.get("station")
+        settings = tuple(
+            entry for entry in self.reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
+        )
+        return Device(
+            name=self.definition.name,
+            protocol=self.protocol,
+            role=self._role(),
+            own=None if own is None else read_station(self.reader, own, self.protocol),
+            params=read_params(self.reader, settings, self.protocol),
+            areas=areas,
+            grammar=grammar,
+            initial=self._initial(grammar),
+        )
+
+    def _role(self) -> str | None:
+        roles, node = self.protocol.roles, self.root.get("role")
+        if not roles:
+            return None
+        if node is not None:
+            role = self.reader.text(node)
+            if role not in roles:
+                raise self.reader.broken(node.at, f"there is no role '{role}'", did_you_mean(role, roles))
+            return role
+        own = [entry.key.text for entry in self.reader.entries(self.root.get("roles"))]
+        return next((role for role in (*own, *SERVING_ROLES) if role in roles), next(iter(roles)))
+
+    def _memory(self) -> tuple[tuple[Area, ...], AddressGrammar]:
+        """The memory the file describes; without one, the areas of the protocol."""
+        node = self.root.get("memory")
+        described = isinstance(node, Scalar) or (
+            isinstance(node, MappingNode) and ("areas" in node or "profile" in node)
+        )
+        if node is None or not described:
+            return memory_of(self.protocol)
+        try:
+            folder = self.definition.path.parent
+            if isinstance(node, MappingNode):
+                profile = load_profile_node(without(node, "set"), folder)
+            else:
+                profile = load_profile(self.reader.text(node), folder, node.at)
+        except DefinitionError as error:
+            self.reader.problems.extend(error.problems)
+            raise Broken("memory") from None
+        return tuple(profile.create()), AddressGrammar(profile.addresses, profile.areas, profile.tables)
+
+    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
+        node = self.root.get("memory")
+        entries = self.reader.entries(node.get("set")) if isinstance(node, MappingNode) else ()
+        return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
+
+
+def memory_of(protocol: Protocol) -> tuple[tuple[Area, ...], AddressGrammar]:
+    """A memory with the areas a protocol knows, addressed as the protocol does."""
+    sizes: dict[str, tuple[str, int]] = {}
+    for area in protocol.areas.values():
+        if area.layout is None:
+            sizes.setdefault(area.memory, (area.unit, area.size))
+    areas = tuple(Area(name, size=size, unit=unit) for name, (unit, size) in sizes.items())
+    return areas, AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+
+
+def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[Place, tuple[int, ...]] | None:
+    """`ADDRESS: value` or `ADDRESS: [values]`; None when it is broken, which is noted."""
+    with reader.going_on():
+        text = entry.key.text
+        try:
+            address = grammar.parse(text)
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise reader.broken(entry.key.at, what, todo) from None
+        return Place(address=address, text=text), tuple(reader.number(item) for item in reader.items(entry.value))
+    return None
+
+
+def without(node: MappingNode, key: str) -> MappingNode:
+    """A mapping less one of its keys."""
+    return MappingNode(tuple(entry for entry in node.entries if entry.key.text != key), node.at)

@@ -1,0 +1,59 @@
+"""Values that runs and devices give to a protocol: stations and parameters, checked against what it declares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from framekit.definition.load.reader import Reader
+from framekit.definition.load.scalars import parse_bytes, parse_number
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.nodes import Entry, Node, Sequence
+from framekit.definition.problems import did_you_mean
+from framekit.link.parameters import ParameterError, given_value
+
+
+def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
+    """The number, text or bytes that names a station of a protocol. Raises Broken."""
+    try:
+        return parse_station(reader.text(node), protocol)
+    except ValueError as error:
+        what, _, todo = str(error).partition(" – ")
+        raise reader.broken(node.at, what, todo) from None
+
+
+def parse_station(text: str, protocol: Protocol) -> Any:
+    """Raises ValueError with a sentence for what is no station of this protocol."""
+    station = protocol.station
+    if station.type == "none":
+        raise ValueError(f"'{protocol.name}' has no stations – leave the station out")
+    if station.type == "number":
+        number = parse_number(text)
+        if station.limits is not None and not station.limits[0] <= number <= station.limits[1]:
+            raise ValueError(f"station {number} is not in {station.limits[0]}..{station.limits[1]}")
+        return number
+    return parse_bytes(text) if station.type == "bytes" else text
+
+
+def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) -> dict[str, Any]:
+    """Parameters in their YAML form, each tried; those that do not fit are noted and left out."""
+    found: dict[str, Any] = {}
+    for entry in entries:
+        with reader.going_on():
+            name = entry.key.text
+            if name not in protocol.params:
+                hint = did_you_mean(name, protocol.params)
+                raise reader.broken(entry.key.at, f"'{protocol.name}' has no parameter '{name}'", hint)
+            value = raw_value(reader, entry.value)
+            try:
+                given_value(protocol.params[name], value)
+            except ParameterError as error:
+                what, _, todo = str(error).partition(" – ")
+                raise reader.broken(entry.value.at, what, todo) from None
+            found[name] = value
+    return found
+
+
+def raw_value(reader: Reader, node: Node) -> Any:
+    """Text, or a list of texts: a value in its YAML form."""
+    return [reader.text(item) for item in node.items] if isinstance(node, Sequence) else reader.text(node)
