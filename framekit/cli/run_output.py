@@ -1,0 +1,124 @@
+"""What `framekit run` shows: frames as they go by, and the blocks with their counters; as text or as JSON lines."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import spaced, table
+from framekit.cli.main import Failure
+
+if TYPE_CHECKING:
+    from framekit.blocks.model import Run
+    from framekit.blocks.scheduler import BlockState
+    from framekit.link.observe import Seen
+    from framekit.service.run import RunService
+    from framekit.transport.clock import Clock
+
+LONGEST_SHOWN = 48
+
+
+class Output:
+    """Watches a run. `service` makes the run's service with this output as its monitor."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.began = 0
+
+    def service(self, run: Run, clock: Clock) -> RunService:
+        """Raises DefinitionError for a wrong device, Failure for a port of no known kind."""
+        from framekit.definition.problems import DefinitionError
+        from framekit.service.run import RunService
+
+        self.began = clock.now()
+        try:
+            return RunService(run, clock, self.seen)
+        except DefinitionError:
+            raise
+        except ValueError as error:
+            raise Failure(str(error)) from None
+
+    def seconds(self, time: int) -> float:
+        return (time - self.began) / 1e9
+
+    def warning(self, text: str) -> None:
+        print(text, file=sys.stderr)
+
+    def seen(self, channel: int, seen: Seen) -> None:
+        raise NotImplementedError
+
+    def summary(self, service: RunService) -> None:
+        raise NotImplementedError
+
+
+class TextOutput(Output):
+    """A line for everything seen, and a table at the end."""
+
+    def seen(self, channel: int, seen: Seen) -> None:
+        arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
+        what = seen.frame or seen.kind
+        if seen.kind == "bad":
+            what = f"bad {seen.frame}".rstrip() + f" ({seen.reason})"
+        elif seen.kind in ("open", "closed", "trouble", "not_taken"):
+            what = f"{seen.kind.replace('_', ' ')} {seen.reason}".rstrip()
+        data = seen.raw if len(seen.raw) <= LONGEST_SHOWN else seen.raw[:LONGEST_SHOWN]
+        cut = " …" if len(seen.raw) > LONGEST_SHOWN else ""
+        size = f"{len(seen.raw):4d} " if seen.raw else "     "
+        print(
+            f"{self.seconds(seen.at):10.3f}  ch {channel} {arrow} {what:<22}{size}{spaced(data)}{cut}".rstrip(),
+            flush=True,
+        )
+
+    def summary(self, service: RunService) -> None:
+        rows = [_row(state) for state in service.states.values()]
+        print()
+        print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
+
+
+class JsonOutput(Output):
+    """One JSON object a line: `seen` for what goes by, `block` for each block at the end."""
+
+    def seen(self, channel: int, seen: Seen) -> None:
+        from framekit.codec.plain import PlainValues
+
+        plain = PlainValues(self.run.channels[channel].protocol)
+        line: dict[str, Any] = {
+            "event": seen.kind,
+            "time": self.seconds(seen.at),
+            "channel": channel,
+            "direction": seen.direction,
+            "frame": seen.frame,
+            "bytes": spaced(seen.raw),
+            "fields": plain.to_plain(seen.frame, seen.fields),
+            "reason": seen.reason,
+        }
+        print(json.dumps({key: value for key, value in line.items() if value != ""}, ensure_ascii=False), flush=True)
+
+    def summary(self, service: RunService) -> None:
+        for state in service.states.values():
+            counters = state.counters
+            line = {
+                "event": "block",
+                "block": state.block.number,
+                "name": state.block.name,
+                "instruction": state.block.instruction,
+                "channel": state.block.channel,
+                "started": counters.started,
+                "done": counters.done,
+                "failed": counters.failed,
+                "running": counters.running,
+                "overruns": counters.overruns,
+                "last": state.last_outcome,
+            }
+            print(json.dumps(line, ensure_ascii=False), flush=True)
+
+    def warning(self, text: str) -> None:
+        print(json.dumps({"event": "warning", "reason": text}, ensure_ascii=False), flush=True)
+
+
+def _row(state: BlockState) -> tuple[str, ...]:
+    block, counters = state.block, state.counters
+    what = f"{block.instruction.upper()} {block.frame or block.service or ', '.join(block.targets)}"
+    numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
+    return (str(block.number), what, *map(str, numbers), state.last_outcome or "-")

@@ -1,0 +1,90 @@
+"""`framekit run RUN.yaml`: carries a run out, showing frames as they go by and the blocks' counters at the end."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from framekit.cli.common import add_json
+from framekit.cli.main import Failure
+
+if TYPE_CHECKING:
+    from framekit.blocks.model import Run
+    from framekit.cli.run_output import Output
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", metavar="RUN.yaml", type=Path, help="the run file")
+    parser.add_argument(
+        "--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s; default: run on"
+    )
+    parser.add_argument(
+        "--virtual", action="store_true", help="simulated time: as fast as it goes; needs --for, and only sim: ports"
+    )
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from framekit.blocks.load import load_run
+    from framekit.cli.run_output import JsonOutput, TextOutput
+
+    duration = _duration(arguments.duration)
+    if arguments.virtual and duration is None:
+        raise Failure("--virtual needs --for TIME")
+    loaded = load_run(arguments.run)
+    output = JsonOutput(loaded) if arguments.json else TextOutput(loaded)
+    for warning in loaded.warnings:
+        output.warning(str(warning))
+    try:
+        if arguments.virtual:
+            assert duration is not None
+            _virtual(loaded, output, duration)
+        else:
+            asyncio.run(_real(loaded, output, duration))
+    except OSError as error:
+        raise Failure(str(error)) from None
+    return 0
+
+
+def _duration(text: str | None) -> int | None:
+    from framekit.definition.times import parse_time
+
+    if text is None:
+        return None
+    try:
+        return parse_time(text)
+    except ValueError as error:
+        raise Failure(f"--for: {error}") from None
+
+
+def _virtual(loaded: Run, output: Output, duration: int) -> None:
+    from framekit.transport.clock import VirtualClock
+
+    clock = VirtualClock()
+    service = output.service(loaded, clock)
+    service.start()
+    clock.run_for(duration)
+    service.stop()
+    output.summary(service)
+
+
+async def _real(loaded: Run, output: Output, duration: int | None) -> None:
+    """Runs until the time is over, or SIGINT or SIGTERM asks to stop."""
+    from framekit.transport.clock import AsyncioClock
+
+    loop = asyncio.get_running_loop()
+    ended = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
+    service = output.service(loaded, AsyncioClock(loop))
+    service.start()
+    try:
+        await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
+    except TimeoutError:
+        pass
+    finally:
+        service.stop()
+        output.summary(service)
