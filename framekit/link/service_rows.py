@@ -1,0 +1,125 @@
+"""A service row prepared for both sides: what it mentions, which units it can carry, how its data are packed.
+
+Clients and servers read the same rows; neither's work is done here. Language reference, section 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import Area, ServiceRow
+from framekit.definition.model.values import EachOf, FrameOf
+from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.area_view import code_of
+from framekit.link.evaluate import Evaluate, compile_expression
+from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.invert import bare_name
+from framekit.link.packing import Packer
+
+NATIVE = frozenset({"start", "count", "first"})
+"""Names that count elements: a row that sends them, and no text, speaks of the area's own units only."""
+
+
+class ServiceRows:
+    """Everything the services of one protocol share; `rows` are in the order of the file."""
+
+    def __init__(self, protocol: Protocol, codec: Codec, table: FrameTable | None = None) -> None:
+        self.protocol = protocol
+        self.codec = codec
+        self.table = table or FrameTable(protocol, codec)
+        self.grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+        self.rows = {service: tuple(RowFacts(row, self) for row in rows) for service, rows in protocol.services.items()}
+
+    @property
+    def error_frames(self) -> tuple[str, ...]:
+        errors = self.protocol.errors
+        return () if errors is None or errors.frame is None else self.protocol.frames_of(errors.frame)
+
+
+class RowFacts:
+    """One row. `mentions` are the names its request and the bytes beside it read."""
+
+    __slots__ = (
+        "_packers", "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "row", "run", "shared",
+        "wants_address", "when",
+    )  # fmt: skip
+
+    def __init__(self, row: ServiceRow, shared: ServiceRows) -> None:
+        self.row = row
+        self.shared = shared
+        sent = [row.request, row.buffer]
+        self.mentions = frozenset(name for part in expressions_of(sent) for name in names_in(part.root))
+        self.has_each = any(True for _ in parts_of(sent, EachOf))
+        self.when = _maybe(row.when)
+        self.run = _maybe(row.run)
+        self.limit_count = _maybe(row.limit.count)
+        self.limit_bytes = _maybe(row.limit.bytes)
+        self.wants_address = bool((self.mentions & {"text", "start"}) - {argument.name for argument in row.takes})
+        self.named_numbers = self._named_numbers()
+        self._packers: dict[str, Packer] = {}
+
+    def _named_numbers(self) -> dict[str, Mapping[str, int]]:
+        """Arguments that go as they are into fields whose numbers have names: argument → those numbers by name."""
+        found: dict[str, Mapping[str, int]] = {}
+        for frame in parts_of(self.row.request, FrameOf):
+            numbers = self.shared.table.infos[frame.frame].numbers
+            for field, value in frame.fields.items():
+                name = bare_name(value) if isinstance(value, Expression) else None
+                if name is not None and field in numbers:
+                    found[name] = numbers[field]
+        return found
+
+    def packer(self, unit: str) -> Packer:
+        """How elements of `unit` stand in this row's data."""
+        packer = self._packers.get(unit)
+        if packer is None:
+            packer = self._packers[unit] = Packer(self.row.packing, unit)
+        return packer
+
+    def fits(self, area: Area, unit: str) -> bool:
+        """Whether the row can carry elements of `unit` of `area`, its condition aside."""
+        row = self.row
+        if row.areas and area.name not in row.areas:
+            return False
+        if row.units:
+            return unit in row.units
+        if "text" in self.mentions:
+            return self.shared.grammar.can_print(area.name, unit)
+        if self.mentions & NATIVE and "unit" not in self.mentions:
+            return unit == area.unit or unit in area.codes
+        return True
+
+    def place_is_in(self, address: Address) -> bool:
+        """Whether the request names the place by parts of the address, so that it cannot be counted in other units."""
+        return bool(self.mentions & address.parts.keys())
+
+    def names(self, address: Address, count: int) -> dict[str, Any]:
+        """The names this row has of `count` elements at an address, those about data and parts of transfers aside.
+
+        Raises AddressError if the row sends the address as text and no form shows it.
+        """
+        grammar = self.shared.grammar
+        packer = self.packer(address.unit)
+        names: dict[str, Any] = {
+            **address.parts,
+            "area": grammar.views[address.area],
+            "unit": address.unit,
+            "start": address.start,
+            "count": count,
+            "bytes": packer.size(address.start, count),
+            "element_bytes": max(1, packer.bits // 8),
+        }
+        if "text" in self.mentions:
+            names["text"] = grammar.print(address)
+        code = code_of(grammar.areas[address.area], address.unit)
+        if code is not None:
+            names["code"] = code
+        return names
+
+
+def _maybe(expression: Expression | None) -> Evaluate | None:
+    return None if expression is None else compile_expression(expression)
