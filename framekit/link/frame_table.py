@@ -59,11 +59,14 @@ Shape = tuple[tuple[str, str, Any], ...]
 
 
 class FrameInfo:
-    """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants."""
+    """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
+
+    `carries`: frames that may be put into this one when `insert` holds.
+    """
 
     __slots__ = (
-        "announces", "computed", "decode", "echo", "encode", "first", "flat", "frame", "known", "measure", "most",
-        "name", "numbers", "refuse", "shape",
+        "announces", "carries", "computed", "decode", "echo", "encode", "first", "flat", "frame", "insert", "known",
+        "measure", "most", "name", "numbers", "refuse", "shape",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -78,6 +81,8 @@ class FrameInfo:
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []
         self.numbers: dict[str, dict[str, int]] = {}
+        self.carries: tuple[str, ...] = ()
+        self.insert: Evaluate | None = None
         self._collect(frame.segments)
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
@@ -90,8 +95,12 @@ class FrameInfo:
             elif isinstance(segment, Bits):
                 for part in segment.parts:
                     self._field(part, part.values, there)
-            elif isinstance(segment, (Wrap, OptionalSegments)):
-                self._collect(segment.of, there and isinstance(segment, Wrap))
+            elif isinstance(segment, Wrap):
+                self._collect(segment.of, there)
+                if segment.inside and segment.insert is not None:
+                    self.carries, self.insert = segment.inside, compile_expression(segment.insert)
+            elif isinstance(segment, OptionalSegments):
+                self._collect(segment.of, False)
 
     def _field(self, field: Field | BitsPart, values: Mapping[int, str] | None, there: bool) -> None:
         """Constants of a field that may be absent are not known: the builder decides whether it is there."""

@@ -321,12 +321,10 @@ class Receiver:
             self._collect(len(stream.buffer) - stream.position, False)
             self._break_off()
             return self._noise.take()
-        count = self._symbol()
-        if self._rules.symbols is None:
-            count = self._to_next_start(skipped)
-        elif count == 1 and stream.buffer[stream.position] == self._rules.symbols:
-            if not self.pauses.is_quiet(self._now):
-                return None
+        symbols = self._rules.symbols
+        count = self._to_next_start(skipped) if symbols is None else self._symbol()
+        if count == 1 and stream.buffer[stream.position] == symbols and not self.pauses.is_quiet(self._now):
+            return None
         self._collect(count, skipped)
         return AGAIN
 

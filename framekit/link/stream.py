@@ -1,6 +1,7 @@
 """The bytes a receiver has not used yet, with what is known of their timing and of damaged characters.
 
-Offsets are those of the stream: they count bytes from its start and stay valid when the buffer moves. It knows no frames.
+Offsets are those of the stream: they count bytes from its start and stay valid when the buffer moves.
+It knows no frames.
 """
 
 from __future__ import annotations

@@ -1,0 +1,449 @@
+"""The link engine of one side of a line: events in, commands out (language reference, sections 6 to 8).
+
+Sans-I/O: it has no clock, port or task. What falls on one instant is done in this order: what the driver reports, in
+the order of its calls (bytes before times that run out at that very instant); after each, everything that follows from
+it and takes no time – finished exchanges are told, lanes begin what can begin, delivered frames, queues, then the next
+frame in the bytes at hand. When times run out: the receiver's first, then those of runs, earliest first and in the order
+of the lanes, then the session's keep-alive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
+from typing import Any
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
+from framekit.link.clock import DEFAULT_START
+from framekit.link.clocks import frame_arriving, frame_gone
+from framekit.link.counters import LinkCounters
+from framekit.link.dispatch import Dispatcher
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.events import CharacterFault, Command, Reopen
+from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
+from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.functions import EngineFunctions
+from framekit.link.lanes import Lanes
+from framekit.link.machine import Machine
+from framekit.link.observe import Monitor
+from framekit.link.output import Item, Output
+from framekit.link.program import compile_sequences
+from framekit.link.receiver import Receiver
+from framekit.link.runs import State
+from framekit.link.scope import Scope
+from framekit.link.sessions import SessionState
+from framekit.link.values import FrameValue
+
+MOST_ROUNDS = 100_000
+"""So many things that follow from one event are a circle that no lane alone makes."""
+
+OnFrame = Callable[[FrameValue], None]
+
+
+class Engine:
+    """One side of a line. `role` None: frames alone are sent and received.
+
+    `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
+    `on_frame` gets good frames that nobody waited for. `monitor` is shown everything; without one that costs nothing.
+    Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
+    what cannot be done is reported by outcomes and to the monitor.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        codec: Codec,
+        role: str | None,
+        *,
+        params: Mapping[str, Any] | None = None,
+        line: LineFormat | None = None,
+        own: Any = None,
+        server: Server | None = None,
+        now: int = 0,
+        memory: MemoryAccess | None = None,
+        ask: Ask | None = None,
+        on_frame: OnFrame | None = None,
+        monitor: Monitor | None = None,
+        clock_start: datetime = DEFAULT_START,
+    ) -> None:
+        if line is None and protocol.line.kind == "serial":
+            line = parse_format(protocol.line.format, protocol.line.speed)
+        self.protocol = protocol
+        self.role = role
+        self.scope = Scope(
+            protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start
+        )
+        self.counters = LinkCounters()
+        self.on_frame = on_frame
+        self._commands: list[Command] = []
+        table = FrameTable(protocol, codec)
+        self._context = Names({"request": None, "buffer": b""}, self.scope)
+        self.receiver = Receiver(codec, protocol, self._context, table, self._frame_trouble)
+        self.output = Output(protocol.line, self.scope, self._commands)
+        self.machine = machine = Machine(self.scope, table, compile_sequences(protocol, table), self.output)
+        machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
+        machine.has_bytes = lambda: not self.receiver.is_empty
+        machine.drop_stale = self._drop_stale
+        self.scope.update({name: name for name in protocol.queues})
+        self.scope["functions"] = EngineFunctions(machine)
+        model = None if role is None else protocol.roles[role]
+        machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
+        self.lanes = Lanes(model.lanes if model else (), machine)
+        self.dispatcher = Dispatcher(machine, self.lanes)
+        self._all = table.outer
+        self._interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
+        self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._busy = False
+        self._cutting = False
+
+    # ---- events -------------------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> list[Command]:
+        """The port, or the connection, is there."""
+        self.scope.now = now
+        self.receiver.reset()
+        self.lanes.is_open = self.output.is_open = True
+        self.lanes.was_closed = False
+        self.machine.show("open")
+        self.output.poll()
+        return self._finish()
+
+    def closed(self, now: int, reason: str = "") -> list[Command]:
+        """The connection is gone; what was to be sent is dropped, and whoever does not handle it fails."""
+        self.scope.now = now
+        self.lanes.is_open = self.output.is_open = False
+        self.lanes.was_closed = True
+        self.machine.show("closed", reason=reason)
+        self.output.clear()
+        for run in self.lanes.order:
+            run.unsent = 0
+        self._show_noise(self.receiver.reset())
+        self.machine.session.end()
+        self.dispatcher.closed(reason or "the connection is closed")
+        self.lanes.fail_waiting("closed", reason)
+        return self._finish()
+
+    def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
+        """Bytes came, the last of them at `now`; `faults` names damaged characters among them."""
+        if self.deadline < now:
+            self._tick(now)
+        self.scope.now = self.output.last_received = now
+        self.receiver.append(data, now, faults)
+        if data:
+            self.dispatcher.byte()
+        return self._finish()
+
+    def line_break(self, now: int) -> list[Command]:
+        """The line was in break state. What had come before of a frame belongs to nothing."""
+        self.scope.now = self.output.last_received = now
+        self._show_noise(self.receiver.flush())
+        self.machine.show("break", "in")
+        self.dispatcher.line_break()
+        return self._finish()
+
+    def sent(self, now: int) -> list[Command]:
+        """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
+        self.scope.now = now
+        item = self.output.left()
+        if item is not None:
+            if item.run is not None:
+                self.machine.left(item.run)
+            if item.on_sent is not None:
+                self.machine.callbacks.append(item.on_sent)
+        return self._finish()
+
+    def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
+        """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
+        self.scope.now = now
+        self.output.clear_to_send = lines.get("cts", True)
+        self.output.poll()
+        return self._finish()
+
+    def tick(self, now: int) -> list[Command]:
+        """Time has passed; to be called when `deadline` is reached."""
+        self._tick(now)
+        return self._finish()
+
+    @property
+    def deadline(self) -> int:
+        """When `tick` is to be called; NEVER when nothing waits for time."""
+        if self.machine.callbacks or self.machine.ended:
+            return self.scope.now
+        deadline = self.lanes.deadline
+        if self._interest is not None:
+            deadline = min(deadline, self.receiver.deadline)
+        session = self.machine.session
+        if session.is_open and self.output.outgoing is None and not any(lane.running for lane in self.lanes.lanes):
+            deadline = min(deadline, session.keep_alive_at(self.output.quiet_since))
+        return deadline
+
+    # ---- what is asked of it ------------------------------------------------------------------------------
+
+    def start(self, exchange: Exchange, now: int) -> list[Command]:
+        """Queues an exchange; it begins when its lane has room. Its outcome comes by `on_done`."""
+        self.scope.now = max(self.scope.now, now)
+        run = self.machine.asking
+        if exchange.inside is not None:
+            run = exchange.inside.run
+        lane = self.lanes.lane_for(exchange.run)
+        if run is not None and run.state is State.ASKING:
+            self.machine.guarded(run, self.machine.start_inside, exchange)
+        elif lane is None:
+            self.machine.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
+        elif self.lanes.was_closed:
+            self.machine.tell(exchange, Outcome(False, "closed", "the connection is closed"))
+        else:
+            lane.waiting.append(exchange)
+        self.machine.changed = True
+        return self._finish()
+
+    def cancel(self, exchange: Exchange, now: int) -> list[Command]:
+        """Ends an exchange, begun or not; what has been handed over for sending still goes out."""
+        self.scope.now = max(self.scope.now, now)
+        self.lanes.cancel(exchange)
+        return self._finish()
+
+    def send_frame(
+        self,
+        frame: FrameValue | str,
+        now: int,
+        fields: Mapping[str, Any] | None = None,
+        on_sent: Callable[[], None] | None = None,
+    ) -> list[Command]:
+        """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
+        self.scope.now = max(self.scope.now, now)
+        machine = self.machine
+        if isinstance(frame, str):
+            frame = machine.table.made(frame, dict(fields or {}), self.scope)
+        data = machine.table.encode(frame, self.scope)
+        machine.announce(frame)
+        if machine.monitor is not None:
+            machine.show("frame", "out", data, frame.frame, frame.complete())
+        self.counters.sent += 1
+        self.output.put(Item(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
+        return self._finish()
+
+    def close_session(self, now: int) -> list[Command]:
+        """Runs the sequences that close an open session, as far as the lane is free."""
+        self.scope.now = max(self.scope.now, now)
+        session = self.machine.session
+        if session.session is not None and session.is_open:
+            for name in session.session.close:
+                self.lanes.begin_sequence("close", name, session.station)
+        return self._finish()
+
+    def status(self) -> dict[str, Any]:
+        """Published variables."""
+        return self.scope.published()
+
+    # ---- what follows -------------------------------------------------------------------------------------
+
+    def _finish(self) -> list[Command]:
+        """Everything that follows and takes no time; then the commands, in order. Inside of itself it does nothing."""
+        if self._busy:
+            return []
+        self._busy = True
+        try:
+            self._settle()
+        finally:
+            self._busy = False
+        commands, self._commands[:] = list(self._commands), []
+        return commands
+
+    def _settle(self) -> None:
+        machine, lanes = self.machine, self.lanes
+        for _ in range(MOST_ROUNDS):
+            if machine.ended:
+                lanes.settle_ended()
+            elif machine.callbacks:
+                machine.callbacks.popleft()()
+            elif lanes.begin_what_can():
+                continue
+            elif machine.delivered:
+                value = machine.delivered.popleft()
+                if not self.dispatcher.offer(value, value.raw or b""):
+                    self._unsolicited(value)
+            elif not (machine.has_queues and self.dispatcher.queue_rows()) and not self._next_arrival():
+                return
+        machine.show("trouble", reason="one event leads to another without end")
+
+    def _next_arrival(self) -> bool:
+        """Handles the next thing in the bytes at hand. False: there is none, or nobody looks."""
+        if self.machine.changed:
+            self._work_out_interest()
+        if self._interest is None:
+            return False
+        event = self.receiver.next(*self._interest)
+        if event is None:
+            self._note_progress()
+            return False
+        self._arrived(event)
+        return True
+
+    def _work_out_interest(self) -> None:
+        """Which frames are looked for now; None while those who will wait do not yet."""
+        self.machine.changed = False
+        names: dict[str, None] = {}
+        others = looks = own_gap = False
+        for run in self.lanes.order:
+            if run.state is State.RECEIVING:
+                looks = looks or bool(run.interest) or run.wants_others or run.has_handler("on_noise")
+                names.update(dict.fromkeys(run.interest))
+                others = others or run.wants_others
+                own_gap = own_gap or run.gap is not None
+        if not self.lanes.order:
+            self._interest = (self._all, ())
+        elif not looks:
+            self._interest = None
+        else:
+            self._interest = self._pair(tuple(names), others)
+        self.receiver.pauses.own_gap = not own_gap
+
+    def _pair(self, expected: tuple[str, ...], others: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The same pair of tuples for the same names, so that the receiver knows them again at once."""
+        known = self._interest
+        if known is not None and known[0] == expected:
+            expected = known[0]
+        if not others:
+            return expected, ()
+        rest = self._others.get(expected)
+        if rest is None:
+            rest = self._others[expected] = tuple(name for name in self._all if name not in expected)
+        return expected, rest
+
+    def _note_progress(self) -> None:
+        """Clocks of those for whom a frame is arriving, or turned out not to be."""
+        waiting, receiver = self.receiver.waiting, self.receiver
+        for run in self.lanes.order:
+            if run.state is State.RECEIVING and (waiting or run.candidate is not None):
+                if any(name in run.interest for name in waiting):
+                    limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
+                    frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
+                else:
+                    frame_gone(run, self.scope.now)
+
+    # ---- arrivals -----------------------------------------------------------------------------------------
+
+    def _arrived(self, event: Arrival) -> None:
+        if isinstance(event, FrameArrived):
+            self._frame(event)
+        elif isinstance(event, BadFrame):
+            self._bad(event)
+        else:
+            self._show_noise([event])
+            if not event.skipped:
+                self.dispatcher.noise()
+        if self.receiver.broken:
+            self._commands.append(Reopen("the stream is out of step"))
+
+    def _frame(self, event: FrameArrived) -> None:
+        reading: FrameArrived | None = event
+        self.counters.received += 1
+        self._show_frame(event)
+        while reading is not None:
+            self._announce(reading.value)
+            if self.dispatcher.offer(reading.value, reading.raw):
+                return
+            reading = self.receiver.other_reading()
+        if not self.lanes.order or not self.dispatcher.offer_other(event.value):
+            self._unsolicited(event.value)
+
+    def _announce(self, value: FrameValue) -> None:
+        try:
+            self.machine.announce(value)
+        except EVALUATION_ERRORS as error:
+            self._frame_trouble(value.frame, error)
+
+    def _unsolicited(self, value: FrameValue) -> None:
+        """A good frame that nobody took."""
+        self.counters.not_taken += 1
+        if self.lanes.order:
+            self.machine.show("not_taken", "in", value.raw or b"", value.frame)
+        if self.on_frame is not None:
+            on_frame = self.on_frame
+            self.machine.callbacks.append(lambda: on_frame(value))
+
+    def _bad(self, bad: BadFrame) -> None:
+        self.counters.bad += 1
+        self.machine.show(
+            "bad", "in", bad.raw, bad.frame,
+            reason=bad.cause, started_at=bad.started_at, segment=bad.segment, place=bad.place,
+        )  # fmt: skip
+        if not self._cutting:
+            self.dispatcher.bad(bad)
+
+    def _show_frame(self, event: FrameArrived) -> None:
+        value = event.value
+        if self.machine.monitor is not None:
+            reason = "" if value.refusal is None else f"refused with {value.refusal}"
+            self.machine.show(
+                "frame", "in", event.raw, value.frame, value.fields, reason=reason, started_at=event.started_at
+            )
+
+    def _show_noise(self, found: Iterable[Noise]) -> None:
+        for noise in found:
+            self.counters.noise_bytes += len(noise.data)
+            reason = "what a bad frame left" if noise.skipped else ""
+            self.machine.show("noise", "in", noise.data, started_at=noise.started_at, reason=reason)
+
+    def _frame_trouble(self, frame: str, error: Exception) -> None:
+        self.machine.show("trouble", frame=frame, reason=str(error))
+
+    def _drop_stale(self) -> None:
+        """An exchange begins and nothing listened: what came before cannot be its reply."""
+        self._show_noise(self.receiver.flush())
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def _tick(self, now: int) -> None:
+        """Everything that is due, in the documented order; new times due at the same instant as well."""
+        self.scope.now = now
+        for _ in range(MOST_ROUNDS):
+            if not self._something_due(now):
+                return
+            self._busy = True
+            try:
+                self._settle()
+            finally:
+                self._busy = False
+
+    def _something_due(self, now: int) -> bool:
+        receiver = self.receiver
+        if self._interest is not None and receiver.deadline <= now:
+            receiver.tick(now)
+            return True
+        due = min((run for run in self.lanes.order if run.deadline <= now), key=lambda run: run.deadline, default=None)
+        if due is not None:
+            self._time_up(due)
+            return True
+        session = self.machine.session
+        if self.deadline <= now and session.keep_alive_at(self.output.quiet_since) <= now:
+            return self._keep_alive()
+        return False
+
+    def _time_up(self, run: Any) -> None:
+        """A frame that is arriving is broken off first; a good one may still be found in what has come of it."""
+        number = run.wait_number
+        if run.state is State.RECEIVING and run.candidate is not None:
+            run.deadline = NEVER
+            run.cause = "a frame began and was not completed in time"
+            self.receiver.cut()
+            self.receiver.tick(self.scope.now)
+            self._cutting = True
+            self._busy = True
+            try:
+                self._settle()
+            finally:
+                self._cutting = self._busy = False
+            if run.state is not State.RECEIVING or run.wait_number != number:
+                return
+        self.machine.time_up(run)
+
+    def _keep_alive(self) -> bool:
+        session = self.machine.session
+        if session.session is None or session.session.keep_alive_run is None:
+            return False
+        name = session.session.keep_alive_run
+        return self.lanes.begin_sequence("keep_alive", name, session.station) is not None

@@ -1,0 +1,232 @@
+"""Lanes of a role: exchanges that wait for their turn, those that run, and what listens when none does."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+from framekit.definition.model.procedure import Lane
+from framekit.definition.times import NEVER
+from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
+from framekit.link.exchange import Exchange, Outcome
+from framekit.link.machine import Machine, arguments_of
+from framekit.link.runs import Activation, Dealing, Run, State
+
+HOLD = 100_000_000
+"""A listener that goes round in circles is started again after this (ns)."""
+
+
+class LaneState:
+    """One lane. `waiting` are exchanges not yet begun, oldest first."""
+
+    def __init__(self, lane: Lane) -> None:
+        self.name = lane.name
+        self.exchange = lane.exchange
+        self.listen = lane.listen
+        self.waiting: deque[Exchange] = deque()
+        self.running: list[Run] = []
+        self.listener: Run | None = None
+        self.held_until = 0
+        self.steps_since = -1
+        self.steps_done = 0
+        self._at_once = None if lane.at_once is None else compile_expression(lane.at_once)
+
+    def runs(self) -> Iterator[Run]:
+        """Those under way: exchanges, older first, then the listener."""
+        yield from self.running
+        if self.listener is not None:
+            yield self.listener
+
+    def at_once(self, machine: Machine) -> int:
+        """How many exchanges may run side by side."""
+        if self._at_once is None:
+            return 1
+        try:
+            return int(self._at_once(machine.scope))
+        except EVALUATION_ERRORS:
+            return 1
+
+
+class Lanes:
+    """All lanes of a role, and the order in which arriving frames are offered to what runs in them."""
+
+    def __init__(self, lanes: tuple[Lane, ...], machine: Machine) -> None:
+        self.machine = machine
+        self.lanes = [LaneState(lane) for lane in lanes]
+        self.order: tuple[Run, ...] = ()
+        self.is_open = False
+        self.was_closed = False
+        self._plans: dict[Run, Exchange] = {}
+
+    def lane_for(self, run: str | None) -> LaneState | None:
+        """The lane that runs an exchange of this sequence; without a name the first lane that runs any."""
+        for lane in self.lanes:
+            if lane.exchange and (run is None or run in lane.exchange):
+                return lane
+        return None
+
+    # ---- starting -----------------------------------------------------------------------------------------
+
+    def begin_what_can(self) -> bool:
+        """Starts exchanges whose turn it is, and listeners where a lane is free. Tells whether it did anything."""
+        if not self.is_open:
+            return False
+        begun = False
+        for lane in self.lanes:
+            while lane.waiting and self._has_room(lane):
+                self._begin_exchange(lane, lane.waiting.popleft())
+                begun = True
+            if lane.listen is not None and not lane.running and lane.listener is None:
+                begun = self._begin_listener(lane) or begun
+        return begun
+
+    def _has_room(self, lane: LaneState) -> bool:
+        session = self.machine.session
+        if session.busy or len(lane.running) >= lane.at_once(self.machine):
+            return False
+        if lane.running and session.plan(lane.waiting[0]):
+            return False
+        return lane.listener is None or lane.listener.gives_way
+
+    def _begin_exchange(self, lane: LaneState, exchange: Exchange) -> None:
+        machine = self.machine
+        if not self.listens:
+            machine.drop_stale()
+        self._give_way(lane)
+        run = Run(lane, "exchange")
+        lane.running.append(run)
+        self._reorder()
+        self._plans[run] = exchange
+        dealing = Dealing(machine.scope, exchange, True)
+        for kind, name in machine.session.plan(exchange):
+            run.agenda.append((kind, name, Dealing(machine.scope, None, True, exchange.station)))
+        run.agenda.append(("exchange", exchange.run or lane.exchange[0], dealing))
+        machine.session.busy = len(run.agenda) > 1
+        self._next_of_agenda(run)
+
+    @staticmethod
+    def _give_way(lane: LaneState) -> None:
+        if lane.listener is not None:
+            lane.listener.state = State.DONE
+            lane.listener = None
+
+    def begin_sequence(self, kind: str, name: str, station: Any) -> Run | None:
+        """Runs a sequence of the session in the first lane for exchanges: keeping alive, or closing."""
+        lane = self.lane_for(None)
+        if lane is None or lane.running or not (lane.listener is None or lane.listener.gives_way):
+            return None
+        self._give_way(lane)
+        run = Run(lane, kind)
+        lane.running.append(run)
+        self._reorder()
+        run.agenda.append((kind, name, Dealing(self.machine.scope, None, True, station)))
+        if kind == "close":
+            run.agenda.append(("ended", "", Dealing(self.machine.scope, None, True, station)))
+        self._next_of_agenda(run)
+        return run
+
+    def _begin_listener(self, lane: LaneState) -> bool:
+        machine = self.machine
+        if lane.held_until > machine.scope.now or lane.listen is None:
+            return False
+        run = Run(lane, "listen")
+        lane.listener = run
+        self._reorder()
+        dealing = Dealing(machine.scope, None, False)
+        machine.start_run(run, Activation(machine.sequences[lane.listen], dealing, {}, False))
+        return True
+
+    def _next_of_agenda(self, run: Run) -> bool:
+        """The next sequence of a run that has several: of its session first, then its own. False: there is none."""
+        session = self.machine.session
+        while run.agenda:
+            kind, name, dealing = run.agenda.popleft()
+            run.doing = kind
+            if kind == "begin":
+                session.begin(dealing.names["station"])
+            elif kind == "opened":
+                session.opened()
+            elif kind == "ended":
+                session.end()
+            else:
+                session.busy = kind in ("open", "close")
+                sequence = self.machine.sequences[name]
+                activation = Activation(sequence, dealing, arguments_of(sequence, dealing), False)
+                self.machine.start_run(run, activation)
+                return True
+        return False
+
+    # ---- ending -------------------------------------------------------------------------------------------
+
+    def settle_ended(self) -> None:
+        """What follows from runs that have ended: the session, the next sequence of the run, the caller."""
+        machine = self.machine
+        while machine.ended:
+            run = machine.ended.popleft()
+            outcome = run.outcome
+            if run.agenda and (outcome.ok or run.doing == "close") and self._next_of_agenda(run):
+                continue
+            if not outcome.ok and run.doing != "close":
+                self._failed(run, outcome)
+            machine.session.busy = False
+            self._remove(run, outcome)
+
+    def _failed(self, run: Run, outcome: Outcome) -> None:
+        session = self.machine.session
+        if run.doing == "open":
+            session.end()
+        else:
+            session.failed(outcome.outcome)
+        if run.lane.listener is run and outcome.outcome == "circle":
+            run.lane.held_until = self.machine.scope.now + HOLD
+
+    def _remove(self, run: Run, outcome: Outcome) -> None:
+        lane = run.lane
+        if lane.listener is run:
+            lane.listener = None
+        elif run in lane.running:
+            lane.running.remove(run)
+        self._reorder()
+        exchange = self._plans.pop(run, None)
+        if exchange is not None:
+            self.machine.tell(exchange, outcome)
+
+    def cancel(self, exchange: Exchange) -> None:
+        """Ends an exchange at once, wherever it stands."""
+        for lane in self.lanes:
+            if exchange in lane.waiting:
+                lane.waiting.remove(exchange)
+                self.machine.tell(exchange, Outcome(False, "cancelled"))
+                return
+        for run, planned in list(self._plans.items()):
+            if planned is exchange:
+                run.agenda.clear()
+                self.machine.fail_run(run, "cancelled")
+
+    def fail_waiting(self, outcome: str, cause: str) -> None:
+        """Exchanges that have not begun fail."""
+        for lane in self.lanes:
+            while lane.waiting:
+                self.machine.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
+
+    def _reorder(self) -> None:
+        self.order = tuple(run for lane in self.lanes for run in lane.runs())
+        self.machine.changed = True
+
+    @property
+    def listens(self) -> bool:
+        """Whether anything waits for frames."""
+        return any(run.state is State.RECEIVING for run in self.order)
+
+    @property
+    def deadline(self) -> int:
+        """When a run, or a lane that is held back, wants to be looked at."""
+        deadline = NEVER
+        for run in self.order:
+            if run.deadline < deadline:
+                deadline = run.deadline
+        for lane in self.lanes:
+            if lane.held_until > self.machine.scope.now and lane.listener is None and not lane.running:
+                deadline = min(deadline, lane.held_until)
+        return deadline

@@ -1,0 +1,113 @@
+"""What is to be sent: one thing after the other, with the silence the line wants before it and RTS around it.
+
+It gives the next command when the last one has left. It knows no sequences; who sent what is only kept for them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.protocol import Line
+from framekit.link.evaluate import Evaluate, compile_expression
+from framekit.link.events import Break, Command, Send, SetRts
+from framekit.link.scope import Scope
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from framekit.link.frame_table import FrameInfo
+    from framekit.link.runs import Run
+
+
+@dataclass(slots=True, eq=False)
+class Item:
+    """Bytes to send, or a break of `duration` ns. `on_sent` is told when the last bit has left."""
+
+    run: Run | None
+    data: bytes = b""
+    duration: int = 0
+    info: FrameInfo | None = None
+    on_sent: Callable[[], None] | None = None
+
+
+class Output:
+    """The queue to the line. `last_sent` and `last_received` are when the last character left or came (ns)."""
+
+    def __init__(self, line: Line, scope: Scope, commands: list[Command]) -> None:
+        self.scope = scope
+        self.commands = commands
+        self.pending: deque[Item] = deque()
+        self.outgoing: Item | None = None
+        self.last_sent = self.last_received = scope.now - (1 << 62)
+        self.clear_to_send = True
+        self.is_open = False
+        self._rts = False
+        self._turnaround = _maybe(line.turnaround)
+        self._key_delay = _maybe(line.key_delay)
+
+    def put(self, item: Item) -> bool:
+        """Queues something. False: it goes into the frame that is leaving, and nothing will be told of it."""
+        outgoing = self.outgoing
+        if outgoing is not None and self._fits_inside(outgoing, item):
+            self.commands.append(Send(item.data, inside=True))
+            return False
+        self.pending.append(item)
+        self.poll()
+        return True
+
+    def _fits_inside(self, outgoing: Item, item: Item) -> bool:
+        info = outgoing.info
+        if info is None or item.info is None or info.insert is None or item.info.name not in info.carries:
+            return False
+        return bool(info.insert(self.scope))
+
+    def poll(self) -> None:
+        """Gives the next command, if the line is free."""
+        if self.outgoing is not None or not self.pending or not self.is_open or not self.clear_to_send:
+            return
+        self.outgoing = item = self.pending.popleft()
+        not_before = self._not_before()
+        if item.data:
+            self.commands.append(Send(item.data, not_before))
+        else:
+            self.commands.append(Break(item.duration, not_before))
+
+    def _not_before(self) -> int:
+        """The silence before sending, and RTS the key delay before it."""
+        scope = self.scope
+        not_before = 0
+        if self._turnaround is not None:
+            not_before = max(self.last_sent, self.last_received) + int(self._turnaround(scope))
+        if self._key_delay is not None:
+            if not self._rts:
+                self._rts = True
+                self.commands.append(SetRts(True))
+            not_before = max(not_before, scope.now + int(self._key_delay(scope)))
+        return not_before if not_before > scope.now else 0
+
+    def left(self) -> Item | None:
+        """The last bit of what was given to the line has left it."""
+        item, self.outgoing = self.outgoing, None
+        self.last_sent = self.scope.now
+        self.poll()
+        if self.outgoing is None and self._rts:
+            self._rts = False
+            self.commands.append(SetRts(False))
+        return item
+
+    def clear(self) -> None:
+        """The connection is gone, and all that was to be sent with it."""
+        self.pending.clear()
+        self.outgoing = None
+        self._rts = False
+
+    @property
+    def quiet_since(self) -> int:
+        return max(self.last_sent, self.last_received)
+
+
+def _maybe(expression: Expression | None) -> Evaluate | None:
+    return None if expression is None else compile_expression(expression)
