@@ -211,9 +211,7 @@ def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:
     for segment in segments:
         if isinstance(segment, Data) and segment.pad is not None:
             found.add(segment.name)
-        elif isinstance(segment, (Wrap, Optional)) or (
-            isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple)
-        ):
+        elif isinstance(segment, (Wrap, Optional, Record, Repeat)) and isinstance(segment.of, tuple):
             found |= padded_names(segment.of)
         elif isinstance(segment, Choose):
             for _, case in segment.cases:

@@ -6,15 +6,18 @@ It knows rows and names, no engine and no addresses.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, cast
 
-from framekit.definition.model.protocol import Parameter, ParameterType
+from framekit.definition.model.protocol import Parameter
 from framekit.definition.model.services import Argument
 from framekit.definition.problems import NOWHERE, did_you_mean
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.parameters import ParameterError, given_value
 from framekit.link.requests import ServiceError
 from framekit.link.service_rows import RowFacts
+
+TYPES = ("time", "number", "flag", "text", "bytes", "list")
+"""The types of arguments that are checked; values of any other type are taken as they are."""
 
 
 def arguments_of(facts: RowFacts, given: Mapping[str, Any], names: Names) -> dict[str, Any]:
@@ -41,7 +44,7 @@ def _value(service: str, argument: Argument, given: Mapping[str, Any], names: Na
         except EVALUATION_ERRORS as error:
             raise ServiceError(f"the default of '{argument.name}' cannot be worked out: {error!r}") from None
     value = given[argument.name]
-    if argument.type not in get_args(ParameterType):
+    if argument.type not in TYPES:
         return value
     try:
         return given_value(_as_parameter(argument), value)
@@ -52,7 +55,7 @@ def _value(service: str, argument: Argument, given: Mapping[str, Any], names: Na
 def _as_parameter(argument: Argument) -> Parameter:
     return Parameter(
         name=argument.name,
-        type=argument.type,  # type: ignore[arg-type]
+        type=cast(Any, argument.type),
         default=None,
         is_=None,
         limits=argument.limits,
