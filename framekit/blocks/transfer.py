@@ -32,6 +32,13 @@ class BlockTransfers:
         self.client = client
         self.memory = memory
         self.frames = frames
+        self._sending: list[Ended] = []
+
+    def closed(self, reason: str) -> None:
+        """The connection is gone: frames that have not left yet never will."""
+        sending, self._sending = self._sending, []
+        for ended in sending:
+            ended(False, reason)
 
     def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
         """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
@@ -45,8 +52,8 @@ class BlockTransfers:
         station = self.station_of(block)
         if block.instruction == "send":
             assert block.frame is not None
-            commands = self.engine.send_frame(FrameValue(block.frame, self.fields_of(block)), now)
-            ended(True, "")
+            commands = self.engine.send_frame(block.frame, now, self.fields_of(block), self._sent)
+            self._sending.append(ended)
             return commands
         assert self.client is not None
         done = self._finisher(block, ended)
@@ -62,6 +69,11 @@ class BlockTransfers:
             return self._write(block, station, now, done)
         assert block.service is not None
         return self.client.call(block.service, dict(block.arguments), station=station, now=now, on_done=done)
+
+    def _sent(self) -> None:
+        """The oldest frame that was to be sent by itself has left."""
+        if self._sending:
+            self._sending.pop(0)(True, "")
 
     def _write(self, block: Block, station: Any, now: int, done: Callable[[TransferResult], None]) -> list[Command]:
         assert self.client is not None

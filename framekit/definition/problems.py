@@ -51,7 +51,7 @@ class DefinitionError(ValueError):
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """A hint naming the known words nearest to `word`, or all of them when they are few, or ''."""
     words = sorted(set(known))
-    near = difflib.get_close_matches(word, words, n=2, cutoff=0.6)
+    near = difflib.get_close_matches(word, words, n=2, cutoff=0.5 if len(word) <= 3 else 0.6)
     if near:
         return "did you mean " + " or ".join(f"'{name}'" for name in near) + "?"
     if 0 < len(words) <= 8:

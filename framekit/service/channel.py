@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
@@ -10,6 +11,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.events import Command
+from framekit.link.exchange import Asked
 from framekit.link.observe import Monitor
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
@@ -50,16 +52,19 @@ class ChannelService:
             line=channel.line,
             own=channel.own,
             now=clock.now(),
+            ask=self._ask,
+            on_frame=self._frame,
             monitor=monitor,
         )
-        self.engine.on_frame = self._frame
-        client = Client(protocol, codec, self.engine) if protocol.services else None
+        self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(self.engine, client, memory, dict(protocol.frames))
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state)
 
     def _on_state(self, state: str) -> None:
         self.state = state
+        if state != "open":
+            self.transfers.closed("closed")
 
     def start(self) -> None:
         self.driver.start()
@@ -77,6 +82,10 @@ class ChannelService:
             return self.transfers.start(block, now, ended)
 
         self.driver.do(begin)
+
+    def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
+        if self.client is not None:
+            self.client.ask(service, arguments, station, done)
 
     def _frame(self, frame: FrameValue) -> None:
         """A frame nobody waited for: the RECEIVE blocks that name it take it."""

@@ -24,7 +24,7 @@ class PortEvents(Protocol):
     def line_break(self, now: int) -> None: ...
 
     def sent(self, now: int) -> None:
-        """The last bit of everything handed over has left."""
+        """The last bit of the oldest bytes (or break) handed over and not yet told of has left."""
 
     def closed(self, now: int, reason: str) -> None:
         """The port is gone, or could not be opened; it may be opened again."""

@@ -146,7 +146,7 @@ class SimulatedPort(Port):
         self.shared.clock.call_at(burst.end, self._sent)
 
     def _sent(self) -> None:
-        if self.events is not None and self.shared.clock.now() >= self._free:
+        if self.events is not None:
             self.events.sent(self.shared.clock.now())
 
     def hear(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:

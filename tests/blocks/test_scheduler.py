@@ -1,0 +1,198 @@
+"""The scheduler by itself: cycles without drift, edges, chains, overruns, one exchange at a time, counters that add up."""
+
+from __future__ import annotations
+
+import pytest
+
+from framekit.blocks.model import After, Block, BlockEnd, Changed, Every, Rising, Trigger, While
+from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.definition.expression.parse import parse_expression
+from framekit.definition.problems import NOWHERE
+from framekit.definition.times import NEVER
+from framekit.link.addresses import Address
+from framekit.memory.area import Area
+from framekit.memory.memory import DeviceMemory
+
+MS = 1_000_000
+
+
+def block(number: int, *triggers: Trigger, channel: int = 1, **more: object) -> Block:
+    return Block(
+        number=number, set=1, name=f"block {number}", instruction="send", channel=channel,
+        triggers=triggers, at=NOWHERE, **more,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def resolve(name: str) -> Address:
+    """`M3` is word 3, `M3b5` bit 5 of it."""
+    word, _, bit = name[1:].partition("b")
+    return Address("M", "bit", int(word) * 16 + int(bit), name) if bit else Address("M", "word", int(word), name)
+
+
+class Bench:
+    """A scheduler with exchanges that take `duration`, driven by hand."""
+
+    def __init__(self, *blocks: Block, duration: int = 0, pause: int = 0) -> None:
+        self.memory = DeviceMemory([Area("M", size=64)])
+        self.starts: list[tuple[int, int]] = []
+        self.ends: list[tuple[int, int, bool]] = []
+        self.duration = duration
+        self.now = 0
+        self.bad: set[int] = set()
+        channels = {one.channel: pause for one in blocks}
+        self.scheduler = Scheduler(blocks, self.memory, resolve, channels, self._start, lambda: None)
+        self.scheduler.begin(0)
+
+    def _start(self, state: BlockState, now: int) -> None:
+        number = state.block.number
+        self.starts.append((now // MS, number))
+        self.ends.append((now + self.duration, number, number not in self.bad))
+
+    def run_until(self, time: int) -> None:
+        while True:
+            due = min([self.scheduler.deadline, *(end[0] for end in self.ends)])
+            due = max(due, self.now)
+            if due > time * MS:
+                self.now = time * MS
+                return
+            self.now = due
+            ready = [end for end in self.ends if end[0] <= due]
+            self.ends = [end for end in self.ends if end[0] > due]
+            for _, number, ok in ready:
+                self.scheduler.finished(number, ok, "" if ok else "no_reply", due)
+            self.scheduler.tick(due)
+
+    def counters(self, number: int) -> tuple[int, int, int, int]:
+        found = self.scheduler.states[number].counters
+        assert found.started == found.done + found.failed + found.running
+        return found.started, found.done, found.failed, found.overruns
+
+
+def test_a_cycle_keeps_its_phase() -> None:
+    bench = Bench(block(0, Every(period=100 * MS, phase=30 * MS)), duration=40 * MS)
+    bench.run_until(1000)
+    assert [time for time, _ in bench.starts] == list(range(30, 1000, 100))
+    assert bench.counters(0) == (10, 10, 0, 0)
+
+
+def test_a_slow_exchange_skips_cycles_and_counts_them() -> None:
+    bench = Bench(block(0, Every(period=100 * MS, phase=100 * MS)), duration=250 * MS)
+    bench.run_until(1000)
+    assert [time for time, _ in bench.starts] == [100, 400, 700, 1000]
+    assert bench.scheduler.states[0].counters.overruns == 6
+
+
+def test_a_rising_edge_starts_once() -> None:
+    bench = Bench(block(0, Rising(condition=parse_expression("M3b5", NOWHERE))))
+    for value in (1, 1, 0, 1):
+        bench.memory.write("M", "bit", 53, [value])
+        bench.run_until(bench.now // MS + 1)
+    assert bench.counters(0)[0] == 2
+
+
+def test_a_pulse_between_two_ticks_is_not_missed() -> None:
+    bench = Bench(block(0, Rising(condition=parse_expression("M3b5", NOWHERE))))
+    bench.memory.write("M", "bit", 53, [1])
+    bench.memory.write("M", "bit", 53, [0])
+    bench.run_until(1)
+    assert bench.counters(0)[0] == 1
+
+
+def test_an_expression_over_words_is_looked_at_when_they_change() -> None:
+    bench = Bench(block(0, Rising(condition=parse_expression("M1 > 5 and M2 == 0", NOWHERE))))
+    bench.memory.write("M", "word", 1, [6])
+    bench.run_until(1)
+    bench.memory.write("M", "word", 2, [1])
+    bench.memory.write("M", "word", 2, [0])
+    bench.run_until(2)
+    assert bench.counters(0)[0] == 2
+
+
+def test_while_starts_again_as_long_as_it_holds() -> None:
+    bench = Bench(block(0, While(condition=parse_expression("M1", NOWHERE))), duration=9 * MS)
+    bench.memory.write("M", "word", 1, [1])
+    bench.run_until(95)
+    bench.memory.write("M", "word", 1, [0])
+    bench.run_until(300)
+    assert [time for time, _ in bench.starts] == [0, *range(10, 100, 10)]
+
+
+def test_a_change_of_an_area_starts() -> None:
+    bench = Bench(block(0, Changed(address=Address("M", "word", 4), words=3)))
+    for word in (3, 4, 6, 7):
+        bench.memory.write("M", "word", word, [1])
+        bench.run_until(bench.now // MS + 1)
+    assert bench.counters(0)[0] == 2
+
+
+def test_blocks_follow_the_end_of_others() -> None:
+    bench = Bench(
+        block(0, Every(period=100 * MS, phase=0)),
+        block(1, BlockEnd(block=0, ok=True)),
+        block(2, BlockEnd(block=0, ok=False)),
+        duration=5 * MS,
+    )
+    bench.run_until(90)
+    bench.bad.add(0)
+    bench.run_until(190)
+    assert bench.starts == [(0, 0), (5, 1), (100, 0), (105, 2)]
+
+
+def test_one_exchange_at_a_time_by_due_time_priority_and_number() -> None:
+    bench = Bench(
+        block(0, After(delay=0)),
+        block(3, After(delay=2 * MS)),
+        block(2, After(delay=2 * MS)),
+        block(1, After(delay=2 * MS), priority=5),
+        duration=10 * MS,
+        pause=5 * MS,
+    )
+    bench.run_until(200)
+    assert bench.starts == [(0, 0), (15, 1), (30, 2), (45, 3)]
+
+
+def test_channels_do_not_wait_for_each_other() -> None:
+    bench = Bench(block(0, After(delay=0)), block(1, After(delay=0), channel=2), duration=50 * MS)
+    bench.run_until(10)
+    assert bench.starts == [(0, 0), (0, 1)]
+
+
+def test_due_again_while_waiting_is_an_overrun_and_runs_once() -> None:
+    bench = Bench(
+        block(0, Rising(condition=parse_expression("M1", NOWHERE))), block(1, After(delay=0)), duration=50 * MS
+    )
+    for value in (1, 0, 1, 0, 1):
+        bench.memory.write("M", "word", 1, [value])
+    bench.run_until(300)
+    assert bench.counters(0) == (1, 1, 0, 2)
+
+
+@pytest.mark.parametrize(("repeat", "expected"), [(3, 3), (None, 10)])
+def test_repeat_bounds_the_starts(repeat: int | None, expected: int) -> None:
+    bench = Bench(block(0, Every(period=10 * MS, phase=10 * MS), repeat=repeat))
+    bench.run_until(100)
+    assert bench.counters(0)[0] == expected
+
+
+def test_unless_holds_a_block_back() -> None:
+    bench = Bench(block(0, Every(period=10 * MS, phase=10 * MS), unless=parse_expression("M1", NOWHERE)))
+    bench.run_until(50)
+    bench.memory.write("M", "word", 1, [1])
+    bench.run_until(100)
+    assert bench.counters(0)[0] == 5
+
+
+def test_nothing_is_due_after_the_end() -> None:
+    bench = Bench(block(0, Every(period=10 * MS)), block(1, Rising(condition=parse_expression("M1", NOWHERE))))
+    bench.scheduler.end()
+    bench.memory.write("M", "word", 1, [1])
+    assert bench.scheduler.deadline == NEVER
+
+
+def test_a_block_fired_by_hand() -> None:
+    bench = Bench(block(0))
+    bench.scheduler.fire(0, 0)
+    bench.run_until(1)
+    assert bench.counters(0) == (1, 1, 0, 0)
+    with pytest.raises(KeyError):
+        bench.scheduler.fire(9, 0)
