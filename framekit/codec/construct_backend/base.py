@@ -1,0 +1,107 @@
+"""What the constructs of all segments share: being there or not, their place in the frame, their values.
+
+A segment's construct reads into the record whose context it gets, and writes from that record's `Filling`.
+"""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+from construct import Construct, Container
+
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
+from framekit.codec.construct_backend.faults import Place
+from framekit.codec.construct_backend.filling import MISSING, Filling
+from framekit.codec.construct_backend.state import Reading
+from framekit.definition.model.segments import Segment
+
+
+def label_of(segment: Segment) -> str:
+    """What a fault calls a segment: its name, or its kind when it has only the one the loader gave."""
+    if segment.name and not segment.name.startswith("_"):
+        return segment.name
+    return type(segment).__name__.lower()
+
+
+class SegmentConstruct(Construct):
+    """A segment of a frame, only usable inside a record.
+
+    Parses into the record's context and notes faults instead of raising them, builds from the record's filling. A
+    segment whose `when` does not hold takes no bytes. Raises Stop when nothing behind it can be found (parsing),
+    EncodeError (building).
+    """
+
+    def __init__(self, segment: Segment) -> None:
+        super().__init__()
+        self.segment = segment
+        self.name = segment.name
+        self.label = label_of(segment)
+        self.flagbuildnone = True
+
+    # ---- to be written by subclasses ----------------------------------------------------------------------
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        """Reads the segment, which is there."""
+        raise NotImplementedError
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        """Writes the segment, which is there."""
+        raise NotImplementedError
+
+    def read_absent(self, context: Container, place: Place) -> None:
+        """What an absent segment leaves behind."""
+
+    def refuse_absent(self, filling: Filling, name: str) -> None:
+        """Refuses the value `name` that was given although the segment is not there. Raises EncodeError."""
+        given = filling.given_of(name)
+        if given is not None:
+            raise filling.error(name, f"'{name}' is not part of this frame, but {given!r} is given")
+
+    # ---- construct ----------------------------------------------------------------------------------------
+
+    def _parse(self, stream: BytesIO, context: Container, path: str) -> None:
+        reading: Reading = context._state
+        place = reading.place(stream, self.label, self.segment.refuse)
+        if not self._is_there(reading, context, place):
+            self.read_absent(context, place)
+            return
+        with reading.marked(self.segment.name, stream, context, path):
+            self.read(stream, context, f"{path} -> {self.label}", place)
+
+    def _is_there(self, reading: Reading, context: Container, place: Place) -> bool:
+        if self.segment.when is None:
+            return True
+        try:
+            return bool(reading.evaluate(self.segment.when, context))
+        except EVALUATION_ERRORS as error:
+            raise reading.stop(place, "value", str(self.segment.when), repr(error)) from None
+
+    def _build(self, obj: Any, stream: BytesIO, context: Container, path: str) -> Any:
+        filling: Filling = obj
+        if not self.holds(filling):
+            return obj
+        with context._state.marked(self.segment.name, stream, context, path):
+            self.write(filling, stream, context, f"{path} -> {self.label}")
+        return obj
+
+    def holds(self, filling: Filling) -> bool:
+        """Whether the segment's own `when` holds for these values."""
+        when = self.segment.when
+        return when is None or bool(filling.compute(when, self.label))
+
+
+class ValueSegment(SegmentConstruct):
+    """A segment that is one value of its record, under its own name."""
+
+    name: str
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        """The value to build: given or computed. Raises EncodeError, Absent."""
+        raise NotImplementedError
+
+    def refuse_other(self, filling: Filling, value: Any) -> None:
+        """Refuses a given value that is not the computed one. Raises EncodeError."""
+        given = filling.given_of(self.name)
+        if given is not MISSING and given != value:
+            raise filling.error(self.name, f"'{self.name}' is computed as {value!r}, not {given!r}")

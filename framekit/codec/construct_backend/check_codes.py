@@ -1,0 +1,124 @@
+"""Check codes: over which bytes, by which method, written how. What is covered counts as it is inside its wrap."""
+
+from __future__ import annotations
+
+from functools import partial
+from io import BytesIO
+
+from construct import Container
+
+from framekit.codec import support
+from framekit.codec.checks import compute
+from framekit.codec.construct_backend.base import SegmentConstruct
+from framekit.codec.construct_backend.expressions import evaluate
+from framekit.codec.construct_backend.faults import Place
+from framekit.codec.construct_backend.filling import Filling
+from framekit.codec.construct_backend.names import Names
+from framekit.codec.construct_backend.state import Leaf, Reading, State, Writing, mark_of
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.segments import Check
+
+
+class CheckConstruct(SegmentConstruct):
+    """A check code over everything before it, over named segments, or over a span of them.
+
+    Parsing compares when the whole frame is read and notes `check` for a wrong one (unless `verify` says otherwise).
+    Building leaves room and fills the code in when everything around is there.
+    """
+
+    segment: Check
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        start, leaves = stream.tell(), len(reading.leaves)
+        found = reading.take(stream, self.segment.size, place)
+        reading.leaf(found)
+        if self.segment.verify != "error":
+            return
+
+        def compare() -> None:
+            covered = self._covered(reading, context, stream.getvalue()[:start], leaves)
+            code = code_of(self.segment.method, covered, reading.names)
+            if self._number(found) != code:
+                reading.note(place, "check", self._written(code), found)
+
+        reading.later.append(compare)
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        writing: Writing = context._state
+        start, leaves = stream.tell(), len(writing.leaves)
+        stream.write(bytes(self.segment.size))
+        leaf = writing.leaf(bytes(self.segment.size))
+        writing.later.append(partial(self._fill_in, stream, context, start, leaves, leaf))
+
+    def _fill_in(self, stream: BytesIO, context: Container, start: int, leaves: int, leaf: Leaf) -> None:
+        state: Writing = context._state
+        covered = self._covered(state, context, stream.getvalue()[:start], leaves)
+        leaf.data = self._written(code_of(self.segment.method, covered, state.names))
+        end = stream.tell()
+        stream.seek(start)
+        stream.write(leaf.data)
+        stream.seek(end)
+
+    # ---- what is covered ----------------------------------------------------------------------------------
+
+    def _covered(self, state: State, context: Container, before: bytes, leaves: int) -> bytes:
+        """The bytes the code is computed over; `leaves` counts those before the check."""
+        check = self.segment
+        if check.over is not None:
+            return b"".join(self._named(state, context, name) for name in check.over)
+        if check.span is None:
+            return before
+        first, last = check.span
+        try:
+            start = mark_of(context, first).first
+            return state.bytes_of(start, leaves if last == "here" else mark_of(context, last).last)
+        except KeyError:
+            return b""
+
+    def _named(self, state: State, context: Container, name: str) -> bytes:
+        try:
+            mark = mark_of(context, name)
+        except KeyError:
+            return b""  # a segment that is not there counts nothing
+        return state.bytes_of(mark.first, mark.last)
+
+    # ---- how it is written --------------------------------------------------------------------------------
+
+    def _written(self, code: int) -> bytes:
+        """The code on the wire. Raises OverflowError or ValueError when it does not fit its size."""
+        check, little = self.segment, self.segment.order == "little"
+        if check.form == "raw":
+            return code.to_bytes(check.size, check.order)
+        if check.form == "dec":
+            return support.build_dec_little(code, check.size) if little else support.build_dec(code, check.size)
+        if check.form == "nibbles":
+            return support.split_nibbles(code.to_bytes(check.size // 2, check.order))
+        digits = support.build_hex_little(code, check.size) if little else support.build_hex(code, check.size)
+        return digits.lower() if check.form == "hex" else digits
+
+    def _number(self, data: bytes) -> int | None:
+        """The code that bytes from the wire mean; None if they mean none."""
+        check, little = self.segment, self.segment.order == "little"
+        try:
+            if check.form == "raw":
+                return int.from_bytes(data, check.order)
+            if check.form == "dec":
+                return support.parse_dec_little(data) if little else support.parse_dec(data)
+            if check.form == "nibbles":
+                return int.from_bytes(support.join_nibbles(data), check.order)
+            return support.parse_hex_little(data) if little else support.parse_hex(data)
+        except ValueError:
+            return None
+
+
+def code_of(method: CheckMethod, data: bytes, names: Names) -> int:
+    """The check code of `data`; a fold's expression is worked out byte by byte."""
+    if method.expression is None:
+        return compute(method, data)
+    mask, code = (1 << method.width) - 1, method.initial
+    for byte in data:
+        code = evaluate(method.expression.root, Names({"acc": code, "byte": byte}, names).__getitem__) & mask
+    if method.complement is not None:
+        code = ~code & mask if method.complement == "ones" else -code & mask
+    return code if method.mask is None else code & method.mask

@@ -1,0 +1,189 @@
+"""From the model of a protocol to constructs: one for every frame and every layout, and the codec made of them."""
+
+from __future__ import annotations
+
+from construct import Container
+
+from framekit.codec.construct_backend.base import SegmentConstruct
+from framekit.codec.construct_backend.check_codes import CheckConstruct
+from framekit.codec.construct_backend.codec import ConstructCodec
+from framekit.codec.construct_backend.counts import CountConstruct, LengthConstruct
+from framekit.codec.construct_backend.fields import BitsConstruct, FieldConstruct
+from framekit.codec.construct_backend.filling import Condition, Filling, Part, Plan
+from framekit.codec.construct_backend.frame import FrameConstruct, InnerConstruct
+from framekit.codec.construct_backend.holders import (
+    ChooseConstruct,
+    Fields,
+    OptionalConstruct,
+    RecordConstruct,
+    RepeatConstruct,
+    Segments,
+)
+from framekit.codec.construct_backend.names import Names, known_names
+from framekit.codec.construct_backend.pieces import (
+    ConstantConstruct,
+    DataConstruct,
+    DerivedConstruct,
+    RequireConstruct,
+    SkipConstruct,
+)
+from framekit.codec.construct_backend.regions import EscapeConstruct, HexConstruct
+from framekit.codec.construct_backend.sizes import KnownSizes
+from framekit.definition.model import segments as model
+from framekit.definition.model.frames import Frame, Layout
+from framekit.definition.model.protocol import Protocol
+
+_PLAIN: dict[type[model.Segment], type[SegmentConstruct]] = {
+    model.Const: ConstantConstruct,
+    model.Field: FieldConstruct,
+    model.Bits: BitsConstruct,
+    model.Data: DataConstruct,
+    model.Length: LengthConstruct,
+    model.Count: CountConstruct,
+    model.Skip: SkipConstruct,
+    model.Value: DerivedConstruct,
+    model.Require: RequireConstruct,
+    model.Check: CheckConstruct,
+}
+
+
+def compile_construct(protocol: Protocol) -> ConstructCodec:
+    """Constructs for everything in `protocol` that stands on a line or in bytes."""
+    compiler = _Compiler(protocol)
+    for frame in protocol.frames.values():
+        compiler.frames[frame.name] = compiler.frame(frame)
+    layouts = {layout.name: compiler.frame(_as_frame(layout)) for layout in protocol.layouts.values()}
+    return ConstructCodec(compiler.frames, layouts)
+
+
+def _as_frame(layout: Layout) -> Frame:
+    return Frame(
+        name=layout.name,
+        at=layout.at,
+        groups=(),
+        side="none",
+        head=(),
+        body=layout.segments,
+        tail=(),
+        inner=True,
+        echo={},
+        announces={},
+    )
+
+
+class _Compiler:
+    def __init__(self, protocol: Protocol) -> None:
+        self.sizes = KnownSizes(protocol.frames)
+        self.known = known_names(protocol)
+        self.frames: dict[str, FrameConstruct] = {}
+
+    def frame(self, frame: Frame) -> FrameConstruct:
+        plan = Plan()
+        sections = tuple(self.list(segments, plan, ()) for segments in (frame.head, frame.body, frame.tail))
+        return FrameConstruct(frame, (sections[0], sections[1], sections[2]), plan, self.sizes, self.known)
+
+    def list(
+        self, segments: tuple[model.Segment, ...], plan: Plan, conditions: tuple[Condition, ...]
+    ) -> Segments:
+        """Constructs of segments that belong to the record of `plan` while `conditions` hold."""
+        return Segments(tuple(self.segment(segment, plan, conditions) for segment in segments))
+
+    def segment(self, segment: model.Segment, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
+        construct = self._holder(segment, plan, conditions)
+        if segment.when is not None:
+            conditions = (*conditions, construct.holds)
+        part = Part(construct, conditions)
+        if segment.name is not None:
+            plan.segments.setdefault(segment.name, []).append(part)
+        for name in value_names(segment):
+            plan.values.setdefault(name, []).append(part)
+        return construct
+
+    def _holder(self, segment: model.Segment, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
+        """The construct of a segment, with those of what it holds."""
+        match segment:
+            case model.Repeat(of=model.FieldType()):
+                return RepeatConstruct(segment, None)
+            case model.Repeat(of=of):
+                assert isinstance(of, tuple)
+                return RepeatConstruct(segment, self._fields(of))
+            case model.Record():
+                return RecordConstruct(segment, self._fields(segment.of))
+            case model.Choose():
+                return self._choose(segment, plan, conditions)
+            case model.Optional():
+                return self._optional(segment, plan, conditions)
+            case model.Wrap():
+                return self._wrap(segment, plan, conditions)
+            case model.Inner():
+                return InnerConstruct(segment, self.frames)
+        return _PLAIN[type(segment)](segment)
+
+    def _fields(self, segments: tuple[model.Segment, ...]) -> Fields:
+        plan = Plan()
+        return Fields(self.list(segments, plan, ()), plan)
+
+    def _choose(self, segment: model.Choose, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
+        def case(of: tuple[model.Segment, ...]) -> Segments:
+            def is_chosen(filling: Filling) -> bool:
+                return construct.holds(filling) and construct.chosen(filling) is there
+
+            there = self.list(of, plan, (*conditions, is_chosen))
+            return there
+
+        cases = tuple(case(of) for _, of in segment.cases)
+        construct = ChooseConstruct(segment, cases, None if segment.otherwise is None else case(segment.otherwise))
+        return construct
+
+    def _optional(self, segment: model.Optional, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
+        def is_there(filling: Filling) -> bool:
+            return construct.holds(filling) and construct.is_wanted(filling)
+
+        segments = self.list(segment.of, plan, (*conditions, is_there))
+        names = tuple(name for part in named_segments(segment.of) for name in value_names(part))
+        construct = OptionalConstruct(segment, segments, names)
+        return construct
+
+    def _wrap(self, segment: model.Wrap, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
+        def is_there(filling: Filling) -> bool:
+            return construct.holds(filling)
+
+        segments = self.list(segment.of, plan, (*conditions, is_there))
+        construct: SegmentConstruct
+        if segment.how == "hex":
+            construct = HexConstruct(segment, segments)
+        else:
+            construct = EscapeConstruct(segment, segments, lambda data, names: self._embedded(segment, data, names))
+        return construct
+
+    def _embedded(self, wrap: model.Wrap, data: bytes, names: Names) -> int | None:
+        """How many bytes of `data` a frame takes that begins there and may stand inside the wrap."""
+        for name in wrap.inside:
+            outcome = self.frames[name].read(data, names, Container(), name, exact=False)
+            if outcome.fault is None:
+                return outcome.size
+        return None
+
+
+def value_names(segment: model.Segment) -> tuple[str, ...]:
+    """The names of the values that a segment itself gives its record."""
+    if isinstance(segment, model.Bits):
+        return tuple(part.name for part in segment.parts)
+    valued = (
+        model.Field, model.Data, model.Length, model.Count, model.Repeat, model.Record, model.Inner, model.Value
+    )  # fmt: skip
+    return (segment.name,) if isinstance(segment, valued) else ()
+
+
+def named_segments(segments: tuple[model.Segment, ...]) -> list[model.Segment]:
+    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
+    found: list[model.Segment] = []
+    for segment in segments:
+        found.append(segment)
+        if isinstance(segment, (model.Wrap, model.Optional)):
+            found.extend(named_segments(segment.of))
+        elif isinstance(segment, model.Choose):
+            for _, case in segment.cases:
+                found.extend(named_segments(case))
+            found.extend(named_segments(segment.otherwise or ()))
+    return found

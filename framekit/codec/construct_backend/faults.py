@@ -1,0 +1,86 @@
+"""What went wrong while a frame is read: faults in segment order, and the errors construct users get to see.
+
+Reading goes on behind a fault as long as the next segment can be found; `Stop` ends a region where it can't. Nothing
+here knows a kind of segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from construct import ConstructError
+
+from framekit.codec.errors import EncodeError, FrameError
+
+
+class ConstructFrameError(FrameError, ConstructError):
+    """A `FrameError` that is also a `ConstructError`, as construct's `Select` and `Optional` expect of a misfit."""
+
+    def __init__(self, fault: Fault, refuse: int | None, fields: Mapping[str, Any], path: str) -> None:
+        place = fault.place
+        super().__init__(
+            fault.cause, place.label, place.offset, fault.expected, fault.found, refuse=refuse, fields=fields
+        )
+        self.path = path
+
+
+class ConstructEncodeError(EncodeError, ConstructError):
+    """An `EncodeError` that is also a `ConstructError`."""
+
+    def __init__(self, field: str, message: str, path: str | None = None) -> None:
+        super().__init__(field, message)
+        self.path = path
+
+
+class Stop(ConstructError):  # noqa: N818 - it is a signal between constructs of one frame
+    """Nothing more can be read in this region; why has been noted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a segment is read: its rank in reading order, its offset in the frame, and what a fault there means."""
+
+    order: int
+    offset: int
+    label: str
+    refuse: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing wrong at a place; `cause` as in `FrameError`."""
+
+    place: Place
+    cause: str
+    expected: str = ""
+    found: str = ""
+
+
+class Faults:
+    """Collects the faults of one frame and says which one counts."""
+
+    def __init__(self) -> None:
+        self.noted: list[Fault] = []
+        self.unchecked = False
+
+    def note(self, place: Place, cause: str, expected: object = "", found: object = "") -> None:
+        self.noted.append(Fault(place, cause, text_of(expected), text_of(found)))
+
+    def verdict(self) -> Fault | None:
+        """The fault that counts: a wrong check before all others, else the first in segment order."""
+        wrong_checks = [fault for fault in self.noted if fault.cause == "check"]
+        return min(wrong_checks or self.noted, key=lambda fault: fault.place.order, default=None)
+
+    def refusal(self, fault: Fault) -> int | None:
+        """The code `fault` is to be answered with: only when every check was there and right."""
+        return None if fault.cause == "check" or self.unchecked else fault.place.refuse
+
+
+def text_of(value: object) -> str:
+    """A short text for a message: bytes as hex pairs."""
+    if isinstance(value, (bytes, bytearray)):
+        shown = bytes(value[:8]).hex(" ").upper()
+        return f"{shown} …" if len(value) > 8 else shown
+    return value if isinstance(value, str) else repr(value)

@@ -1,0 +1,238 @@
+"""The values of a record that is to be built: what was given, and what is computed from it when somebody asks.
+
+Values are worked out on demand, in whatever order they need each other, and may refer to later fields and to sizes of
+segments. How a kind of segment gets its value is the segments' business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, Protocol
+
+from construct import Container
+
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, attribute, evaluate
+from framekit.codec.construct_backend.faults import ConstructEncodeError
+from framekit.codec.construct_backend.names import Names
+from framekit.codec.construct_backend.state import Writing
+from framekit.definition.expression.syntax import Expression
+
+Condition = Callable[["Filling"], bool]
+MISSING: Any = object()
+
+
+class Circular(Exception):  # noqa: N818 - caught where a value may do without, else turned into an error
+    """A value that is computed from itself; `name` is its path."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(name)
+
+
+class Absent(KeyError):  # noqa: N818 - a KeyError for expressions, a signal for others
+    """A value whose segment is not there."""
+
+
+class Owner(Protocol):
+    """A segment's construct, as far as a filling uses it."""
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        """The value of `name`, given or computed. Raises EncodeError, Absent."""
+
+    def refuse_absent(self, filling: Filling, name: str) -> None:
+        """Refuses the given value `name` of an absent segment. Raises EncodeError."""
+
+    def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any: ...
+
+
+@dataclass(slots=True)
+class Part:
+    """A segment's construct and what must hold for it to be there."""
+
+    construct: Owner
+    conditions: tuple[Condition, ...]
+
+
+@dataclass(slots=True)
+class Plan:
+    """What the names of a record mean: its values, and its segments (more than one when cases share a name)."""
+
+    values: dict[str, list[Part]] = field(default_factory=dict)
+    segments: dict[str, list[Part]] = field(default_factory=dict)
+
+
+class Filling(Mapping[str, Any]):
+    """The values of one record under construction; reading one computes it. `path` is what its names begin with."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        given: Mapping[str, Any],
+        names: Names,
+        outer: Filling | None = None,
+        path: str = "",
+        echo: Mapping[str, Expression] | None = None,
+    ) -> None:
+        self.plan = plan
+        self.given = given
+        self.names = names
+        self.outer = outer
+        self.path = path
+        self.echo = echo or {}
+        self._done: dict[str, Any] = {}
+        self._running: set[str] = set()
+        for name in given:
+            if name not in plan.values:
+                raise self.error(str(name), f"there is no field '{name}' here")
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> Any:
+        """The value of a field. Raises EncodeError, Circular, and Absent when its segment is not there."""
+        if name not in self._done:
+            if name in self._running:
+                raise Circular(self.path + name)
+            self._running.add(name)
+            try:
+                self._done[name] = self._owner(name).fill(self, name)
+            finally:
+                self._running.discard(name)
+        return self._done[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.plan.values)
+
+    def __len__(self) -> int:
+        return len(self.plan.values)
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            self[str(name)]
+        except KeyError:
+            return False
+        return True
+
+    def _owner(self, name: str) -> Owner:
+        parts = self.plan.values[name]
+        if len(parts) == 1:
+            return parts[0].construct
+        return self._part(parts, name).construct
+
+    def _part(self, parts: list[Part], name: str) -> Part:
+        """The one that is there. Raises Absent."""
+        for part in parts:
+            if all(condition(self) for condition in part.conditions):
+                return part
+        raise Absent(name)
+
+    def is_there(self, name: str) -> bool:
+        """Whether the segment of a value is part of the frame."""
+        try:
+            self._part(self.plan.values[name], name)
+        except Absent:
+            return False
+        return True
+
+    def refuse_absent(self) -> None:
+        """Refuses given values whose segments are not there. Raises EncodeError."""
+        for name in self.given:
+            if not self.is_there(name):
+                self.plan.values[name][0].construct.refuse_absent(self, name)
+
+    def given_of(self, name: str) -> Any:
+        """What the caller gave, or MISSING."""
+        return self.given.get(name, MISSING)
+
+    def echo_of(self, name: str) -> Any:
+        """What the request says this field repeats, or MISSING without request."""
+        expression = self.echo.get(name)
+        if expression is None:
+            return MISSING
+        try:
+            request = self.names["request"]
+        except MissingName:
+            return MISSING
+
+        def lookup(word: str) -> Any:
+            if word != "request":
+                try:
+                    return attribute(request, word)
+                except EVALUATION_ERRORS:
+                    pass
+            return self.names[word]
+
+        try:
+            return evaluate(expression.root, lookup)
+        except (MissingName, *EVALUATION_ERRORS):
+            return MISSING
+
+    # ---- expressions --------------------------------------------------------------------------------------
+
+    def evaluate(self, expression: Expression, own: str = "") -> Any:
+        """The expression's value; the name `own` means something outside this record. Raises EVALUATION_ERRORS too."""
+
+        def lookup(name: str) -> Any:
+            filling: Filling | None = self
+            while filling is not None:
+                if name in filling.plan.values and not (name == own and filling is self):
+                    return filling[name]
+                if name in filling.plan.segments:
+                    return filling.bytes_of(name)
+                filling = filling.outer
+            return self.names[name]
+
+        return evaluate(expression.root, lookup)
+
+    def compute(self, expression: Expression, own: str) -> Any:
+        """The value an expression gives the field `own`. Raises EncodeError when it can't be worked out."""
+        try:
+            return self.evaluate(expression, own)
+        except ConstructEncodeError:
+            raise
+        except EVALUATION_ERRORS as error:
+            raise self.error(own, f"'{own}' cannot be computed from '{expression}': {error}") from None
+
+    def error(self, name: str, message: str) -> ConstructEncodeError:
+        """An EncodeError for a field of this record."""
+        return ConstructEncodeError(self.path + name, message)
+
+    # ---- sizes --------------------------------------------------------------------------------------------
+
+    def size_of(self, name: str, plain: bool = False) -> int:
+        """Bytes a segment takes: on the wire, or before conversion. 0 if it is not there."""
+        stream, context = self._scratch()
+        self._build_segment(name, stream, context)
+        if not plain:
+            return stream.tell()
+        return sum(leaf.plain for leaf in context._state.leaves)
+
+    def size_of_all(self, constructs: Iterable[Owner]) -> int:
+        """Bytes that segments of this record take together."""
+        stream, context = self._scratch()
+        for construct in constructs:
+            construct._build(self, stream, context, "(measuring)")
+        return stream.tell()
+
+    def bytes_of(self, name: str) -> bytes:
+        """The bytes of a segment, as they are inside its wrap."""
+        stream, context = self._scratch()
+        self._build_segment(name, stream, context)
+        state: Writing = context._state
+        return state.bytes_of(0, len(state.leaves))
+
+    def _build_segment(self, name: str, stream: BytesIO, context: Container) -> None:
+        filling: Filling = self
+        while name not in filling.plan.segments and filling.outer is not None:
+            filling = filling.outer
+        try:
+            part = filling._part(filling.plan.segments[name], name)
+        except Absent:
+            return
+        part.construct._build(filling, stream, context, "(measuring)")
+
+    def _scratch(self) -> tuple[BytesIO, Container]:
+        context = Container(_=Container(), _params=Container(), _is_frame=True, _marks={})
+        context._state = Writing(self.names, measuring=True)
+        return BytesIO(), context

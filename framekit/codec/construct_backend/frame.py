@@ -1,0 +1,291 @@
+"""Whole frames and layouts as constructs, and frames inside frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+from construct import Construct, Container, SizeofError, stream_read_entire, stream_write
+
+from framekit.codec.construct_backend.base import ValueSegment
+from framekit.codec.construct_backend.faults import (
+    ConstructEncodeError,
+    ConstructFrameError,
+    Fault,
+    Place,
+    Stop,
+)
+from framekit.codec.construct_backend.filling import MISSING, Absent, Circular, Filling, Plan
+from framekit.codec.construct_backend.holders import Segments, open_context
+from framekit.codec.construct_backend.names import Names
+from framekit.codec.construct_backend.sizes import KnownSizes
+from framekit.codec.construct_backend.state import Reading, Region, Writing
+from framekit.codec.construct_backend.values import evaluated_size
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import Const, Inner
+
+UNKNOWN = "unknown"
+"""The name under which the bytes of an inner region stand that no frame fits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What reading came to: the values, the bytes taken, and the fault that counts with its refusal."""
+
+    values: Container
+    size: int
+    fault: Fault | None
+    refuse: int | None
+
+    @property
+    def is_usable(self) -> bool:
+        """Good, or to be refused."""
+        return self.fault is None or self.refuse is not None
+
+
+class FrameConstruct(Construct):
+    """A frame of a protocol (or a layout): head, body and tail.
+
+    Parses everything to the end of its stream, which must be just one frame, into a Container of its values; where more
+    follows, put it into `Prefixed`, `FixedSized` or the like. Builds from a mapping; what can be computed may be left
+    out. Parameters, state, `request` and whatever else its expressions read are keyword arguments of `parse` and
+    `build`; constant defaults are known. `sizeof` gives the size of frames that never vary.
+
+    Raises ConstructFrameError (a FrameError) when parsing, ConstructEncodeError (an EncodeError) when building, and
+    MissingName for a name that is needed and nobody gave.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        sections: tuple[Segments, Segments, Segments],
+        plan: Plan,
+        sizes: KnownSizes,
+        known: Mapping[str, Any],
+    ) -> None:
+        super().__init__()
+        self.name = frame.name
+        self.docs = frame.doc
+        self.frame = frame
+        self.head, self.body, self.tail = sections
+        self.plan = plan
+        self.declared = frozenset(plan.values)
+        self.sizes = sizes
+        self.known = known
+
+    # ---- construct ----------------------------------------------------------------------------------------
+
+    def _parse(self, stream: BytesIO, context: Container, path: str) -> Container:
+        names = Names.of_params(context._params, self.known)
+        outcome = self.read(stream_read_entire(stream, path), names, context, path)
+        if outcome.fault is not None:
+            raise ConstructFrameError(outcome.fault, outcome.refuse, outcome.values, path)
+        return outcome.values
+
+    def _build(self, obj: Any, stream: BytesIO, context: Container, path: str) -> Any:
+        data = self.to_bytes(obj, Names.of_params(context._params, self.known), context, path)
+        stream_write(stream, data, len(data), path)
+        return obj
+
+    def _sizeof(self, context: Container, path: str) -> int:
+        size = self.sizes.of_frame(self.frame)
+        if size is None:
+            raise SizeofError(f"the size of {self.frame.name} varies", path=path)
+        return size
+
+    # ---- parsing ------------------------------------------------------------------------------------------
+
+    def read(self, data: bytes, names: Names, outer: Container, path: str, exact: bool = True) -> Outcome:
+        """Reads a frame from the start of `data`; `exact`: it must be all of it."""
+        stream = BytesIO(data)
+        reading = Reading(names, self.sizes, Region(len(data), exact))
+        context = open_context(outer, reading, stream, self.declared, is_frame=True)
+        try:
+            self._read_sections(stream, reading, context, path)
+        except Stop:
+            reading.stopped_in(self.frame.segments)
+        else:
+            self._read_end(stream, reading, len(data))
+        reading.finish()
+        fault = reading.faults.verdict()
+        if fault is None:
+            return Outcome(context._values, stream.tell(), None, None)
+        orders = context._orders
+        values = Container((name, value) for name, value in context._values.items() if orders[name] < fault.place.order)
+        return Outcome(values, stream.tell(), fault, reading.faults.refusal(fault))
+
+    def _read_sections(self, stream: BytesIO, reading: Reading, context: Container, path: str) -> None:
+        reading.following = self.body.subcons + self.tail.subcons
+        self.head._parse(stream, context, path)
+        end = self._end_of_body(stream, reading, context)
+        if end is None:
+            reading.following = self.tail.subcons
+            self.body._parse(stream, context, path)
+        else:
+            self._read_bounded(end, stream, reading, context, path)
+        reading.following = ()
+        self.tail._parse(stream, context, path)
+
+    def _end_of_body(self, stream: BytesIO, reading: Reading, context: Container) -> int | None:
+        """Where the body ends whatever is in it; None if that follows from its segments."""
+        if self.frame.delimited:
+            start, mark = stream.tell(), self._end_mark()
+            found = stream.getvalue().find(mark, start, reading.region.end)
+            if found < 0:
+                raise reading.stop(reading.place(stream, "tail", None), "short", mark)
+            return found
+        if self.frame.size is None:
+            return None
+        tail = self.sizes.all((construct.segment for construct in self.tail.subcons), reading.known_in(context))
+        return None if tail is None else min(self.frame.size - tail, reading.region.end)
+
+    def _end_mark(self) -> bytes:
+        """The first byte of the tail."""
+        first = next((item.segment for item in self.tail.subcons if isinstance(item.segment, Const)), None)
+        return b"" if first is None else first.data[:1]
+
+    def _read_bounded(self, end: int, stream: BytesIO, reading: Reading, context: Container, path: str) -> None:
+        """Reads a body that ends at `end`; with a wrong content, too."""
+        with reading.within(Region(end, exact=True)):
+            try:
+                self.body._parse(stream, context, path)
+            except Stop:
+                reading.stopped_in(self.frame.body)
+            else:
+                left = stream.tell()
+                if self.frame.size is None and left < end:
+                    place = reading.place(stream, "body", self.frame.surplus)
+                    reading.note(place, "surplus", "", stream.getvalue()[left:end])
+        reading.leaf(stream.getvalue()[stream.tell() : end])
+        stream.seek(end)
+
+    def _read_end(self, stream: BytesIO, reading: Reading, size: int) -> None:
+        """Looks at what is left behind the last segment."""
+        place = reading.place(stream, "frame", self.frame.surplus)
+        if reading.region.exact and stream.tell() < size:
+            reading.note(place, "surplus", "", stream.getvalue()[stream.tell() :])
+        if self.frame.most is not None and stream.tell() > self.frame.most:
+            reading.note(Place(place.order, 0, "frame", None), "too_long", f"{self.frame.most} bytes", size)
+
+    # ---- building -----------------------------------------------------------------------------------------
+
+    def to_bytes(self, values: Any, names: Names, outer: Container, path: str, prefix: str = "") -> bytes:
+        """The frame of these values; `prefix` stands before the names of its fields in errors."""
+        if not isinstance(values, Mapping):
+            raise ConstructEncodeError(prefix.rstrip("."), f"a frame is made of a mapping, not of {values!r}", path)
+        try:
+            filling = Filling(self.plan, values, names, None, prefix, self.frame.echo)
+            stream = BytesIO()
+            writing = Writing(names)
+            context = open_context(outer, writing, stream, self.declared, is_frame=True)
+            with writing.deeper():
+                self._write_sections(filling, stream, context, path)
+            filling.refuse_absent()
+        except Circular as error:
+            raise ConstructEncodeError(error.name, f"'{error.name}' is missing", path) from None
+        data = stream.getvalue()
+        if self.frame.most is not None and len(data) > self.frame.most:
+            raise ConstructEncodeError(
+                prefix.rstrip("."), f"{self.frame.name} has at most {self.frame.most} bytes, not {len(data)}", path
+            )
+        return data
+
+    def _write_sections(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        self.head._build(filling, stream, context, path)
+        start = stream.tell()
+        self.body._build(filling, stream, context, path)
+        if self.frame.delimited and self._end_mark() in stream.getvalue()[start:]:
+            raise filling.error("", f"the body of {self.frame.name} holds its end {self._end_mark().hex().upper()}")
+        if self.frame.size is not None:
+            room = self.frame.size - stream.tell() - filling.size_of_all(self.tail.subcons)
+            if room < 0:
+                raise filling.error("", f"{self.frame.name} has {self.frame.size} bytes, {-room} more are given")
+            fill = bytes((self.frame.fill,)) * room
+            stream.write(fill)
+            context._state.leaf(fill)
+        self.tail._build(filling, stream, context, path)
+
+
+class InnerConstruct(ValueSegment):
+    """A frame inside a frame: one of several candidates.
+
+    Parses to a Container with one entry, the frame's name and its values, from the first candidate that fits or is to
+    be refused; to `unknown` with the bytes if none fits but the region is known. Builds from such a mapping. Raises
+    Stop (parsing) when none fits and where it ends is not known.
+    """
+
+    segment: Inner
+
+    def __init__(self, segment: Inner, frames: Mapping[str, FrameConstruct]) -> None:
+        super().__init__(segment)
+        self.frames = frames
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        data, exact = self._region(stream, reading, context, place)
+        for name in self.segment.frames:
+            outcome = self.frames[name].read(data, reading.names, context, f"{path} -> {name}", exact)
+            if outcome.is_usable:
+                break
+        else:
+            if not exact:
+                raise reading.stop(place, "value", "one of its frames", data)
+            name, outcome = UNKNOWN, Outcome(Container(data=data), len(data), None, None)
+        size = len(data) if exact else outcome.size
+        stream.seek(stream.tell() + size)
+        reading.leaf(data[:size])
+        reading.store(context, self.name, Container({name: outcome.values}), place)
+        if outcome.fault is not None:
+            inner = outcome.fault.place
+            there = reading.place(stream, inner.label, outcome.refuse)
+            moved = Place(there.order, place.offset + inner.offset, there.label, there.refuse)
+            reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
+
+    def _region(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> tuple[bytes, bool]:
+        """The bytes that may be the frame's, and whether they all are."""
+        start, size = stream.tell(), self.segment.size
+        if isinstance(size, Expression):
+            size = evaluated_size(size, reading, context, place)
+        if isinstance(size, int):
+            data, exact = reading.take(stream, size, place), True
+        else:
+            room = reading.room(context)
+            if room.end < start:
+                raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
+            data, exact = stream.read(room.end - start), room.exact
+        stream.seek(start)
+        return data, exact
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is MISSING:
+            if not filling.is_there(name):
+                raise Absent(name)
+            raise filling.error(name, f"'{name}' is missing")
+        if not isinstance(given, Mapping) or len(given) != 1:
+            raise filling.error(name, f"'{name}' is a frame {{name: fields}}, not {given!r}")
+        (frame,) = given
+        if frame not in self.segment.frames and frame != UNKNOWN:
+            raise filling.error(name, f"'{name}' cannot be the frame {frame!r}")
+        return given
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        ((frame, values),) = filling[self.name].items()
+        prefix = f"{filling.path}{self.name}.{frame}."
+        if frame != UNKNOWN:
+            data = self.frames[frame].to_bytes(values, filling.names, context, path, prefix)
+        else:
+            given = values.get("data") if isinstance(values, Mapping) else None
+            if not isinstance(given, bytes):
+                raise filling.error(self.name, f"'{prefix}data' is bytes, not {given!r}")
+            data = given
+        size = self.segment.size
+        if not context._state.measuring and isinstance(size, (int, Expression)):
+            wanted = filling.compute(size, self.name) if isinstance(size, Expression) else size
+            if wanted is not None and wanted != len(data):
+                raise filling.error(self.name, f"'{self.name}' has {wanted} bytes, not {len(data)}")
+        stream.write(data)
+        context._state.leaf(data)

@@ -1,0 +1,262 @@
+"""Segments that hold others: lists of segments, records, repeats, choices, optional parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import BytesIO
+from typing import Any
+
+from construct import Construct, Container
+
+from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
+from framekit.codec.construct_backend.faults import Place
+from framekit.codec.construct_backend.filling import MISSING, Absent, Filling, Plan
+from framekit.codec.construct_backend.state import Reading, State
+from framekit.codec.construct_backend.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import Choose, FieldType, Optional, Record, Repeat
+
+
+class Segments(Construct):
+    """Segments one after the other; their values belong to the record around.
+
+    Parses and builds each in turn, in the context it gets. Raises Stop where the next one cannot be found.
+    """
+
+    def __init__(self, subcons: tuple[SegmentConstruct, ...]) -> None:
+        super().__init__()
+        self.subcons = subcons
+        self.flagbuildnone = True
+
+    def _parse(self, stream: BytesIO, context: Container, path: str) -> None:
+        reading: Reading = context._state
+        behind = reading.following
+        for index, subcon in enumerate(self.subcons):
+            reading.following = self.subcons[index + 1 :] + behind
+            subcon._parsereport(stream, context, path)
+        reading.following = behind
+
+    def _build(self, obj: Any, stream: BytesIO, context: Container, path: str) -> Any:
+        for subcon in self.subcons:
+            subcon._build(obj, stream, context, path)
+        return obj
+
+
+class Fields(Construct):
+    """A record: segments whose values make one mapping, in a context of their own.
+
+    Parses to a Container of the values. Builds from a `Filling`, and refuses what was given for absent segments.
+    """
+
+    def __init__(self, segments: Segments, plan: Plan) -> None:
+        super().__init__()
+        self.segments = segments
+        self.plan = plan
+        self.declared = frozenset(plan.values)
+
+    def _parse(self, stream: BytesIO, context: Container, path: str) -> Container:
+        inner = open_context(context, context._state, stream, self.declared)
+        self.segments._parse(stream, inner, path)
+        return inner._values
+
+    def _build(self, obj: Any, stream: BytesIO, context: Container, path: str) -> Any:
+        inner = open_context(context, context._state, stream, self.declared)
+        self.segments._build(obj, stream, inner, path)
+        obj.refuse_absent()
+        return obj
+
+
+def open_context(
+    outer: Container, state: State, stream: BytesIO, declared: frozenset[str], is_frame: bool = False
+) -> Container:
+    """A context for a record, as construct's Struct makes it, with what the segments of a frame need beside that."""
+    context = Container(
+        _=outer,
+        _params=outer.get("_params"),
+        _parsing=isinstance(state, Reading),
+        _building=not isinstance(state, Reading),
+        _sizing=False,
+        _io=stream,
+        _index=outer.get("_index"),
+        _state=state,
+        _declared=declared,
+        _values=Container(),
+        _orders={},
+        _marks={},
+        _is_frame=is_frame,
+    )
+    context._root = outer.get("_root", context)
+    return context
+
+
+class RecordConstruct(ValueSegment):
+    """A layout under a name of its own: parses to and builds from a mapping. Everything in it may be computed."""
+
+    segment: Record
+
+    def __init__(self, segment: Record, fields: Fields) -> None:
+        super().__init__(segment)
+        self.fields = fields
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        with reading.within(reading.room(context)):
+            reading.store(context, self.name, self.fields._parse(stream, context, path), place)
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is MISSING:
+            if not filling.is_there(name):
+                raise Absent(name)
+            given = {}
+        return _inner_filling(self.fields.plan, given, filling, name)
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        self.fields._build(filling[self.name], stream, context, path)
+
+
+def _inner_filling(plan: Plan, given: Any, outer: Filling, name: str) -> Filling:
+    if not isinstance(given, Mapping):
+        raise outer.error(name, f"'{name}' is a mapping of fields, not {given!r}")
+    return Filling(plan, given, outer.names, outer, f"{outer.path}{name}.")
+
+
+class RepeatConstruct(ValueSegment):
+    """A list of records, or of plain values of one type.
+
+    Parses `times` items, or as many as the region holds. Builds every item of the list given. Raises Stop (parsing)
+    when the number cannot be worked out.
+    """
+
+    segment: Repeat
+
+    def __init__(self, segment: Repeat, fields: Fields | None) -> None:
+        super().__init__(segment)
+        self.fields = fields
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        items: list[Any] = []
+        times = self._times(reading, context, place)
+        with reading.within(reading.room(context)):
+            reading.store(context, self.name, items, place)
+            while len(items) < times if times is not None else stream.tell() < reading.region.end:
+                before = stream.tell()
+                item = self._item(stream, context, f"{path}[{len(items)}]", place)
+                if item is not DAMAGED:
+                    items.append(item)
+                elif times is not None:
+                    times -= 1
+                if times is None and stream.tell() == before:
+                    raise reading.stop(place, "length", "items that take room", "0 bytes")
+
+    def _times(self, reading: Reading, context: Container, place: Place) -> int | None:
+        times = self.segment.times
+        if isinstance(times, Expression):
+            return evaluated_size(times, reading, context, place)
+        return None if times == "rest" else times
+
+    def _item(self, stream: BytesIO, context: Container, path: str, place: Place) -> Any:
+        if self.fields is not None:
+            return self.fields._parse(stream, context, path)
+        assert isinstance(self.segment.of, FieldType)
+        return read_wire(self.segment.of, stream, context, place)
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is MISSING and not filling.is_there(name):
+            raise Absent(name)
+        if given is MISSING:
+            raise filling.error(name, f"'{name}' is missing")
+        if not isinstance(given, (list, tuple)):
+            raise filling.error(name, f"'{name}' is a list, not {given!r}")
+        of = self.segment.of
+        if isinstance(of, FieldType):
+            return [of_type(of, item, f"{name}[{place}]", filling) for place, item in enumerate(given)]
+        assert self.fields is not None
+        plan = self.fields.plan
+        return [_inner_filling(plan, item, filling, f"{name}[{place}]") for place, item in enumerate(given)]
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        items = filling[self.name]
+        if not context._state.measuring and self.segment.times != "rest":
+            times = self.segment.times
+            wanted = filling.compute(times, self.name) if isinstance(times, Expression) else times
+            if wanted != len(items):
+                raise filling.error(self.name, f"'{self.name}' has {wanted} items, not {len(items)}")
+        for place, item in enumerate(items):
+            if self.fields is not None:
+                self.fields._build(item, stream, context, f"{path}[{place}]")
+            else:
+                assert isinstance(self.segment.of, FieldType)
+                write_wire(self.segment.of, item, f"{self.name}[{place}]", filling, stream, context)
+
+
+class ChooseConstruct(SegmentConstruct):
+    """One of several lists of segments, by the value of an expression; their values belong to the record around.
+
+    Parsing notes `value` and raises Stop when there is neither a case nor an `else`; building raises EncodeError.
+    """
+
+    segment: Choose
+
+    def __init__(self, segment: Choose, cases: tuple[Segments, ...], otherwise: Segments | None) -> None:
+        super().__init__(segment)
+        self.cases = cases
+        self.otherwise = otherwise
+
+    def case_of(self, value: Any) -> Segments | None:
+        """The list of segments for a value."""
+        for (keys, _), segments in zip(self.segment.cases, self.cases, strict=True):
+            if value in keys:
+                return segments
+        return self.otherwise
+
+    def chosen(self, filling: Filling) -> Segments | None:
+        """The list of segments for values that are to be built."""
+        return self.case_of(filling.compute(self.segment.on, self.label))
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        try:
+            value = reading.evaluate(self.segment.on, context)
+        except EVALUATION_ERRORS as error:
+            raise reading.stop(place, "value", str(self.segment.on), repr(error)) from None
+        segments = self.case_of(value)
+        if segments is None:
+            raise reading.stop(place, "value", "one of the cases", value)
+        segments._parse(stream, context, path)
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        segments = self.chosen(filling)
+        if segments is None:
+            raise filling.error(self.label, f"there is no case for {filling.compute(self.segment.on, self.label)!r}")
+        segments._build(filling, stream, context, path)
+
+
+class OptionalConstruct(SegmentConstruct):
+    """Segments that may be missing at the end of a region; their values belong to the record around.
+
+    Parses them when bytes are left in the region, builds them when one of their values is given.
+    """
+
+    segment: Optional
+
+    def __init__(self, segment: Optional, segments: Segments, names: tuple[str, ...]) -> None:
+        super().__init__(segment)
+        self.segments = segments
+        self.names = names
+
+    def is_wanted(self, filling: Filling) -> bool:
+        """Whether a value inside is given."""
+        return any(filling.given_of(name) is not MISSING for name in self.names)
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        if stream.tell() < reading.room(context).end:
+            self.segments._parse(stream, context, path)
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        if self.is_wanted(filling):
+            self.segments._build(filling, stream, context, path)

@@ -1,0 +1,202 @@
+"""Segments without numbers: constants, skipped bytes, data, derived values, conditions."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+from construct import Container
+
+from framekit.codec import support
+from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
+from framekit.codec.construct_backend.faults import Place
+from framekit.codec.construct_backend.filling import MISSING, Absent, Circular, Filling
+from framekit.codec.construct_backend.rest import rest_size
+from framekit.codec.construct_backend.sizes import wire_size
+from framekit.codec.construct_backend.state import Reading
+from framekit.codec.construct_backend.values import evaluated_size
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import Const, Data, Require, Skip, Value
+
+
+class ConstantConstruct(SegmentConstruct):
+    """Bytes that are always there. Parsing notes `constant` for others; they are no value of the record."""
+
+    segment: Const
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        data = reading.take(stream, len(self.segment.data), place)
+        reading.leaf(data)
+        if data != self.segment.data:
+            reading.note(place, "constant", self.segment.data, data)
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        stream.write(self.segment.data)
+        context._state.leaf(self.segment.data)
+
+
+class SkipConstruct(SegmentConstruct):
+    """Bytes nobody looks at. Builds `fill`, repeated and cut."""
+
+    segment: Skip
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        reading.leaf(reading.take(stream, self.segment.size, place))
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        fill, size = self.segment.fill or b"\0", self.segment.size
+        data = (fill * (size // len(fill) + 1))[:size]
+        stream.write(data)
+        context._state.leaf(data)
+
+
+class DataConstruct(ValueSegment):
+    """Bytes, converted and swapped between wire and memory.
+
+    Parses as many as `size` says, up to the end of the region for `rest`; notes `digits` for what is no hex and `short`
+    for fewer than `least`. Builds bytes of just that size, shorter ones filled with `pad`; none at all when not given.
+    """
+
+    segment: Data
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        data, reading = self.segment, context._state
+        wire = reading.take(stream, self._wire_size(stream, reading, context, place), place)
+        try:
+            memory = self.to_memory(wire)
+        except ValueError:
+            reading.leaf(wire)
+            reading.note(place, "digits", "hex digits", wire)
+            return
+        reading.leaf(wire, len(memory))
+        if len(memory) < data.least:
+            reading.note(place, "short", f"{data.least} bytes", len(memory))
+        reading.store(context, self.name, memory, place)
+
+    def _wire_size(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> int:
+        size = self.segment.size
+        if size == "rest":
+            return rest_size(self, stream, context, place)
+        if isinstance(size, Expression):
+            size = evaluated_size(size, reading, context, place)
+        assert isinstance(size, int)
+        return wire_size(self.segment, size)
+
+    def to_memory(self, wire: bytes) -> bytes:
+        """Raises ValueError for bytes that can't be converted."""
+        if self.segment.convert == "hex_to_ascii":
+            wire = support.ascii_to_hex(wire)
+        elif self.segment.convert == "ascii_to_hex":
+            wire = support.hex_to_ascii(wire)
+        return support.swap(wire, self.segment.swap) if self.segment.swap else wire
+
+    def to_wire(self, memory: bytes) -> bytes:
+        """Raises ValueError for bytes that can't be converted."""
+        if self.segment.swap:
+            memory = support.swap(memory, self.segment.swap)
+        if self.segment.convert == "hex_to_ascii":
+            return support.hex_to_ascii(memory)
+        return support.ascii_to_hex(memory) if self.segment.convert == "ascii_to_hex" else memory
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is MISSING:
+            if not filling.is_there(name):
+                raise Absent(name)
+            echo = filling.echo_of(name)
+            given = b"" if echo is MISSING else echo
+        if not isinstance(given, (bytes, bytearray)):
+            raise filling.error(name, f"'{name}' is bytes, not {given!r}")
+        data, size = bytes(given), self._size(filling)
+        if self.segment.pad is not None and size is not None and len(data) < size:
+            data = data.ljust(size, bytes((self.segment.pad,)))
+        return data
+
+    def _size(self, filling: Filling) -> int | None:
+        """Bytes in memory; None when that follows from the data themselves."""
+        size = self.segment.size
+        if isinstance(size, int):
+            return size
+        if size == "rest":
+            return None
+        try:
+            value = filling.compute(size, self.name)
+        except Circular:
+            return None
+        return value if isinstance(value, int) else None
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        data, name = filling[self.name], self.name
+        if len(data) < self.segment.least:
+            raise filling.error(name, f"'{name}' has at least {self.segment.least} bytes, not {len(data)}")
+        if not context._state.measuring:
+            size = self._size(filling)
+            if size is not None and size != len(data):
+                given = "is missing" if filling.given_of(name) is MISSING else f"has {size} bytes, not {len(data)}"
+                raise filling.error(name, f"'{name}' {given}")
+        try:
+            wire = self.to_wire(data)
+        except ValueError as error:
+            raise filling.error(name, f"'{name}' cannot be converted: {error}") from None
+        stream.write(wire)
+        context._state.leaf(wire, len(data))
+
+
+class DerivedConstruct(ValueSegment):
+    """A value that takes no bytes.
+
+    Parses to what `read` derives, and notes `value` when that fails. Builds nothing; what is given must be what `read`
+    would derive from the rest.
+    """
+
+    segment: Value
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        try:
+            value = reading.evaluate(self.segment.read, context, self.name)
+        except EVALUATION_ERRORS as error:
+            reading.note(place, "value", str(self.segment.read), repr(error))
+            return
+        reading.store(context, self.name, _plain(value), place)
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is not MISSING:
+            return given
+        if not filling.is_there(name):
+            raise Absent(name)
+        return _plain(filling.compute(self.segment.build or self.segment.read, name))
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        value = filling[self.name]
+        derived = _plain(filling.compute(self.segment.read, self.name))
+        if derived != value:
+            raise filling.error(self.name, f"'{self.name}' is computed as {derived!r}, not {value!r}")
+
+
+def _plain(value: Any) -> Any:
+    """Flags are numbers."""
+    return int(value) if isinstance(value, bool) else value
+
+
+class RequireConstruct(SegmentConstruct):
+    """A condition. Parsing notes `require` when it does not hold or can't be told, building raises EncodeError."""
+
+    segment: Require
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        try:
+            holds = reading.evaluate(self.segment.condition, context)
+        except EVALUATION_ERRORS:
+            holds = False
+        if not holds:
+            reading.note(place, "require", str(self.segment.condition), "")
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        if not context._state.measuring and not filling.compute(self.segment.condition, self.label):
+            raise filling.error(self.label, f"{self.segment.condition} does not hold")

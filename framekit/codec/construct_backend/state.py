@@ -1,0 +1,236 @@
+"""What is going on while one frame is read or written: the current region, the bytes seen so far, names of segments.
+
+One such state travels in the construct context of a frame (`context._state`); records inside share it. It knows how
+fields are looked up in contexts, but no kind of segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+from construct import Container, stream_tell
+
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
+from framekit.codec.construct_backend.faults import Faults, Place, Stop
+from framekit.codec.construct_backend.names import Names
+from framekit.codec.construct_backend.sizes import Evaluate, KnownSizes
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import Check, Segment
+from framekit.definition.model.visit import parts_of
+
+if TYPE_CHECKING:
+    from framekit.codec.construct_backend.base import SegmentConstruct
+
+
+@dataclass(slots=True)
+class Leaf:
+    """The bytes of one segment as they are inside its wrap, and how many they are before conversion."""
+
+    data: bytes
+    plain: int
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Which leaves a named segment consists of, and the bytes it takes where it stands."""
+
+    first: int
+    last: int
+    wire: int
+
+
+class State:
+    """What reading and writing have in common: leaves and marks, from which checks and lengths are worked out."""
+
+    def __init__(self, names: Names) -> None:
+        self.names = names
+        self.leaves: list[Leaf] = []
+
+    def leaf(self, data: bytes, plain: int | None = None) -> Leaf:
+        leaf = Leaf(data, len(data) if plain is None else plain)
+        self.leaves.append(leaf)
+        return leaf
+
+    def bytes_of(self, first: int, last: int) -> bytes:
+        return b"".join(leaf.data for leaf in self.leaves[first:last])
+
+    def plain_size(self, mark: Mark) -> int:
+        return sum(leaf.plain for leaf in self.leaves[mark.first : mark.last])
+
+    @contextmanager
+    def marked(self, name: str | None, stream: BytesIO, context: Container, path: str) -> Iterator[None]:
+        """Notes what stands between entering and leaving as the segment `name`."""
+        first, start = len(self.leaves), stream_tell(stream, path)
+        yield
+        if name is not None:
+            context._marks[name] = Mark(first, len(self.leaves), stream_tell(stream, path) - start)
+
+
+def scopes(context: Container) -> Iterator[Container]:
+    """The context of a record and of the records around it, up to its frame."""
+    while True:
+        yield context
+        if context._is_frame:
+            return
+        context = context._
+
+
+def mark_of(context: Container, name: str) -> Mark:
+    """Where the segment `name` stands. Raises KeyError when it is not there."""
+    for scope in scopes(context):
+        if name in scope._marks:
+            mark: Mark = scope._marks[name]
+            return mark
+    raise KeyError(name)
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Where reading must end. `exact`: what is read reaches just there, so that the rest of a region is known."""
+
+    end: int
+    exact: bool
+
+
+class Reading(State):
+    """A frame being read."""
+
+    def __init__(self, names: Names, sizes: KnownSizes, region: Region) -> None:
+        super().__init__(names)
+        self.sizes = sizes
+        self.faults = Faults()
+        self.region = region
+        self.following: tuple[SegmentConstruct, ...] = ()
+        self.offset: Callable[[int], int] = lambda position: position
+        self.later: list[Callable[[], None]] = []
+        self.order = 0
+        self.stopped = False
+
+    def place(self, stream: BytesIO, label: str, refuse: int | None) -> Place:
+        """The next place in reading order, where the stream stands."""
+        self.order += 1
+        return Place(self.order, self.offset(stream.tell()), label, refuse)
+
+    def note(self, place: Place, cause: str, expected: object = "", found: object = "") -> None:
+        self.faults.note(place, cause, expected, found)
+
+    def stop(self, place: Place, cause: str, expected: object = "", found: object = "") -> Stop:
+        """Notes a fault behind which nothing can be found; the caller raises what this returns."""
+        self.note(place, cause, expected, found)
+        return Stop(f"{cause} fault at '{place.label}'")
+
+    def take(self, stream: BytesIO, size: int, place: Place) -> bytes:
+        """The next `size` bytes of the region. Raises Stop when there are fewer."""
+        left = self.region.end - stream.tell()
+        if size > left:
+            raise self.stop(place, "short", f"{size} bytes", f"{max(left, 0)}")
+        return stream.read(size)
+
+    def stopped_in(self, segments: Iterable[Segment]) -> None:
+        """Takes note that these segments were not all read, so that not everything can be compared."""
+        self.stopped = True
+        checks = (check for segment in segments for check in parts_of(segment, Check))
+        self.faults.unchecked |= any(check.verify == "error" for check in checks)
+
+    def finish(self) -> None:
+        """Compares what could only be compared when everything was read."""
+        for compare in self.later:
+            compare()
+        self.later = []
+
+    def copy(self) -> Reading:
+        """A reading that goes on from here by itself and has found nothing wrong yet."""
+        other = Reading(self.names, self.sizes, self.region)
+        other.following, other.offset, other.order = self.following, self.offset, self.order
+        other.leaves = list(self.leaves)
+        return other
+
+    def store(self, context: Container, name: str, value: Any, place: Place) -> None:
+        """Makes a value part of the record that is being read."""
+        context[name] = value
+        context._values[name] = value
+        context._orders[name] = place.order
+
+    def evaluate(self, expression: Expression, context: Container, own: str = "") -> Any:
+        """The expression's value; `own` is the field it belongs to, whose name then means something outside.
+
+        Raises one of EVALUATION_ERRORS, also for fields that are not there.
+        """
+
+        def lookup(name: str) -> Any:
+            for scope in scopes(context):
+                if name == own and scope is context:
+                    continue
+                if name in scope._values:
+                    return scope._values[name]
+                if name in scope._declared:
+                    raise KeyError(name)
+                if name in scope._marks:
+                    mark = scope._marks[name]
+                    return self.bytes_of(mark.first, mark.last)
+            return self.names[name]
+
+        return evaluate(expression.root, lookup)
+
+    def known_in(self, context: Container) -> Evaluate:
+        """What expressions come to as far as it has been read; None for the others."""
+
+        def known(expression: Expression) -> Any:
+            try:
+                return self.evaluate(expression, context)
+            except (MissingName, *EVALUATION_ERRORS):
+                return None
+
+        return known
+
+    def room(self, context: Container) -> Region:
+        """What the current segment may take: the region without what is known to follow in it."""
+        behind = self.sizes.all((construct.segment for construct in self.following), self.known_in(context))
+        if behind is None or not self.region.exact:
+            return Region(self.region.end, exact=False)
+        return Region(self.region.end - behind, exact=True)
+
+    @contextmanager
+    def within(self, region: Region) -> Iterator[None]:
+        """Reads in another region of the same bytes; what follows there is not known yet."""
+        before = self.region, self.following
+        self.region, self.following = region, ()
+        try:
+            yield
+        finally:
+            self.region, self.following = before
+
+    @contextmanager
+    def deeper(self, region: Region, offset: Callable[[int], int]) -> Iterator[None]:
+        """Reads other bytes: the content of a wrap. `offset` gives places in the frame for places in it."""
+        outer, self.offset = self.offset, offset
+        try:
+            with self.within(region):
+                yield
+        finally:
+            self.offset = outer
+
+
+class Writing(State):
+    """A frame being built. `measuring`: only sizes are asked for, so that checks need not be right."""
+
+    def __init__(self, names: Names, measuring: bool = False) -> None:
+        super().__init__(names)
+        self.measuring = measuring
+        self.later: list[Callable[[], None]] = []
+
+    @contextmanager
+    def deeper(self) -> Iterator[None]:
+        """Builds other bytes, the content of a wrap; its checks are filled in when all of it is there."""
+        outer, self.later = self.later, []
+        try:
+            yield
+            if not self.measuring:
+                for fill_in in self.later:
+                    fill_in()
+        finally:
+            self.later = outer

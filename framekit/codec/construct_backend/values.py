@@ -1,0 +1,109 @@
+"""One value of a type, read from a region and written: sizes, digits that are none, values of the wrong kind."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+from construct import Construct, ConstructError, Container
+
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
+from framekit.codec.construct_backend.faults import Place
+from framekit.codec.construct_backend.filling import Filling
+from framekit.codec.construct_backend.forms import form_of
+from framekit.codec.construct_backend.state import Reading
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import FieldType
+
+DAMAGED: Any = object()
+"""The value of digits that are none."""
+
+
+def read_size(type_: FieldType, reading: Reading, context: Container, place: Place) -> int:
+    """Bytes a value takes. Raises Stop when its size cannot be worked out."""
+    if not isinstance(type_.size, Expression):
+        return type_.size or 0
+    return evaluated_size(type_.size, reading, context, place)
+
+
+def evaluated_size(expression: Expression, reading: Reading, context: Container, place: Place) -> int:
+    """The size an expression gives while reading. Raises Stop when it gives none."""
+    try:
+        size = reading.evaluate(expression, context)
+    except EVALUATION_ERRORS as error:
+        raise reading.stop(place, "length", str(expression), repr(error)) from None
+    if not isinstance(size, int) or size < 0:
+        raise reading.stop(place, "length", f"a size ({expression})", size)
+    return int(size)
+
+
+def read_wire(type_: FieldType, stream: BytesIO, context: Container, place: Place) -> Any:
+    """The number, text or bytes on the wire, or DAMAGED when it is none (which is noted). Raises Stop."""
+    reading: Reading = context._state
+    if type_.kind == "ascii" and type_.size is None:
+        raw = _terminated(type_, stream, reading, place)
+        form = form_of(type_, 0)
+    else:
+        size = read_size(type_, reading, context, place)
+        raw = reading.take(stream, size, place)
+        form = form_of(type_, size)
+    reading.leaf(raw)
+    try:
+        return form.parse(raw)
+    except ConstructError:
+        reading.note(place, "digits", f"{type_.kind}", raw)
+        return DAMAGED
+
+
+def _terminated(type_: FieldType, stream: BytesIO, reading: Reading, place: Place) -> bytes:
+    end = type_.end or b"\0"
+    start = stream.tell()
+    left = stream.read(max(reading.region.end - start, 0))
+    found = left.find(end)
+    if found < 0:
+        raise reading.stop(place, "short", f"an end {end!r}", left)
+    stream.seek(start + found + len(end))
+    return left[: found + len(end)]
+
+
+def write_wire(type_: FieldType, wire: Any, name: str, filling: Filling, stream: BytesIO, context: Container) -> None:
+    """Writes a number, text or bytes. Raises EncodeError when it does not fit."""
+    form = _building_form(type_, wire, name, filling, context._state.measuring)
+    try:
+        data = form.build(wire)
+    except (ConstructError, ValueError, OverflowError) as error:
+        raise filling.error(name, f"'{name}' cannot be {wire!r}: {str(error).splitlines()[-1]}") from None
+    stream.write(data)
+    context._state.leaf(data)
+
+
+def _building_form(type_: FieldType, wire: Any, name: str, filling: Filling, measuring: bool) -> Construct:
+    if not isinstance(type_.size, Expression):
+        return form_of(type_, type_.size or 0)
+    own = len(wire) if isinstance(wire, (str, bytes)) and type_.pad is None else None
+    if measuring and own is not None:
+        return form_of(type_, own)
+    size = filling.compute(type_.size, name)
+    if size is None and own is not None:
+        size = own
+    if not isinstance(size, int) or size < 0:
+        raise filling.error(name, f"'{name}' has no size: '{type_.size}' is {size!r}")
+    return form_of(type_, size)
+
+
+def of_type(type_: FieldType, value: Any, name: str, filling: Filling) -> Any:
+    """The given value as the type's Python type. Raises EncodeError for another type."""
+    if type_.kind == "ascii":
+        wanted, fits = "text", isinstance(value, str)
+    elif type_.kind == "bytes":
+        wanted, fits = "bytes", isinstance(value, (bytes, bytearray))
+        value = bytes(value) if fits else value
+    elif type_.kind == "float":
+        wanted, fits = "a number", isinstance(value, (int, float))
+        value = float(value) if fits else value
+    else:
+        wanted, fits = "a whole number", isinstance(value, int)
+        value = int(value) if fits else value
+    if not fits:
+        raise filling.error(name, f"'{name}' is {wanted}, not {value!r}")
+    return value
