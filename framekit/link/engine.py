@@ -3,8 +3,8 @@
 Sans-I/O: it has no clock, port or task. What falls on one instant is done in this order: what the driver reports, in
 the order of its calls (bytes before times that run out at that very instant); after each, everything that follows from
 it and takes no time – finished exchanges are told, lanes begin what can begin, delivered frames, queues, then the next
-frame in the bytes at hand. When times run out: the receiver's first, then those of runs, earliest first and in the order
-of the lanes, then the session's keep-alive.
+frame in the bytes at hand. When times run out: the receiver's first, then those of runs, earliest first and in the
+order of the lanes, then the session's keep-alive.
 """
 
 from __future__ import annotations
