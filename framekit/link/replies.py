@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Choose, Data, Optional, Record, Repeat, Segment, Wrap
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.link.construct_values import read_layout
@@ -19,7 +18,7 @@ from framekit.link.exchange import Outcome
 from framekit.link.invert import bare_name
 from framekit.link.packing import PackingError
 from framekit.link.requests import Piece
-from framekit.link.service_rows import RowFacts, ServiceRows
+from framekit.link.service_rows import RowFacts, ServiceRows, padded_names
 from framekit.link.values import FrameValue, attribute
 
 Found = list[tuple[Any, bool]]
@@ -203,18 +202,3 @@ def _every(item: Collect) -> Collect:
 
 def _length(actual: Any) -> str:
     return str(len(actual)) if isinstance(actual, list) else "no"
-
-
-def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:
-    """The data among these segments that are filled up with padding."""
-    found: set[str] = set()
-    for segment in segments:
-        if isinstance(segment, Data) and segment.pad is not None:
-            found.add(segment.name)
-        elif isinstance(segment, (Wrap, Optional, Record, Repeat)) and isinstance(segment.of, tuple):
-            found |= padded_names(segment.of)
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                found |= padded_names(case)
-            found |= padded_names(segment.otherwise or ())
-    return frozenset(found)

@@ -10,6 +10,7 @@ from typing import Any
 
 from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Choose, Data, Optional, Record, Repeat, Segment, Wrap
 from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.visit import expressions_of, parts_of
@@ -123,3 +124,18 @@ class RowFacts:
 
 def _maybe(expression: Expression | None) -> Evaluate | None:
     return None if expression is None else compile_expression(expression)
+
+
+def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:
+    """The data among these segments that are filled up with padding."""
+    found: set[str] = set()
+    for segment in segments:
+        if isinstance(segment, Data) and segment.pad is not None:
+            found.add(segment.name)
+        elif isinstance(segment, (Wrap, Optional, Record, Repeat)) and isinstance(segment.of, tuple):
+            found |= padded_names(segment.of)
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                found |= padded_names(case)
+            found |= padded_names(segment.otherwise or ())
+    return frozenset(found)
