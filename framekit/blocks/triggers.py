@@ -13,6 +13,7 @@ from framekit.blocks.model import Block, Changed, Rising, While
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.memory import DeviceMemory
+from framekit.memory.watch import Watch
 
 Fire = Callable[[Block], None]
 
@@ -34,7 +35,7 @@ class MemoryTriggers:
         self.block = block
         self.memory = memory
         self.fire = fire
-        self.watches = []
+        self.watches: list[Watch] = []
         self.levels: list[Condition] = []
         for trigger in block.triggers:
             if isinstance(trigger, (Rising, While)):

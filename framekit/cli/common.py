@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +80,8 @@ def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> Non
     if name not in protocol.state:
         hint = did_you_mean(name, [*protocol.params, *protocol.state])
         raise Failure(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
-    parse = {"bytes": parse_bytes, "text": str, "time": parse_time}.get(protocol.state[name].type, parse_number)
+    parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
+    parse = parsers.get(protocol.state[name].type, parse_number)
     try:
         scope.set(name, parse(value) if isinstance(value, str) else value)
     except (ValueError, TypeError) as error:

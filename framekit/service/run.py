@@ -97,8 +97,10 @@ class RunService:
         self.scheduler.end()
         if self._timer is not None:
             self._timer.cancel()
-        for service in [*self.channels.values(), *self.devices]:
-            service.stop()
+        for channel in self.channels.values():
+            channel.stop()
+        for device in self.devices:
+            device.stop()
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""

@@ -167,7 +167,7 @@ class SerialPort(Port):
             reason = str(error)
             self.clock.call_soon(lambda: self._lost(reason))
             return
-        if self._unsent:
+        if self._unsent and self._descriptor is not None:
             self.clock.loop.add_writer(self._descriptor, self._flush_more)
 
     def _flush_more(self) -> None:

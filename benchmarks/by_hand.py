@@ -1,0 +1,152 @@
+"""Hand-written codecs of the benchmarked frames: the same values, the same checks, written as well as we can.
+
+The check codes come from the same functions as framekit's, since the best hand would use the best function too.
+"""
+
+from __future__ import annotations
+
+from binascii import unhexlify
+from struct import Struct
+from typing import Any
+
+from framekit.codec.support import crc16_reflected, make_crc_pairs
+
+Fields = dict[str, Any]
+
+PAIRS = make_crc_pairs(0x8005, True)
+REPLY_HEAD = Struct(">BBB")
+INDIVIDUAL_HEAD = Struct(">c2s1s2s2s")
+
+
+class BadFrameError(ValueError):
+    """Bytes that are not the frame."""
+
+
+# ---- register reply: station, 03, byte count, data, CRC ---------------------------------------------------
+
+
+def decode_registers(data: bytes) -> Fields:
+    if len(data) < 5:
+        raise BadFrameError("short")
+    station, function, count = REPLY_HEAD.unpack_from(data)
+    if function != 3:
+        raise BadFrameError("function")
+    if len(data) != count + 5:
+        raise BadFrameError("length")
+    if crc16_reflected(data[:-2], PAIRS, 0xFFFF) != data[-2] | data[-1] << 8:
+        raise BadFrameError("check")
+    return {"station": station, "pdu": {"read_holding_reply": {"function": 3, "bytes": count, "values": data[3:-2]}}}
+
+
+def encode_registers(fields: Fields) -> bytes:
+    ((name, pdu),) = fields["pdu"].items()
+    if name != "read_holding_reply" or len(fields) != 2:
+        raise BadFrameError("fields")
+    values = pdu["values"]
+    if pdu.get("function", 3) != 3 or pdu.get("bytes", len(values)) != len(values) or pdu.keys() - REGISTER_KEYS:
+        raise BadFrameError("fields")
+    if len(values) > 255 or not 0 <= fields["station"] <= 255:
+        raise BadFrameError("range")
+    data = REPLY_HEAD.pack(fields["station"], 3, len(values)) + values
+    return data + crc16_reflected(data, PAIRS, 0xFFFF).to_bytes(2, "little")
+
+
+REGISTER_KEYS = {"function", "bytes", "values"}
+
+
+# ---- individual read of four variables, ASCII with sum ----------------------------------------------------
+
+
+def decode_individual(data: bytes) -> Fields:
+    """The reply: ACK, station, r, SS, blocks, then byte count and digits of each, ETX, sum."""
+    if data[0] != 6 or data[-3] != 3:
+        raise BadFrameError("constant")
+    if b"%02X" % (sum(data[:-2]) & 0xFF) != data[-2:]:
+        raise BadFrameError("check")
+    command = chr(data[3])
+    if command not in "rR" or data[4:6] != b"SS":
+        raise BadFrameError("where")
+    blocks = int(data[6:8], 16)
+    values, at = [], 8
+    for _ in range(blocks):
+        size = int(data[at : at + 2], 16)
+        end = at + 2 + 2 * size
+        content = unhexlify(data[at + 2 : end])
+        if len(content) != size:
+            raise BadFrameError("short")
+        values.append({"bytes": size, "data": content})
+        at = end
+    if at != len(data) - 3:
+        raise BadFrameError("surplus")
+    return {"station": int(data[1:3], 16), "command": command, "type": "SS", "blocks": blocks, "values": values}
+
+
+def encode_individual(fields: Fields) -> bytes:
+    values = fields["values"]
+    if fields.keys() - INDIVIDUAL_KEYS or fields["command"] not in "rR" or fields.get("type", "SS") != "SS":
+        raise BadFrameError("fields")
+    if fields.get("blocks", len(values)) != len(values) or not 0 <= fields["station"] <= 255 or len(values) > 255:
+        raise BadFrameError("range")
+    parts = [b"\x06%02X%sSS%02X" % (fields["station"], fields["command"].encode("latin-1"), len(values))]
+    for value in values:
+        content = value["data"]
+        if value.get("bytes", len(content)) != len(content) or len(content) > 255:
+            raise BadFrameError("length")
+        parts.append(b"%02X%s" % (len(content), content.hex().upper().encode()))
+    data = b"".join(parts) + b"\x03"
+    return data + b"%02X" % (sum(data) & 0xFF)
+
+
+INDIVIDUAL_KEYS = {"station", "command", "type", "blocks", "values"}
+
+
+# ---- user frame WR.REQ: ENQ, text, 44 bytes, EOT, sum -----------------------------------------------------
+
+
+def decode_write(data: bytes) -> Fields:
+    if len(data) != 52:
+        raise BadFrameError("length")
+    if data[:5] != b"\x05WR44" or data[49] != 4:
+        raise BadFrameError("constant")
+    if b"%02X" % (sum(data[:50]) & 0xFF) != data[50:]:
+        raise BadFrameError("check")
+    return {"payload": data[5:49]}
+
+
+def encode_write(fields: Fields) -> bytes:
+    payload = fields["payload"]
+    if len(fields) != 1 or len(payload) != 44:
+        raise BadFrameError("fields")
+    data = b"\x05WR44" + payload + b"\x04"
+    return data + b"%02X" % (sum(data) & 0xFF)
+
+
+# ---- register request: station, 03, address, count, CRC ---------------------------------------------------
+
+REQUEST = Struct(">BBHH")
+
+
+def decode_request(data: bytes) -> Fields:
+    if len(data) != 8:
+        raise BadFrameError("length")
+    station, function, address, count = REQUEST.unpack_from(data)
+    if function != 3:
+        raise BadFrameError("function")
+    if crc16_reflected(data[:6], PAIRS, 0xFFFF) != data[6] | data[7] << 8:
+        raise BadFrameError("check")
+    if not 1 <= count <= 125:
+        raise BadFrameError("count")
+    return {"station": station, "pdu": {"read_holding": {"function": 3, "address": address, "count": count}}}
+
+
+def encode_request(fields: Fields) -> bytes:
+    ((name, pdu),) = fields["pdu"].items()
+    if name != "read_holding" or len(fields) != 2 or pdu.keys() - REQUEST_KEYS or pdu.get("function", 3) != 3:
+        raise BadFrameError("fields")
+    if not 1 <= pdu["count"] <= 125:
+        raise BadFrameError("count")
+    data = REQUEST.pack(fields["station"], 3, pdu["address"], pdu["count"])
+    return data + crc16_reflected(data, PAIRS, 0xFFFF).to_bytes(2, "little")
+
+
+REQUEST_KEYS = {"function", "address", "count"}
