@@ -167,6 +167,8 @@ class Client:
         for facts in rows:
             if bool(pieces) != facts.wants_address or (len(pieces) > 1 and not facts.has_each):
                 continue
+            if facts.single and any(piece.count > 1 for piece in pieces):
+                continue
             if len(pieces) > 1 and len(pieces) > facts.row.most_variables:
                 problem = ServiceError(f"'{facts.row.service}' takes at most {facts.row.most_variables} addresses")
                 continue
@@ -249,10 +251,14 @@ class Client:
                 return Answer(TransferResult(False, outcome=word, cause=outcome.cause, code=code, meaning=meaning))
             if not outcome.ok:
                 return Answer(TransferResult(False, outcome=outcome.outcome, cause=outcome.cause))
+            gives = self._gives(row, exchange, names, outcome)
+            if not pieces:
+                blocks = row.reply.blocks(outcome, names)
+                return Answer(gives={"data": blocks, **gives} if blocks else gives)
             data = row.reply.data(outcome, pieces, names)
             if row.facts.row.service == "read" and len(data) != len(pieces):
                 raise UnfitReplyError("the reply brings no data")
-            return Answer(data=data, gives=self._gives(row, exchange, names, outcome))
+            return Answer(data=data, gives=gives)
         except EVALUATION_ERRORS as error:
             return Answer(TransferResult(False, outcome="unfit_reply", cause=str(error)))
 

@@ -103,13 +103,16 @@ class FrameInfo:
                 self._collect(segment.of, False)
 
     def _field(self, field: Field | BitsPart, values: Mapping[int, str] | None, there: bool) -> None:
-        """Constants of a field that may be absent are not known: the builder decides whether it is there."""
+        """Constants of a field that may be absent are not known: the builder decides whether it is there.
+
+        Nor is one of several that repeats the request's: that decides which.
+        """
         name, constants, is_ = field.name, field.constants, field.is_
         if values:
             self.numbers[name] = {text: number for number, text in values.items()}
         if not there:
             return
-        if constants:
+        if constants and (len(constants) == 1 or name not in self.frame.echo):
             self.known[name] = constants[0]
         elif is_ is not None:
             self.computed.append((name, compile_expression(is_)))

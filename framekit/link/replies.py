@@ -69,16 +69,20 @@ class ReplyReader:
         frames = [row.frame.frame for row in facts.row.reply if row.frame is not None]
         self.expected = tuple(dict.fromkeys((*frames, *self.shared.error_frames)))
 
-    @property
-    def has_frames(self) -> bool:
-        return any(row.frame is not None for row, _, _ in self.rows)
-
     def data(self, outcome: Outcome, pieces: Sequence[Piece], names: Names) -> list[bytes]:
-        """The data of each piece in memory's form; [] if none of the reply rows brings data. Raises UnfitReplyError."""
+        """The data of each piece in memory's form; [] if the reply row brings none. Raises UnfitReplyError."""
+        return self._first(outcome, names, lambda found: self._unpacked(found, pieces))
+
+    def blocks(self, outcome: Outcome, names: Names) -> list[bytes]:
+        """The data as they stand in the reply, of a service that was not asked for places. Raises UnfitReplyError."""
+        return self._first(outcome, names, lambda found: [data for data, _ in found if isinstance(data, bytes)])
+
+    def _first(self, outcome: Outcome, names: Names, judge: Callable[[Found], list[bytes]]) -> list[bytes]:
+        """What `judge` makes of the data in the first row of this reply's frame that fits."""
         problem: UnfitReplyError | None = None
         for row, frame, buffer in self._fitting(outcome.reply):
             try:
-                return self._taken(row, frame, buffer, outcome, pieces, names)
+                return judge(self._found(row, frame, buffer, outcome, names))
             except UnfitReplyError as error:
                 problem = problem or error
         if problem is not None:
@@ -91,9 +95,7 @@ class ReplyReader:
         name = None if reply is None else reply.frame
         return [item for item in self.rows if (None if item[0].frame is None else item[0].frame.frame) == name]
 
-    def _taken(
-        self, row: ReplyRow, frame: Collect, buffer: Collect, outcome: Outcome, pieces: Sequence[Piece], names: Names
-    ) -> list[bytes]:
+    def _found(self, row: ReplyRow, frame: Collect, buffer: Collect, outcome: Outcome, names: Names) -> Found:
         found: Found = []
         try:
             if outcome.reply is not None:
@@ -104,13 +106,14 @@ class ReplyReader:
             raise
         except EVALUATION_ERRORS as error:
             raise UnfitReplyError(f"the reply cannot be read: {error}") from None
-        if not found:
-            return []
-        if len(found) != len(pieces):
-            raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
-        return [self._unpacked(data, padded, piece) for (data, padded), piece in zip(found, pieces, strict=True)]
+        return found
 
-    def _unpacked(self, data: Any, padded: bool, piece: Piece) -> bytes:
+    def _unpacked(self, found: Found, pieces: Sequence[Piece]) -> list[bytes]:
+        if found and len(found) != len(pieces):
+            raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
+        return [self._of_piece(data, padded, piece) for (data, padded), piece in zip(found, pieces, strict=False)]
+
+    def _of_piece(self, data: Any, padded: bool, piece: Piece) -> bytes:
         if not isinstance(data, bytes):
             raise UnfitReplyError(f"the reply has {data!r} where data should stand")
         packer, start = self.facts.packer(piece.address.unit), piece.address.start

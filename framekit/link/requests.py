@@ -142,7 +142,13 @@ class Planner:
 
     def _most(self, facts: RowFacts, address: Address, offered: Names) -> int:
         """The most elements of one piece."""
-        most = 1 << 32 if facts.limit_count is None else self._limit(facts, facts.limit_count, offered)
+        most = (
+            1
+            if facts.single
+            else 1 << 32
+            if facts.limit_count is None
+            else self._limit(facts, facts.limit_count, offered)
+        )
         if facts.limit_bytes is None:
             return most
         return min(most, facts.packer(address.unit).most(address.start, self._limit(facts, facts.limit_bytes, offered)))

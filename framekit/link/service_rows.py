@@ -24,6 +24,9 @@ from framekit.link.packing import Packer
 NATIVE = frozenset({"start", "count", "first"})
 """Names that count elements: a row that sends them, and no text, speaks of the area's own units only."""
 
+COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
+"""Names that say how many elements are meant: a row that sends none of them means one."""
+
 
 class ServiceRows:
     """Everything the services of one protocol share; `rows` are in the order of the file."""
@@ -42,11 +45,11 @@ class ServiceRows:
 
 
 class RowFacts:
-    """One row. `mentions` are the names its request and the bytes beside it read."""
+    """One row. `mentions` are the names its request and the bytes beside it read; `single`: it carries one element."""
 
     __slots__ = (
         "_packers", "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "row", "run", "shared",
-        "wants_address", "when",
+        "single", "wants_address", "when",
     )  # fmt: skip
 
     def __init__(self, row: ServiceRow, shared: ServiceRows) -> None:
@@ -60,6 +63,7 @@ class RowFacts:
         self.limit_count = _maybe(row.limit.count)
         self.limit_bytes = _maybe(row.limit.bytes)
         self.wants_address = bool((self.mentions & {"text", "start"}) - {argument.name for argument in row.takes})
+        self.single = not self.mentions & COUNTING
         self.named_numbers = self._named_numbers()
         self._packers: dict[str, Packer] = {}
 
