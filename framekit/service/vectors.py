@@ -1,0 +1,119 @@
+"""The vectors beside a definition, run: every frame case, and every conversation against a whole client or device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from framekit.blocks.device import memory_of
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.load.library import definition_path, load_protocol
+from framekit.definition.load.scalars import parse_number
+from framekit.definition.load.vectors import load_vectors
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.vectors import Conversation
+from framekit.link.addresses import AddressGrammar
+from framekit.link.client import Client
+from framekit.link.conversation import Asked, TestedSide, run_conversation
+from framekit.link.engine import Engine
+from framekit.link.events import Command
+from framekit.link.exchange import Ask
+from framekit.link.frame_vectors import run_frame_vector
+from framekit.link.serving import MemoryServer
+from framekit.memory.memory import DeviceMemory
+from framekit.service.memory_access import AddressedMemory
+
+SUFFIX = ".vectors.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """One case: what it is called, and what does not agree; nothing when it holds."""
+
+    kind: str
+    name: str
+    problems: tuple[str, ...]
+
+
+def vectors_path(protocol: str | Path, folder: Path | None = None) -> Path | None:
+    """The vectors beside a definition; None when there are none. Raises DefinitionError for an unknown definition."""
+    path = definition_path(protocol, folder)
+    beside = path.with_name(path.stem + SUFFIX)
+    return beside if beside.is_file() else None
+
+
+def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseResult]:
+    """Runs all cases. Raises DefinitionError when definition or vectors are wrong."""
+    loaded = load_protocol(protocol, folder)
+    path = vectors_path(protocol, folder)
+    if path is None:
+        return []
+    codec = compile_protocol(loaded)
+    vectors = load_vectors(path)
+    results = []
+    for vector in vectors.frames:
+        name = vector.name or vector.frame or str(vector.wire)[:32]
+        results.append(CaseResult("frame", name, tuple(run_frame_vector(vector, loaded, codec))))
+    for case in vectors.conversations:
+        problems = run_conversation(case, loaded, codec, make_side)
+        results.append(CaseResult("conversation", case.name, tuple(problems)))
+    return results
+
+
+def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> TestedSide:
+    """A client with its services, or a device with a memory as the case describes it."""
+    areas, grammar = memory_of(protocol)
+    memory = DeviceMemory(areas)
+    for text, value in case.memory.items():
+        place = grammar.parse(text)
+        values = value if isinstance(value, list) else [value]
+        memory.write(place.area, place.unit, place.start, [_number(item) for item in values], force=True)
+    sides: dict[Engine, Client] = {}
+
+    def client(engine: Engine) -> Client:
+        if engine not in sides:
+            sides[engine] = Client(protocol, codec, engine)
+        return sides[engine]
+
+    def ask(engine: Engine) -> Ask:
+        return client(engine).ask
+
+    def start(engine: Engine, do: Mapping[str, Any], station: Any, now: int, done: Asked) -> list[Command]:
+        return start_service(client(engine), do, station, now, done)
+
+    return TestedSide(
+        server=MemoryServer(protocol, codec, memory) if protocol.services else None,
+        memory=AddressedMemory(memory, grammar),
+        ask=ask if protocol.services else None,
+        start=start,
+        read_memory=lambda text, count: _read(memory, grammar, text, count),
+    )
+
+
+def start_service(client: Client, do: Mapping[str, Any], station: Any, now: int, done: Asked) -> list[Command]:
+    """`do: {read|write|SERVICE: …}` of a conversation."""
+    unit, count = do.get("unit"), _number(do.get("count", 1))
+    if "read" in do:
+        if isinstance(do["read"], list):
+            return client.read_variables(do["read"], station=station, unit=unit, now=now, on_done=done)
+        return client.read(do["read"], station=station, unit=unit, count=count, now=now, on_done=done)
+    if "write" in do:
+        values = do.get("values", do.get("value", []))
+        numbers = [_number(item) for item in (values if isinstance(values, list) else [values])]
+        if isinstance(do["write"], list):
+            return client.write_variables(do["write"], numbers, station=station, unit=unit, now=now, on_done=done)
+        return client.write(do["write"], numbers, station=station, unit=unit, now=now, on_done=done)
+    service = next(name for name in do if name not in ("station", "unit", "count"))
+    arguments = do[service] if isinstance(do[service], Mapping) else {}
+    return client.call(service, dict(arguments), station=station, unit=unit, count=count, now=now, on_done=done)
+
+
+def _number(value: Any) -> int:
+    return parse_number(value) if isinstance(value, str) else int(value)
+
+
+def _read(memory: DeviceMemory, grammar: AddressGrammar, text: str, count: int) -> list[int]:
+    place = grammar.parse(text)
+    return memory.read(place.area, place.unit, place.start, count)
