@@ -117,7 +117,8 @@ class BackwardRow:
         if reading.targets:
             first = reading.targets[0].names
             for name in ("area", "unit", "start", "count", "bytes", "element_bytes", "total"):
-                reading.names.setdefault(name, first[name])
+                if name in first:
+                    reading.names.setdefault(name, first[name])
             reading.names.setdefault("spans", [target.span for target in reading.targets])
             reading.names[EACH] = [target.names for target in reading.targets]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.syntax import Expression, Name, Text
 from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import ServeWork
 from framekit.definition.model.values import LayoutOf, Value
@@ -45,7 +45,7 @@ class Work:
         self.grammar = shared.grammar
         self.codes = codes
         self._values = ValueCompiler(shared.codec, shared.table.made)
-        self._layouts = {name: variable.layout for name, variable in shared.protocol.state.items()}
+        self._holds = {name: (item.layout, item.type) for name, item in shared.protocol.state.items()}
         self.moves_data = any((work.write, work.span, work.update, work.read, work.each, work.block))
         self._let = [(name, self._values.compile(value)) for name, value in work.let.items()]
         self._write = None if work.write is None else self._fields(work.write)
@@ -74,7 +74,7 @@ class Work:
 
     def _kept(self, target: SetTarget, value: Value) -> Compute:
         """A layout's record put into a variable of that layout stays a record."""
-        if isinstance(value, LayoutOf) and self._layouts.get(target.name) == value.layout:
+        if isinstance(value, LayoutOf) and value.layout in self._holds.get(target.name, ()):
             return self._values.fields(value.fields)
         return self._values.compile(value)
 
@@ -178,7 +178,11 @@ def _as_of(fields: Any) -> str | None:
 
 
 def _word(value: Any) -> str:
-    return (bare_name(value) if isinstance(value, Expression) else None) or ""
+    """A word that is written down, bare or in quotes."""
+    node = value.root if isinstance(value, Expression) else None
+    if isinstance(node, Name):
+        return node.name
+    return node.value if isinstance(node, Text) else ""
 
 
 def _maybe(expression: Expression | None) -> Evaluate | None:
