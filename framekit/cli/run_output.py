@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import spaced, table
 from framekit.cli.main import Failure
+from framekit.memory.numbers import unit_bits
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
     from framekit.service.run import RunService
     from framekit.transport.clock import Clock
 
-LONGEST_SHOWN = 48
+LONGEST_SHOWN = 64
+MOST_WORDS = 12
 
 
 class Output:
@@ -74,6 +76,9 @@ class TextOutput(Output):
         rows = [_row(state) for state in service.states.values()]
         print()
         print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
+        stored = [line for state in service.states.values() for line in _stored(service, state)]
+        if stored:
+            print("\n" + table(stored, ("memory", "words")))
 
 
 class JsonOutput(Output):
@@ -115,6 +120,22 @@ class JsonOutput(Output):
 
     def warning(self, text: str) -> None:
         print(json.dumps({"event": "warning", "reason": text}, ensure_ascii=False), flush=True)
+
+
+def _stored(service: RunService, state: BlockState) -> list[tuple[str, str]]:
+    """The words that a block has put into the memory, as many as are easily read."""
+    block = state.block
+    if block.instruction not in ("read", "receive") or not state.counters.done:
+        return []
+    places = [*block.places, *block.data.values()]
+    count = MOST_WORDS if block.data else max(1, block.count * unit_bits(block.unit or "word") // 16)
+    found = []
+    for place in places:
+        area = service.memory.area(place.address.area)
+        first = place.address.first_bit // 16
+        words = area.read("word", first, min(count, MOST_WORDS, area.size_words - first))
+        found.append((place.text, " ".join(f"{word:04X}" for word in words)))
+    return found
 
 
 def _row(state: BlockState) -> tuple[str, ...]:
