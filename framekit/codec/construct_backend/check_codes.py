@@ -14,7 +14,7 @@ from framekit.codec.construct_backend.expressions import evaluate
 from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import Filling
 from framekit.codec.construct_backend.names import Names
-from framekit.codec.construct_backend.state import Leaf, Reading, State, Writing, mark_of
+from framekit.codec.construct_backend.state import Leaf, Reading, State, Writing, is_marked, mark_of
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
 
@@ -37,6 +37,9 @@ class CheckConstruct(SegmentConstruct):
             return
 
         def compare() -> None:
+            if reading.stopped and not all(is_marked(context, name) for name in self._mentioned()):
+                reading.faults.unchecked = True
+                return
             covered = self._covered(reading, context, stream.getvalue()[:start], leaves)
             code = code_of(self.segment.method, covered, reading.names)
             if self._number(found) != code:
@@ -75,6 +78,10 @@ class CheckConstruct(SegmentConstruct):
             return state.bytes_of(start, leaves if last == "here" else mark_of(context, last).last)
         except KeyError:
             return b""
+
+    def _mentioned(self) -> tuple[str, ...]:
+        """The names of the segments that are covered."""
+        return tuple(name for name in self.segment.over or self.segment.span or () if name != "here")
 
     def _named(self, state: State, context: Container, name: str) -> bytes:
         try:

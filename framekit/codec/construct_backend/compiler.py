@@ -82,9 +82,7 @@ class _Compiler:
         sections = tuple(self.list(segments, plan, ()) for segments in (frame.head, frame.body, frame.tail))
         return FrameConstruct(frame, (sections[0], sections[1], sections[2]), plan, self.sizes, self.known)
 
-    def list(
-        self, segments: tuple[model.Segment, ...], plan: Plan, conditions: tuple[Condition, ...]
-    ) -> Segments:
+    def list(self, segments: tuple[model.Segment, ...], plan: Plan, conditions: tuple[Condition, ...]) -> Segments:
         """Constructs of segments that belong to the record of `plan` while `conditions` hold."""
         return Segments(tuple(self.segment(segment, plan, conditions) for segment in segments))
 

@@ -69,9 +69,9 @@ class Faults:
         self.noted.append(Fault(place, cause, text_of(expected), text_of(found)))
 
     def verdict(self) -> Fault | None:
-        """The fault that counts: a wrong check before all others, else the first in segment order."""
+        """The fault that counts: a wrong check before all others, else the first one in the frame."""
         wrong_checks = [fault for fault in self.noted if fault.cause == "check"]
-        return min(wrong_checks or self.noted, key=lambda fault: fault.place.order, default=None)
+        return min(wrong_checks or self.noted, key=lambda fault: (fault.place.offset, fault.place.order), default=None)
 
     def refusal(self, fault: Fault) -> int | None:
         """The code `fault` is to be answered with: only when every check was there and right."""

@@ -17,7 +17,7 @@ from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, Miss
 from framekit.codec.construct_backend.faults import ConstructEncodeError
 from framekit.codec.construct_backend.names import Names
 from framekit.codec.construct_backend.state import Writing
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.syntax import Expression, names_in
 
 Condition = Callable[["Filling"], bool]
 MISSING: Any = object()
@@ -176,10 +176,11 @@ class Filling(Mapping[str, Any]):
         def lookup(name: str) -> Any:
             filling: Filling | None = self
             while filling is not None:
-                if name in filling.plan.values and not (name == own and filling is self):
-                    return filling[name]
-                if name in filling.plan.segments:
-                    return filling.bytes_of(name)
+                if name != own or filling is not self:
+                    if name in filling.plan.values:
+                        return filling[name]
+                    if name in filling.plan.segments:
+                        return filling.bytes_of(name)
                 filling = filling.outer
             return self.names[name]
 
@@ -193,6 +194,19 @@ class Filling(Mapping[str, Any]):
             raise
         except EVALUATION_ERRORS as error:
             raise self.error(own, f"'{own}' cannot be computed from '{expression}': {error}") from None
+
+    def size(self, expression: Expression, own: str) -> Any:
+        """The size an expression gives; None when it stands on something that nobody has announced yet."""
+        for name in names_in(expression.root):
+            if not self._is_field(name) and self.names.is_unset(name):
+                return None
+        return self.compute(expression, own)
+
+    def _is_field(self, name: str) -> bool:
+        filling: Filling | None = self
+        while filling is not None and name not in filling.plan.values and name not in filling.plan.segments:
+            filling = filling.outer
+        return filling is not None
 
     def error(self, name: str, message: str) -> ConstructEncodeError:
         """An EncodeError for a field of this record."""

@@ -284,7 +284,7 @@ class InnerConstruct(ValueSegment):
             data = given
         size = self.segment.size
         if not context._state.measuring and isinstance(size, (int, Expression)):
-            wanted = filling.compute(size, self.name) if isinstance(size, Expression) else size
+            wanted = filling.size(size, self.name) if isinstance(size, Expression) else size
             if wanted is not None and wanted != len(data):
                 raise filling.error(self.name, f"'{self.name}' has {wanted} bytes, not {len(data)}")
         stream.write(data)

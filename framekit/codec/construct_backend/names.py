@@ -62,6 +62,13 @@ class Names:
         except KeyError:
             raise MissingName(name) from None
 
+    def is_unset(self, name: str) -> bool:
+        """Whether the context has the name, but no value for it yet."""
+        try:
+            return self[name] is None
+        except MissingName:
+            return False
+
     @classmethod
     def of_params(cls, params: Mapping[str, Any], known: Mapping[str, Any]) -> Names:
         """From the keyword arguments of `parse` and `build`, or from the mapping a codec put there."""

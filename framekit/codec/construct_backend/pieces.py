@@ -123,7 +123,7 @@ class DataConstruct(ValueSegment):
         if size == "rest":
             return None
         try:
-            value = filling.compute(size, self.name)
+            value = filling.size(size, self.name)
         except Circular:
             return None
         return value if isinstance(value, int) else None

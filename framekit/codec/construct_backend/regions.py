@@ -143,9 +143,7 @@ class EscapeConstruct(WrapConstruct):
         offsets = [place.offset + at for at in [*places, end]]
         self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
 
-    def _undoubled(
-        self, wire: bytes, wanted: int | None, names: Names
-    ) -> tuple[bytes, list[int], int | None]:
+    def _undoubled(self, wire: bytes, wanted: int | None, names: Names) -> tuple[bytes, list[int], int | None]:
         """The content, where each of its bytes stands, and where it ends (None: its end is missing)."""
         plain, at = bytearray(), 0
         places: list[int] = []

@@ -82,10 +82,15 @@ def scopes(context: Container) -> Iterator[Container]:
 def mark_of(context: Container, name: str) -> Mark:
     """Where the segment `name` stands. Raises KeyError when it is not there."""
     for scope in scopes(context):
-        if name in scope._marks:
-            mark: Mark = scope._marks[name]
+        mark: Mark | None = scope._marks.get(name)
+        if mark is not None:
             return mark
     raise KeyError(name)
+
+
+def is_marked(context: Container, name: str) -> bool:
+    """Whether the segment `name` has been read or written."""
+    return any(name in scope._marks for scope in scopes(context))
 
 
 @dataclass(frozen=True, slots=True)

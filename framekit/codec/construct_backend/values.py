@@ -83,7 +83,7 @@ def _building_form(type_: FieldType, wire: Any, name: str, filling: Filling, mea
     own = len(wire) if isinstance(wire, (str, bytes)) and type_.pad is None else None
     if measuring and own is not None:
         return form_of(type_, own)
-    size = filling.compute(type_.size, name)
+    size = filling.size(type_.size, name)
     if size is None and own is not None:
         size = own
     if not isinstance(size, int) or size < 0:

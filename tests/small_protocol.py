@@ -1,0 +1,22 @@
+"""Small protocols for tests of single segments: segments in YAML as the frame `f`, and what stands beside it."""
+
+from __future__ import annotations
+
+from framekit.codec.construct_backend import ConstructCodec, compile_construct
+from framekit.definition.load import load_protocol_text
+from framekit.definition.model.protocol import Protocol
+
+
+def small_protocol(body: str, *sections: str, keys: str = "", order: str = "big") -> Protocol:
+    """A protocol with the frame `f`: its body, further keys of the frame, and whole sections of the file."""
+    lines = ["protocol: small", f"order: {order}", *sections]
+    if not any("frames:" in section for section in sections):
+        lines.append("frames:")
+    separator = ", " if keys else ""
+    lines.append(f"  f: {{{keys}{separator}body: {body}}}")
+    return load_protocol_text("\n".join(lines), "small")
+
+
+def small_codec(body: str, *sections: str, keys: str = "", order: str = "big") -> ConstructCodec:
+    """The constructs of such a protocol."""
+    return compile_construct(small_protocol(body, *sections, keys=keys, order=order))

@@ -1,0 +1,87 @@
+"""Hypothesis strategies that make valid values of a frame from its model, and a context to go with them.
+
+What is computed is left out. Values respect types, limits, tables, sizes, `where`, conditions and the cases of choices;
+where a condition is too involved to be aimed at, several tries are made before an example is given up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hypothesis import assume
+from hypothesis import strategies as st
+from strategy_records import TRIES, Draw, Maker
+
+from framekit.codec.construct_backend import ConstructCodec, compile_construct
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
+from framekit.codec.construct_backend.names import Names, known_names
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.model.visit import expressions_of
+
+# ---- context ------------------------------------------------------------------------------------------------
+
+
+def base_context(protocol: Protocol) -> dict[str, Any]:
+    """Everything that expressions of frames may ask for besides fields, at its start value or a plausible one."""
+    context: dict[str, Any] = {
+        "buffer": b"",
+        "role": "client",
+        "station": 1,
+        "own": 1,
+        "clock": dict.fromkeys(("second", "minute", "hour", "day", "month", "year", "weekday"), 7),
+    }
+    context |= known_names(protocol)
+    for _ in range(3):  # defaults may stand on other defaults
+        for item in (*protocol.params.values(), *protocol.state.values()):
+            if item.name not in context and not (isinstance(item, StateVariable) and item.keys):
+                context |= _worked_out(item, context)
+    for name in protocol.tables:
+        context.pop(name, None)
+    return context
+
+
+def _worked_out(item: Parameter | StateVariable, context: Mapping[str, Any]) -> dict[str, Any]:
+    expression = item.initial if isinstance(item, StateVariable) else item.is_ or item.default
+    if expression is None:
+        return {}
+    try:
+        return {item.name: evaluate(expression.root, Names(context, {}).__getitem__)}
+    except (MissingName, *EVALUATION_ERRORS):
+        return {}
+
+
+class FrameValues:
+    """Makes values of the frames of one protocol."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        self.codec: ConstructCodec = compile_construct(protocol)
+        self.context = base_context(protocol)
+
+    def frame(self, name: str) -> st.SearchStrategy[tuple[dict[str, Any], dict[str, Any]]]:
+        """Values of the frame and the context they are made for."""
+
+        @st.composite
+        def made(draw: Draw) -> tuple[dict[str, Any], dict[str, Any]]:
+            context = self._context(draw, name)
+            for effort in range(TRIES):
+                maker = Maker(draw, self.protocol, self.codec, context, small=effort > TRIES // 2)
+                values = maker.frame(name)
+                if values is not None:
+                    return values, context
+            assume(False)
+            raise AssertionError
+
+        return made()
+
+    def _context(self, draw: Draw, frame: str) -> dict[str, Any]:
+        """The context with sizes that earlier frames have announced."""
+        context = dict(self.context)
+        segments = self.protocol.frames[frame].segments
+        mentioned = {word for expression in expressions_of(segments) for word in names_in(expression.root)}
+        for variable in self.protocol.state.values():
+            if variable.announced and variable.name in mentioned:
+                context[variable.name] = draw(st.integers(8, 40) | st.integers(1, 300))
+        return context

@@ -1,0 +1,403 @@
+"""Values of records, made segment by segment: the inside of `strategies`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from hypothesis import strategies as st
+from strategy_hints import Hints, hints_of, same_attributes
+
+from framekit.codec.construct_backend import ConstructCodec, FrameConstruct
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName
+from framekit.codec.construct_backend.filling import Circular, Filling, Plan
+from framekit.codec.construct_backend.names import Names, known_names
+from framekit.definition.expression.syntax import Expression, Name, Node, names_in
+from framekit.definition.model import segments as model
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import FieldType, Segment
+
+Draw = Callable[[st.SearchStrategy[Any]], Any]
+TRIES = 12
+UNKNOWN: Any = object()
+LETTERS = "".join(chr(code) for code in range(0x21, 0x7F))
+
+
+class Maker:
+    """One try at values: a record after the other, each from its segments in order."""
+
+    def __init__(
+        self, draw: Draw, protocol: Protocol, codec: ConstructCodec, context: dict[str, Any], small: bool
+    ) -> None:
+        self.draw = draw
+        self.protocol = protocol
+        self.codec = codec
+        self.small = small
+        self.names = Names(context, known_names(protocol))
+        self.forbidden = b""
+
+    def frame(self, name: str) -> dict[str, Any] | None:
+        """Values of a frame; None if this try has failed."""
+        frame = self.protocol.frames[name]
+        construct = self.codec.frames[name]
+        assert isinstance(construct, FrameConstruct)
+        before, self.forbidden = self.forbidden, construct._end_mark() if frame.delimited else b""
+        try:
+            return _Record(self, construct.plan, frame.segments, None).made()
+        finally:
+            self.forbidden = before
+
+    def text(self, least: int, most: int, hints: Hints, kind: FieldType) -> str | None:
+        """Text of a length, with the letters that conditions ask for at their places."""
+        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"")
+        alphabet = "".join(letter for letter in LETTERS if letter.encode() not in taken)
+        least = max([least, *(place + 1 for place in hints.letters)])
+        if least > most:
+            return None
+        if hints.allowed is not None:
+            fitting = [text for text in hints.allowed if isinstance(text, str) and least <= len(text) <= most]
+            return self.draw(st.sampled_from(fitting)) if fitting else None
+        letters = list(self.draw(st.text(alphabet, min_size=least, max_size=most)))
+        for place, (allowed, denied) in hints.letters.items():
+            choice = [letter for letter in (allowed if allowed is not None else alphabet) if letter not in denied]
+            if not choice:
+                return None
+            letters[place] = self.draw(st.sampled_from(choice))
+        return "".join(letters)
+
+    def bytes(self, size: int) -> bytes:
+        data: bytes = self.draw(st.binary(min_size=size, max_size=size))
+        for byte in self.forbidden:
+            data = data.replace(bytes((byte,)), bytes((byte ^ 0x40,)))
+        return data
+
+    def number(self, least: int, most: int) -> int:
+        """A number; mostly a small one, so that what it counts stays small."""
+        near = min(most, least + 12)
+        if self.small:
+            return self.draw(st.integers(least, min(most, least + 3)))
+        return self.draw(st.one_of(st.integers(least, near), st.integers(least, near), st.integers(least, most)))
+
+
+class _Record:
+    """Values of one record under way; `plan` lets expressions be worked out on what there is so far."""
+
+    def __init__(self, maker: Maker, plan: Plan, segments: tuple[Segment, ...], outer: Filling | None) -> None:
+        self.maker = maker
+        self.draw = maker.draw
+        self.plan = plan
+        self.outer = outer
+        self.given: dict[str, Any] = {}
+        self.all = flat(segments)
+        self.segments = segments
+        self.inputs = {name for segment in self.all for part in built(segment) for name in names_in(part.root)}
+
+        self.failed = False
+
+    def made(self) -> dict[str, Any] | None:
+        """The values, or None when they do not come together."""
+        self._make_all(self._in_order(self.segments))
+        return None if self.failed or not self._holds() else self.given
+
+    def _in_order(self, segments: tuple[Segment, ...]) -> list[Segment]:
+        """Now and then optional fields first: what is given first decides which others are there."""
+        fields = [item for item in segments if isinstance(item, model.Field) and item.when and item.default]
+        if fields and self.draw(st.booleans()):
+            first = self.draw(st.sampled_from(fields))
+            return [first, *(item for item in segments if item is not first)]
+        return list(segments)
+
+    def _make_all(self, segments: list[Segment]) -> None:
+        for segment in segments:
+            if self.failed:
+                return
+            match segment:
+                case model.Choose():
+                    self._make_case(segment)
+                case model.Optional():
+                    if self.draw(st.booleans()):
+                        self._make_all(list(segment.of))
+                case model.Wrap():
+                    self._make_all(list(segment.of))
+                case model.Bits():
+                    for part in segment.parts:
+                        self._offer(part.name, self._bits(part))
+                case _:
+                    if segment.name in self.plan.values:
+                        self._offer(segment.name, self._value(segment))
+
+    def _make_case(self, choose: model.Choose) -> None:
+        value = self.evaluate(choose.on.root)
+        chosen = next((of for keys, of in choose.cases if value in keys), choose.otherwise)
+        if value is UNKNOWN or chosen is None:
+            self.failed = True
+        else:
+            self._make_all(list(chosen))
+
+    def _offer(self, name: str, value: Any) -> None:
+        """Gives a value, unless the field is not there or makes another one vanish."""
+        if value is UNKNOWN:
+            return
+        if value is None:
+            self.failed = True
+            return
+        self.given[name] = value
+        filling = self.filling()
+        try:
+            if not all(filling.is_there(other) for other in self.given):
+                del self.given[name]
+        except (MissingName, Circular, *EVALUATION_ERRORS):
+            pass  # it depends on values that are still to come
+
+    # ---- expressions --------------------------------------------------------------------------------------
+
+    def filling(self) -> Filling:
+        return Filling(self.plan, self.given, self.maker.names, self.outer)
+
+    def evaluate(self, node: Node) -> Any:
+        """The value of an expression on what is given so far; UNKNOWN if it has none yet."""
+        try:
+            return self.filling().evaluate(Expression("", node))
+        except (MissingName, Circular, *EVALUATION_ERRORS):
+            return UNKNOWN
+
+    def _strictly(self, node: Node) -> Any:
+        return self.filling().evaluate(Expression("", node))
+
+    def hints(self, name: str) -> Hints:
+        found = hints_of(self.all, self._hint_value).get(name, Hints())
+        for segment in self.all:
+            if isinstance(segment, model.Choose) and isinstance(segment.on.root, Name) and segment.on.root.name == name:
+                keys = [key for keys, _ in segment.cases for key in keys]
+                if segment.otherwise is None:
+                    found.add("in", keys)
+                elif self.draw(st.booleans()):
+                    found.add("in", self.draw(st.sampled_from([list(keys) for keys, _ in segment.cases])))
+        return found
+
+    def _hint_value(self, node: Node) -> Any:
+        try:
+            return self._strictly(node)
+        except Circular:
+            raise KeyError("not known yet") from None
+
+    def _holds(self) -> bool:
+        for segment in self.all:
+            wanted = isinstance(segment, model.Require) and (segment.when is None or self.evaluate(segment.when.root))
+            if wanted and self.evaluate(segment.condition.root) in (False, 0, UNKNOWN):
+                return False
+        return True
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def _value(self, segment: Segment) -> Any:
+        """A value for a segment; UNKNOWN if none is to be given, None if none can be found."""
+        match segment:
+            case model.Field():
+                return self._field(segment)
+            case model.Data():
+                return self._data(segment)
+            case model.Repeat():
+                return self._repeat(segment)
+            case model.Record():
+                fields = self.plan.values[segment.name][0].construct.fields  # type: ignore[attr-defined]
+                return _Record(self.maker, fields.plan, segment.of, self.filling()).made()
+            case model.Inner():
+                frame = self.draw(st.sampled_from(segment.frames))
+                values = self.maker.frame(frame)
+                return None if values is None else {frame: values}
+            case model.Value() if segment.name in self.inputs and segment.build is None:
+                return self.maker.number(0, 31)
+        return UNKNOWN
+
+    def _bits(self, part: model.BitsPart) -> Any:
+        if part.is_ is not None or part.build is not None:
+            return UNKNOWN
+        if part.constants is not None:
+            return self.draw(st.sampled_from(part.constants)) if self.draw(st.booleans()) else UNKNOWN
+        return self.draw(st.integers(0, (1 << part.high - part.low + 1) - 1))
+
+    def _field(self, field: model.Field) -> Any:
+        if field.is_ is not None:
+            return UNKNOWN
+        if field.constants is not None:
+            return self.draw(st.sampled_from(field.constants)) if self.draw(st.booleans()) else UNKNOWN
+        if field.build is not None and self.evaluate(field.build.root) is not UNKNOWN:
+            return UNKNOWN
+        if field.build is not None and set(names_in(field.build.root)) & set(self.plan.values) - {field.name}:
+            return UNKNOWN
+        if field.default is not None and self.draw(st.booleans()):
+            return UNKNOWN
+        hints = self.hints(field.name)
+        match field.type.kind:
+            case "ascii":
+                least, most = self._text_sizes(field)
+                return self.maker.text(least, most, hints, field.type)
+            case "bytes":
+                size = self._size(field.type.size, field.name)
+                return None if size is None else self.maker.bytes(size)
+            case "float":
+                width = {2: 16, 4: 32, 8: 64}[field.type.fixed_size or 4]
+                return self.draw(st.floats(width=width, allow_nan=False))
+        return self._number(field, hints)
+
+    def _number(self, field: model.Field, hints: Hints) -> Any:
+        if field.values and (field.only or self.draw(st.booleans())):
+            choice = [number for number in field.values if number not in hints.denied]
+            if hints.allowed is not None:
+                choice = [number for number in choice if number in hints.allowed]
+            number = self.draw(st.sampled_from(choice)) if choice else None
+            return number if number is None or self.draw(st.booleans()) else field.values[number]
+        if hints.allowed is not None:
+            return self.draw(st.sampled_from(hints.allowed)) if hints.allowed else None
+        size = self._size(field.type.size, field.name)
+        if size is None:
+            return None
+        least, most = span_of(field.type, size) if field.long is None else span_of(field.long.type, None)
+        unit = field.unit or 1
+        least, most = least - field.plus, most - field.plus
+        if field.zero_means is not None:
+            least, most = max(least, 1), field.zero_means
+        if field.limits is not None:
+            least, most = max(least, -(-field.limits[0] // unit)), min(most, field.limits[1] // unit)
+        least = max(least, least if hints.least is None else hints.least)
+        most = min(most, most if hints.most is None else hints.most)
+        if least > most:
+            return None
+        number = self.maker.number(least, most)
+        return None if number in hints.denied else number * unit
+
+    def _text_sizes(self, field: model.Field) -> tuple[int, int]:
+        if field.type.size is None:
+            return 0, 8
+        size = self.evaluate(field.type.size.root) if isinstance(field.type.size, Expression) else field.type.size
+        if isinstance(size, int):
+            return (0 if field.type.pad is not None else size), size
+        return self._free_sizes(field.name, 0)
+
+    def _free_sizes(self, name: str, least: int) -> tuple[int, int]:
+        """How long something may be whose length is computed from it."""
+        most = least + 12
+        for segment in self.all:
+            if not isinstance(segment, model.Length) or name not in segment.of:
+                continue
+            if segment.zero_means is not None:
+                least = max(least, segment.unit - segment.plus)
+            if segment.limits is not None:
+                least = max(least, segment.limits[0] * segment.unit - segment.plus - 8 * (len(segment.of) - 1))
+                most = min(max(most, least), segment.limits[1] * segment.unit - segment.plus)
+        return max(least, 0), max(most, 0)
+
+    def _size(self, size: int | Expression | None, name: str) -> int | None:
+        if isinstance(size, Expression):
+            found = self.evaluate(size.root)
+            return found if isinstance(found, int) and 0 <= found <= 4096 else None
+        return size or 0
+
+    def _data(self, data: model.Data) -> Any:
+        size: Any = data.size
+        if isinstance(size, Expression):
+            size = self._wanted_length(size) if isinstance(size.root, Name) else self.evaluate(size.root)
+        if isinstance(size, int):
+            if data.pad is not None and self.draw(st.booleans()):
+                size = self.draw(st.integers(0, size))
+            return self.maker.bytes(size) if 0 <= size <= 4096 else None
+        lengths = [part for part in self.all if isinstance(part, model.Length) and data.name in part.of]
+        unit = max((part.unit for part in lengths), default=1)
+        if data.convert == "ascii_to_hex":
+            unit = max(unit, 2)
+        least, most = self._free_sizes(data.name, data.least)
+        if data.convert == "ascii_to_hex":
+            digits = self.draw(st.text("0123456789ABCDEF", min_size=least, max_size=most))
+            return digits[: len(digits) // 2 * 2].encode()
+        return self.maker.bytes(self.draw(st.integers(-(-least // unit), most // unit)) * unit)
+
+    def _wanted_length(self, size: Expression) -> Any:
+        """The size that a computed length must have because a condition compares it with something known."""
+        assert isinstance(size.root, Name)
+        computed = {segment.name for segment in self.all if isinstance(segment, model.Length)}
+        if size.root.name not in computed:
+            return self.evaluate(size.root)
+        allowed = self.hints(size.root.name).allowed
+        return allowed[0] if allowed else UNKNOWN
+
+    def _repeat(self, repeat: model.Repeat) -> Any:
+        times = self._times(repeat)
+        if times is None:
+            return None
+        if isinstance(repeat.of, FieldType):
+            least, most = span_of(repeat.of, None)
+            return [self.maker.number(least, most) for _ in range(times)]
+        fields = self.plan.values[repeat.name][0].construct.fields  # type: ignore[attr-defined]
+        items: list[dict[str, Any]] = []
+        alike = same_attributes(self.all).get(repeat.name, [])
+        for _ in range(times):
+            item = self._item(repeat.of, fields.plan, items[0] if items else None, alike)
+            if item is None:
+                return None
+            items.append(item)
+        return items
+
+    def _times(self, repeat: model.Repeat) -> int | None:
+        if isinstance(repeat.times, int):
+            return repeat.times
+        found = self.evaluate(repeat.times.root) if isinstance(repeat.times, Expression) else UNKNOWN
+        if isinstance(found, int) and not self._counts(repeat):
+            return found if 0 <= found <= 64 else None
+        least, most = 0, 4
+        for segment in self.all:
+            if isinstance(segment, model.Count) and segment.of == repeat.name and segment.limits is not None:
+                least, most = max(least, segment.limits[0]), min(max(most, segment.limits[0]), segment.limits[1])
+        return self.draw(st.integers(least, most))
+
+    def _counts(self, repeat: model.Repeat) -> bool:
+        return any(isinstance(segment, model.Count) and segment.of == repeat.name for segment in self.all)
+
+    def _item(self, of: tuple[Segment, ...], plan: Plan, first: dict[str, Any] | None, alike: list[str]) -> Any:
+        """An item; one that agrees with the first where it has to, if that can be had."""
+        for _ in range(TRIES):
+            item = _Record(self.maker, plan, of, self.filling()).made()
+            if item is not None and (first is None or self._agree(plan, first, item, alike)):
+                return item
+        return None if first is None else dict(first)
+
+    def _agree(self, plan: Plan, first: dict[str, Any], item: dict[str, Any], alike: list[str]) -> bool:
+        one, other = (Filling(plan, given, self.maker.names, self.filling()) for given in (first, item))
+        return all(one[name] == other[name] for name in alike)
+
+
+# ---- facts about segments -----------------------------------------------------------------------------------
+
+
+def flat(segments: tuple[Segment, ...]) -> list[Segment]:
+    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
+    found: list[Segment] = []
+    for segment in segments:
+        found.append(segment)
+        if isinstance(segment, (model.Wrap, model.Optional)):
+            found += flat(segment.of)
+        elif isinstance(segment, model.Choose):
+            for _, case in segment.cases:
+                found += flat(case)
+            found += flat(segment.otherwise or ())
+    return found
+
+
+def built(segment: Segment) -> list[Expression]:
+    """The expressions that compute something from other values when building."""
+    if isinstance(segment, model.Bits):
+        return [part.build for part in segment.parts if part.build is not None]
+    build = segment.build if isinstance(segment, (model.Field, model.Value)) else None
+    return [] if build is None else [build]
+
+
+def span_of(type_: FieldType, size: int | None) -> tuple[int, int]:
+    """The least and greatest number of a type; `size` where that is computed."""
+    size = type_.fixed_size if size is None else size
+    assert size is not None
+    if type_.kind == "digits":
+        return 0, type_.base**size - 1
+    if type_.kind == "bcd":
+        return 0, 100**size - 1
+    bits = 8 * size
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
