@@ -17,7 +17,7 @@ from framekit.link.observe import Monitor, Seen
 from framekit.link.output import Item, Output
 from framekit.link.program import CompiledSequence
 from framekit.link.queues import Queues
-from framekit.link.runs import Activation, Run
+from framekit.link.runs import Activation, Run, State
 from framekit.link.scope import Scope
 from framekit.link.sessions import SessionState
 from framekit.link.values import FrameValue
@@ -89,7 +89,7 @@ class Environment:
     def left(self, run: Run) -> None:
         """The last bit of something the run sent has left the line: its clock may begin."""
         run.unsent = max(0, run.unsent - 1)
-        if not run.unsent and run.clock_waits:
+        if not run.unsent and run.clock_waits and run.state is not State.DONE:
             begin_clock(run, self.scope.now)
 
     # ---- queues, memory -----------------------------------------------------------------------------------

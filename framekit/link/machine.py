@@ -113,7 +113,7 @@ class Machine(Environment):
 
     def skip_step(self, run: Run, activation: Activation) -> None:
         """The step's `when` does not hold: the following one."""
-        activation.counters.clear()
+        activation.counters.pop(activation.index, None)
         self._enter_or_end(run, activation, activation.index + 1)
 
     def leave_step(self, run: Run, activation: Activation) -> None:
@@ -122,7 +122,7 @@ class Machine(Environment):
         if parts is not None and activation.part_index + 1 < len(parts):
             self.begin_piece(run, activation, activation.part_index + 1)
             return
-        activation.counters.clear()
+        activation.counters.pop(activation.index, None)
         then = activation.step.then
         if then == "end":
             self.end(run, activation)
@@ -144,7 +144,7 @@ class Machine(Environment):
         activation.part_index = index
         activation.phase = activation.step.piece_start
         activation.resends = 0
-        activation.counters.clear()
+        activation.counters.pop(activation.index, None)
         activation.names["part"] = {
             "data": parts[index], "index": index, "last": int(not following), "next": following,
         }  # fmt: skip
@@ -155,11 +155,12 @@ class Machine(Environment):
     def take(self, run: Run, activation: Activation, action: CompiledAction, usual: str, outcome: str = "") -> None:
         """Does an action. `usual` is where it leads when it does not say; `outcome` the failure it stands for then."""
         if action.at_most is not None:
-            count = activation.counters.get(action, 0)
+            counters = activation.counters.setdefault(activation.index, {})
+            count = counters.get(action, 0)
             if count >= action.at_most(activation.names):
                 self._used_up(run, activation, action)
                 return
-            activation.counters[action] = count + 1
+            counters[action] = count + 1
         for effect in action.effects:
             effect(self, run, activation)
         if action.fail is not None:
@@ -191,13 +192,12 @@ class Machine(Environment):
         if word in ("next", "restart"):
             self.leave_step(run, activation)
             return
-        kept = None if action is None or action.at_most is None else activation.counters.get(action)
-        activation.counters.clear()
+        counters = activation.counters.pop(activation.index, None)
         if word == "end":
             self.end(run, activation)
             return
-        if kept is not None and action is not None and action.leads_away:
-            activation.counters[action] = kept
+        if counters and action in counters:
+            activation.counters[activation.index] = {action: counters[action]}
         self.enter(run, activation, activation.sequence.index[word])
 
     def _resend(self, run: Run, activation: Activation) -> None:

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 class CompiledAction:
-    """An action; `effects` are done in their order before `then` or `fail`. `leads_away`: `then` is a step's name."""
+    """An action; `effects` are done in their order before `then` or `fail`."""
 
-    __slots__ = ("at_most", "effects", "fail", "leads_away", "otherwise", "then", "when")
+    __slots__ = ("at_most", "effects", "fail", "otherwise", "then", "when")
 
     def __init__(self, action: Action, compiler: ProgramCompiler) -> None:
         self.when = compiler.maybe(action.when)
@@ -34,7 +34,6 @@ class CompiledAction:
         self.effects: tuple[Effect, ...] = compiler.effects.of_action(action)
         self.then = action.then
         self.fail = action.fail
-        self.leads_away = action.then not in (None, "next", "end", "again", "restart", "resend")
 
 
 class CompiledRow(CompiledAction):

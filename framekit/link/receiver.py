@@ -42,7 +42,11 @@ class Receiver:
     """
 
     def __init__(
-        self, codec: Codec, protocol: Protocol, names: Names, table: FrameTable | None = None,
+        self,
+        codec: Codec,
+        protocol: Protocol,
+        names: Names,
+        table: FrameTable | None = None,
         trouble: Trouble = _ignore,
     ) -> None:
         self.table = table or FrameTable(protocol, codec)
@@ -318,7 +322,7 @@ class Receiver:
         if self._noise and self._noise.skipped != skipped:
             return self._noise.take()
         if self._rules.resync == "never":
-            self._collect(len(stream.buffer) - stream.position, False)
+            self._collect(1, False)
             self._break_off()
             return self._noise.take()
         symbols = self._rules.symbols

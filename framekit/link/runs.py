@@ -63,7 +63,7 @@ class Dealing:
 
 
 class Activation:
-    """One sequence of a run's stack of calls."""
+    """One sequence of a run's stack of calls. `counters`: how often counted actions were taken, by the step's index."""
 
     __slots__ = (
         "counters",
@@ -89,7 +89,7 @@ class Activation:
         self.index = 0
         self.step: CompiledStep = sequence.steps[0]
         self.phase = 0
-        self.counters: dict[CompiledAction, int] = {}
+        self.counters: dict[int, dict[CompiledAction, int]] = {}
         self.resends = 0
         self.parts: list[bytes] | None = None
         self.part_index = 0
@@ -140,9 +140,7 @@ class Run:
     @property
     def gives_way(self) -> bool:
         """Whether it is a listener in its first step."""
-        return (
-            self.kind == "listen" and len(self.stack) == 1 and self.top.index == 0 and self.state is State.RECEIVING
-        )
+        return self.kind == "listen" and len(self.stack) == 1 and self.top.index == 0 and self.state is State.RECEIVING
 
     def frames_waited_for(self) -> tuple[str, ...]:
         """The frames of the step's rows, then of `always` rows, its own sequence's and its callers'."""
