@@ -22,6 +22,7 @@ from framekit.link.requests import Piece, Plan, Planner, ServiceError
 from framekit.link.service_arguments import arguments_of
 from framekit.link.service_rows import RowFacts, ServiceRows
 from framekit.link.transfer import Answer, Done, Job, Transfer, TransferResult, elements
+from framekit.memory.numbers import unit_bits
 
 __all__ = ["Client", "ServiceError", "TransferResult"]
 
@@ -77,9 +78,9 @@ class Client:
     ) -> list[Command]:  # fmt: skip
         """Reads `count` elements of `unit` (default: the address's own)."""
         names = self._names(station, params)
-        piece = Piece(self._place(address, unit, count), count)
-        plan = self.planner.plan("read", piece, names)
-        return self._transfer([plan], [(piece.address.unit, count)], names, now, on_done)
+        place, elements = self._place(address, unit, count)
+        plan = self.planner.plan("read", Piece(place, elements), names)
+        return self._transfer([plan], [(unit or place.unit, count)], names, now, on_done)
 
     def write(
         self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,
@@ -87,8 +88,8 @@ class Client:
     ) -> list[Command]:  # fmt: skip
         """Writes the values to as many elements."""
         names = self._names(station, params)
-        place = self._place(address, unit, len(values))
-        piece = Piece(place, len(values), memory_of(values, place.unit))
+        place, elements = self._place(address, unit, len(values))
+        piece = Piece(place, elements, memory_of(values, unit or place.unit))
         return self._transfer([self.planner.plan("write", piece, names)], [], names, now, on_done)
 
     def read_variables(
@@ -97,9 +98,9 @@ class Client:
     ) -> list[Command]:  # fmt: skip
         """Reads one element each; in lists where the protocol has them, else one by one. Values in the order asked."""
         names = self._names(station, params)
-        pieces = [Piece(self._place(address, unit, 1), 1) for address in addresses]
+        pieces = [Piece(*self._place(address, unit, 1)) for address in addresses]
         plans = self.planner.plan_list("read", pieces, names)
-        return self._transfer(plans, [(piece.address.unit, 1) for piece in pieces], names, now, on_done)
+        return self._transfer(plans, [(unit or piece.address.unit, 1) for piece in pieces], names, now, on_done)
 
     def write_variables(
         self, addresses: Sequence[str | Address], values: Sequence[int], *, station: Any = None,
@@ -109,19 +110,29 @@ class Client:
         if len(addresses) != len(values):
             raise ServiceError(f"there are {len(addresses)} addresses for {len(values)} values")
         names = self._names(station, params)
-        places = [self._place(address, unit, 1) for address in addresses]
-        pieces = [Piece(place, 1, memory_of([value], place.unit)) for place, value in zip(places, values, strict=True)]
+        pieces = []
+        for address, value in zip(addresses, values, strict=True):
+            place, elements = self._place(address, unit, 1)
+            pieces.append(Piece(place, elements, memory_of([value], unit or place.unit)))
         plans = self.planner.plan_list("write", pieces, names)
         return self._transfer(plans, [], names, now, on_done)
 
-    def _place(self, address: str | Address, unit: str | None, count: int) -> Address:
+    def _place(self, address: str | Address, unit: str | None, count: int) -> tuple[Address, int]:
+        """Where `count` elements of `unit` begin, and how many elements of the place's own unit they are.
+
+        A place that is at no multiple of a larger unit stays in its own: a double word may begin at any word.
+        """
         if count < 1:
             raise ServiceError("there is nothing to transfer: the count is 0")
-        place = self.grammar.parse(address, unit) if isinstance(address, str) else address
-        if unit is not None:
-            place = self.grammar.in_unit(place, unit)
+        place = self.grammar.parse(address) if isinstance(address, str) else address
+        if unit is not None and unit != place.unit:
+            width = unit_bits(unit)
+            if width % place.unit_bits == 0 and place.first_bit % width:
+                count *= width // place.unit_bits
+            else:
+                place = self.grammar.in_unit(place, unit)
         self.grammar.check(place, count)
-        return place
+        return place, count
 
     # ---- other services -----------------------------------------------------------------------------------
 
@@ -152,9 +163,11 @@ class Client:
             raise ServiceError(f"there is no service '{service}' to call – known: {known}")
         names = self._names(station, params)
         each = count if len(addresses) == 1 else 1
-        pieces = [Piece(self._place(address, unit, each), each) for address in addresses]
+        pieces = [Piece(*self._place(address, unit, each)) for address in addresses]
         facts, offered = self._row_for(rows, arguments, pieces, names)
-        plan = Plan(facts, (tuple(pieces),), 0, each * len(pieces), 0, sum(piece.bits for piece in pieces))
+        plan = Plan(
+            facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
+        )
         job = self._job(plan, tuple(pieces), offered)
         job.exchange.inside = inside
         return self._begin([job], lambda data: TransferResult(True), now, on_done)
@@ -254,7 +267,7 @@ class Client:
             gives = self._gives(row, exchange, names, outcome)
             if not pieces:
                 blocks = row.reply.blocks(outcome, names)
-                return Answer(gives={"data": blocks, **gives} if blocks else gives)
+                return Answer(gives={"data": blocks} if blocks and not row.gives else gives)
             data = row.reply.data(outcome, pieces, names)
             if row.facts.row.service == "read" and len(data) != len(pieces):
                 raise UnfitReplyError("the reply brings no data")

@@ -72,9 +72,7 @@ class Engine:
             line = parse_format(protocol.line.format, protocol.line.speed)
         self.protocol = protocol
         self.role = role
-        self.scope = Scope(
-            protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start
-        )
+        self.scope = Scope(protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start)
         self.counters = LinkCounters()
         self.on_frame = on_frame
         self._commands: list[Command] = []

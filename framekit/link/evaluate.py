@@ -68,9 +68,18 @@ class _EngineNames:
         return f"support.{function}({', '.join(arguments)})"
 
 
-_GLOBALS: dict[str, Any] = {"attribute": attribute, "support": support, "__builtins__": {
-    "len": len, "min": min, "max": max, "abs": abs, "sum": sum, "str": str,
-}}
+_GLOBALS: dict[str, Any] = {
+    "attribute": attribute,
+    "support": support,
+    "__builtins__": {
+        "len": len,
+        "min": min,
+        "max": max,
+        "abs": abs,
+        "sum": sum,
+        "str": str,
+    },
+}
 
 
 @cache

@@ -59,9 +59,7 @@ class Served:
 class Server(Protocol):
     """Does what requests ask for, on a device's memory."""
 
-    def serve(
-        self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names
-    ) -> Served: ...
+    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served: ...
 
 
 class MemoryAccess(Protocol):

@@ -75,9 +75,7 @@ class Starter:
         self.protocol = protocol
         self.codec = codec
 
-    def start(
-        self, engine: Engine, do: Mapping[str, Any], station: Any, now: int, on_done: Asked
-    ) -> list[Command]:
+    def start(self, engine: Engine, do: Mapping[str, Any], station: Any, now: int, on_done: Asked) -> list[Command]:
         """Raises ValueError for what cannot be asked for at all."""
         given = dict(do)
         unit, count = given.pop("unit", None), parse_number(given.pop("count", "1"))
