@@ -62,7 +62,7 @@ def load_device(name: str | Path, folder: Path) -> Device:
     device = None
     with suppress(Broken):
         definition = load_device_definition(reader, documents, name, folder)
-        reader.problems.extend(check_protocol(definition.protocol))
+        reader.problems.extend(check_protocol(definition.protocol, definition.broken))
         device = _DeviceLoader(reader, definition).load()
     problems = documents.first_words(reader.problems)
     if device is None or any(not problem.warning for problem in problems):

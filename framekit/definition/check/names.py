@@ -11,12 +11,21 @@ from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Choose, Optional, Record, Repeat, Segment, Wrap
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.visit import expressions_of
-from framekit.definition.problems import Problem, did_you_mean
+from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.problems import Position, Problem, did_you_mean
 
 BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
 EXCHANGE = frozenset({"request", "reply", "buffer", "reply_buffer", "expected", "refusal"})
-ARRIVED = frozenset({"it", "part", "cause", "outcome", "frame"})
+IN_HANDLERS = frozenset({"cause", "frame", "outcome"})
+ONLY_THERE = {
+    "it": "it is what a row has taken: use it in a row, or in a step behind one",
+    "part": "it is the piece of a step that has parts:",
+    "cause": "it is known in on_bad and other handlers",
+    "frame": "it is known in on_bad and other handlers; a frame's name is it.frame",
+    "outcome": "it is known in on_fail",
+}
+"""Words that have a value only in some places."""
+
 OFFERED = frozenset({
     "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
     "element_bytes", "spans", "old", "key", "entry",
@@ -25,10 +34,11 @@ OF_EVERY_FRAME = frozenset({"frame", "refusal"})
 
 
 class NameChecker:
-    """Checks the names of one protocol; `globally` are those that exist everywhere in it."""
+    """Checks the names of one protocol; `globally` are those that exist everywhere in it, `broken` those that would."""
 
-    def __init__(self, protocol: Protocol) -> None:
+    def __init__(self, protocol: Protocol, broken: Collection[str] = ()) -> None:
         self.protocol = protocol
+        self.broken = broken
         self.globally = BUILT_IN | protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
         self.globally |= protocol.queues.keys()
         self.problems: list[Problem] = []
@@ -39,6 +49,7 @@ class NameChecker:
         for frame in protocol.frames.values():
             self._segments(frame.segments, EXCHANGE)
             self._expressions(frame.announces, field_names(frame.segments))
+            self._echo(frame)
         for layout in protocol.layouts.values():
             self._segments(layout.segments, EXCHANGE)
         self._expressions([*protocol.params.values(), *protocol.state.values()], EXCHANGE)
@@ -54,6 +65,9 @@ class NameChecker:
         self._errors()
         return self.problems
 
+    def _note(self, at: Position, what: str, todo: str = "") -> None:
+        self.problems.append(Problem(at, what, todo))
+
     # ---- one expression -----------------------------------------------------------------------------------
 
     def _expressions(self, holder: Any, local: Collection[str]) -> None:
@@ -63,11 +77,13 @@ class NameChecker:
 
     def _names(self, expression: Expression, known: Collection[str]) -> None:
         for node in walk(expression.root):
-            if isinstance(node, Name) and node.name not in known:
-                quote = f"write '{node.name}' in quotes if text is meant"
-                self.problems.append(
-                    Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known) or quote)
-                )
+            if not isinstance(node, Name) or node.name in known or node.name in self.broken:
+                continue
+            if node.name in ONLY_THERE:
+                self._note(node.at, f"'{node.name}' has no value here", ONLY_THERE[node.name])
+                continue
+            quote = f"write '{node.name}' in quotes if text is meant"
+            self._note(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known) or quote)
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -78,15 +94,34 @@ class NameChecker:
             if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
                 self._segments(segment.of, known)
 
+    def _echo(self, frame: Frame) -> None:
+        """What a reply repeats: a field of its own, and something that some frame of the other side has."""
+        fields = field_names(frame.segments)
+        asked: set[str] = set()
+        for other in self.protocol.frames.values():
+            if other.name != frame.name and (other.inner or other.side != "server"):
+                asked |= field_names(other.segments)
+        for name, expression in frame.echo.items():
+            if name not in fields:
+                self._note(expression.at, f"'{frame.name}' has no field '{name}' to echo", did_you_mean(name, fields))
+            elif not self.broken:
+                self._names(expression, self.globally | asked | {"request"})
+
     # ---- procedure ----------------------------------------------------------------------------------------
 
     def _sequence(self, sequence: Sequence) -> None:
-        local = EXCHANGE | ARRIVED | set(sequence.takes) | sequence.local.keys()
-        self._expressions(sequence.gives, local)
-        self._expressions([sequence.always, sequence.handlers], local)
+        local = EXCHANGE | set(sequence.takes) | sequence.local.keys()
+        taken = local | {"it"} if _takes_something(sequence) else local
+        self._expressions(sequence.gives, taken)
+        self._expressions(sequence.always, local | {"it"})
+        self._expressions(sequence.handlers, taken | IN_HANDLERS)
         for step in sequence.steps:
-            self._expressions(step, local)
-            self._targets(step, local)
+            here = taken | {"part"} if step.parts is not None else taken
+            parts = [getattr(step, key) for key in step.__dataclass_fields__ if key not in ("receive", "handlers")]
+            self._expressions([part for part in parts if part is not None], here)
+            self._expressions(step.receive, here | {"it"})
+            self._expressions(step.handlers, here | {"it"} | IN_HANDLERS)
+            self._targets(step, here)
             for row in step.receive or ():
                 self._row(row)
         for row in sequence.always:
@@ -99,14 +134,15 @@ class NameChecker:
         actions += [action for handler in step.handlers.values() for action in handler]
         for action in actions:
             for target, _ in action.set:
-                if target.name not in known:
-                    what = f"there is no variable '{target.name}' to set"
-                    self.problems.append(Problem(action.at, what, did_you_mean(target.name, known)))
+                if target.name not in known and target.name not in self.broken:
+                    self._note(
+                        action.at, f"there is no variable '{target.name}' to set", did_you_mean(target.name, known)
+                    )
 
     def _row(self, row: Row) -> None:
         """`it.field` must be a field of a frame that the row takes."""
         frames = [self.protocol.frames[name] for name in row.frames if name in self.protocol.frames]
-        if not frames or row.expected:
+        if not frames or row.expected or len(frames) < len(row.frames):
             return
         fields = set().union(*(field_names(frame.segments) for frame in frames)) | OF_EVERY_FRAME
         for expression in expressions_of(row):
@@ -114,7 +150,7 @@ class NameChecker:
                 if isinstance(node, Attribute) and node.value == Name(node.value.at, "it") and node.name not in fields:
                     names = ", ".join(f"'{frame.name}'" for frame in frames[:3])
                     what = f"no frame of this row has a field '{node.name}' ({names})"
-                    self.problems.append(Problem(node.at, what, did_you_mean(node.name, fields)))
+                    self._note(node.at, what, did_you_mean(node.name, fields))
 
     # ---- services -----------------------------------------------------------------------------------------
 
@@ -139,8 +175,17 @@ class NameChecker:
             return
         fields: set[str] = set()
         for name in self.protocol.frames_of(errors.frame) if errors.frame else ():
+            if name not in self.protocol.frames:
+                return
             fields |= field_names(self.protocol.frames[name].segments)
         self._expressions(errors, fields | EXCHANGE | {"code"})
+
+
+def _takes_something(sequence: Sequence) -> bool:
+    """Whether something can have arrived that `it` may stand for."""
+    if sequence.always or "on_other" in sequence.handlers:
+        return True
+    return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
 
 
 def flat(segments: Iterable[Segment]) -> Iterator[Segment]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from framekit.definition.model.procedure import Action, Sequence, Step
 from framekit.definition.model.protocol import Protocol
@@ -12,7 +12,7 @@ WAITING = ("again", "restart", "resend")
 WORDS = ("next", "end", *WAITING)
 
 
-def check_procedure(protocol: Protocol) -> list[Problem]:
+def check_procedure(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
     """Everything wrong with the sequences, roles and sessions of a protocol."""
     found: list[Problem] = []
     for sequence in protocol.sequences.values():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from framekit.definition.check.frames import check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
@@ -11,9 +13,17 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem
 
 
-def check_protocol(protocol: Protocol) -> list[Problem]:
-    """Everything wrong with a protocol that loaded; warnings among it."""
-    problems = NameChecker(protocol).check()
+def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
+    """Everything wrong with a protocol that loaded; warnings among it.
+
+    `broken`: names of things that could not be loaded, whose problems have been told; that they are missing is none.
+    """
+    problems = NameChecker(protocol, broken).check()
     for frame in protocol.frames.values():
         problems += check_frame(protocol, frame)
-    return [*problems, *check_profile(protocol), *check_procedure(protocol), *check_services(protocol)]
+    return [
+        *problems,
+        *check_profile(protocol),
+        *check_procedure(protocol, broken),
+        *check_services(protocol, broken),
+    ]

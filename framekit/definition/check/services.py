@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from framekit.definition.check.names import field_names
 from framekit.definition.model.protocol import Protocol
@@ -12,7 +12,7 @@ from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import Problem, did_you_mean
 
 
-def check_services(protocol: Protocol) -> list[Problem]:
+def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
     """Everything wrong with services, areas and errors; and with constructors anywhere."""
     found = list(_constructors(protocol))
     for rows in protocol.services.values():

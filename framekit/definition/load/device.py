@@ -13,19 +13,25 @@ from framekit.definition.load.library import definition_path
 from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.nodes import Mapping, Node
+from framekit.definition.nodes import Entry, Mapping, Node
 
-OWN_SECTIONS = ("params", "state", "queues", "tables", "sequences", "roles", "sessions")
+OWN_SECTIONS = (
+    "params", "state", "queues", "tables", "layouts", "sequences", "roles", "sessions", "errors", "server", "services",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceDefinition:
-    """A device file as far as this layer reads it. `root` still holds `memory`, `station` and `params` as nodes."""
+    """A device file as far as this layer reads it. `root` still holds `memory`, `station` and `params` as nodes.
+
+    `broken`: names of things in it that could not be read.
+    """
 
     name: str
     protocol: Protocol
     root: Mapping
     path: Path
+    broken: frozenset[str]
 
 
 def load_device_definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
@@ -33,10 +39,20 @@ def load_device_definition(reader: Reader, documents: Documents, name: str | Pat
     path = definition_path(name, folder)
     root = documents.root(path, "device")
     base = documents.source(documents.find(_required(reader, root, "protocol"), path))
-    own = Mapping(tuple(entry for entry in root.entries if entry.key.text in OWN_SECTIONS), root.at)
+    own = Mapping(tuple(_own(entry) for entry in root.entries if entry.key.text in OWN_SECTIONS), root.at)
     whole = Source(merged(base.root, own), path, base.names, (str(path), *base.files), base.uses, base.application)
-    protocol = ProtocolLoader(reader, documents, whole).load()
-    return DeviceDefinition(reader.text(root.get("device")), replace(protocol, at=root.at), root, path)
+    loader = ProtocolLoader(reader, documents, whole)
+    protocol = loader.load()
+    title = reader.text(root.get("device"))
+    return DeviceDefinition(title, replace(protocol, at=root.at), root, path, loader.broken(protocol))
+
+
+def _own(entry: Entry) -> Entry:
+    """A section of the device's own; of `params` only new definitions, what is set to a value is no part of it."""
+    if entry.key.text != "params" or not isinstance(entry.value, Mapping):
+        return entry
+    defined = tuple(item for item in entry.value.entries if isinstance(item.value, Mapping))
+    return Entry(entry.key, Mapping(defined, entry.value.at))
 
 
 def _required(reader: Reader, root: Mapping, key: str) -> Node:

@@ -26,8 +26,9 @@ def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
     documents = Documents(reader)
     protocol = None
     with suppress(Broken):
-        protocol = ProtocolLoader(reader, documents, documents.source(path)).load()
-        reader.problems.extend(check_protocol(protocol))
+        loader = ProtocolLoader(reader, documents, documents.source(path))
+        protocol = loader.load()
+        reader.problems.extend(check_protocol(protocol, loader.broken(protocol)))
     problems = documents.first_words(reader.problems)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)

@@ -34,6 +34,7 @@ from framekit.definition.model.services import AddressForm, Area, Errors, Refusa
 from framekit.definition.model.values import LayoutOf, ReadAs, Table
 from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Entry, Scalar
+from framekit.definition.problems import Position
 
 T = TypeVar("T")
 
@@ -48,6 +49,7 @@ class ProtocolLoader:
         self.space = Namespace(reader, source)
         self.frames = FrameLoader(self.space)
         self.values = ValueLoader(self.space, self.frames)
+        self.broken_layouts: set[str] = set()
 
     def load(self) -> Protocol:
         """The protocol as far as it could be read."""
@@ -81,10 +83,7 @@ class ProtocolLoader:
             state=state,
             queues=self._each("queues", lambda entry: load_queue(self.reader, entry)),
             tables=tables,
-            checks={
-                name: self.space.check(Scalar(name, owned.entry.key.at, False))
-                for name, owned in self.space.section("checks").items()
-            },
+            checks=self._each("checks", lambda entry: self.space.check(entry.key)),
             layouts=resolve.plainly(layouts),
             groups=groups,
             frames={name: resolve.frame(frame) for name, frame in frames.items()},
@@ -101,6 +100,13 @@ class ProtocolLoader:
             warnings=(),
             at=self.source.at,
         )
+
+    def broken(self, loaded: Protocol) -> frozenset[str]:
+        """Names of things that could not be read: whoever mentions one is not wrong because of that."""
+        missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts
+        for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
+            missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
+        return frozenset(missing | (self._elsewhere("areas").section("areas").keys() - loaded.areas.keys()))
 
     # ---- parts --------------------------------------------------------------------------------------------
 
@@ -184,13 +190,21 @@ class ProtocolLoader:
                 if isinstance(node, Scalar) and node.text in self.space.section("layouts"):
                     wanted[node.text] = node.at
         found: dict[str, Layout] = {}
-        for name, at in wanted.items():
+        for name, at in (self._included_only() | wanted).items():
+            before = len(self.reader.problems)
             with self.reader.going_on():
                 loader = SegmentLoader(self.space, self.frames.find)
                 segments = loader.layout(Scalar(name, at, False))
-                segments = resolve_references(self.reader, ((), segments, ()), loader.aliases)[1]
+                if name in wanted:
+                    segments = resolve_references(self.reader, ((), segments, ()), loader.aliases)[1]
                 found[name] = Layout(name=name, segments=segments, at=at)
-        return found
+            if any(not problem.warning for problem in self.reader.problems[before:]):
+                self.broken_layouts.add(name)
+        return {name: layout for name, layout in found.items() if name in wanted and name not in self.broken_layouts}
+
+    def _included_only(self) -> dict[str, Position]:
+        """Layouts of this definition: what is wrong in one is told even if nothing includes it."""
+        return {name: owned.entry.key.at for name, owned in self.space.section("layouts").items()}
 
     def _variables(
         self, parts: list[Any], frames: Mapping[str, Frame]
