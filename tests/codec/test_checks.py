@@ -58,9 +58,7 @@ def test_every_crc_by_its_own_fast_way_and_by_the_general_one(entry: CatalogueEn
     method = entry.method
     table = support.make_crc_table(method.width, method.poly, method.refin)
     for data in (b"", b"\0", bytes(range(256)), bytearray(REQUEST)):
-        general = support.crc(
-            data, table, method.width, method.initial, method.refin, method.refout, method.xorout
-        )
+        general = support.crc(data, table, method.width, method.initial, method.refin, method.refout, method.xorout)
         assert compute(method, data) == general
 
 

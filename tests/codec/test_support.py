@@ -120,9 +120,7 @@ def test_table_crc_equals_bit_by_bit(parameters: tuple[int, int, int, bool, bool
 def test_pairs_of_bytes_equal_the_table_of_words(poly: int, init: int, data: bytes) -> None:
     for refin, by_pairs in ((True, support.crc16_reflected), (False, support.crc16_forward)):
         table, pairs = support.make_crc_table(16, poly, refin), support.make_crc_pairs(poly, refin)
-        expected = (
-            support.crc_reflected(data, table, init) if refin else support.crc_forward(data, table, 16, init)
-        )
+        expected = support.crc_reflected(data, table, init) if refin else support.crc_forward(data, table, 16, init)
         assert by_pairs(data, pairs, init) == expected
 
 
