@@ -18,11 +18,11 @@ from framekit.link.values import FrameValue
 from framekit.link.variables import fit_of
 
 if TYPE_CHECKING:
-    from framekit.link.machine import Machine
+    from framekit.link.environment import Environment
     from framekit.link.runs import Activation, Run
 
-Effect = Callable[["Machine", "Run", "Activation"], None]
-Set = Callable[["Machine", "Activation", Any], None]
+Effect = Callable[["Environment", "Run", "Activation"], None]
+Set = Callable[["Environment", "Activation", Any], None]
 
 
 class EffectCompiler:
@@ -63,7 +63,7 @@ class EffectCompiler:
         if name in self.own or not self._is_shared(name):
             fit = fit_of(self.own.get(name, ""))
 
-            def set_own(machine: Machine, activation: Activation, value: Any) -> None:
+            def set_own(machine: Environment, activation: Activation, value: Any) -> None:
                 activation.names[name] = fit(value)
 
             return set_own
@@ -77,7 +77,7 @@ class EffectCompiler:
     def _store(self, place: Expression, address: str) -> Effect:
         compute = compile_expression(place)
 
-        def store(machine: Machine, run: Run, activation: Activation) -> None:
+        def store(machine: Environment, run: Run, activation: Activation) -> None:
             machine.store(address, compute(activation.names))
 
         return store
@@ -88,7 +88,7 @@ class EffectCompiler:
     def _put(self, queue: str, fields: Mapping[str, Value]) -> Effect:
         compiled = tuple((name, self.value(value)) for name, value in fields.items())
 
-        def put(machine: Machine, run: Run, activation: Activation) -> None:
+        def put(machine: Environment, run: Run, activation: Activation) -> None:
             names = activation.names
             item = {name: compute(names) for name, compute in compiled}
             for value in item.values():
@@ -101,7 +101,7 @@ class EffectCompiler:
     def deliver(self, value: Value) -> Effect:
         compute = self.value(value)
 
-        def deliver(machine: Machine, run: Run, activation: Activation) -> None:
+        def deliver(machine: Environment, run: Run, activation: Activation) -> None:
             machine.deliver(compute(activation.names))
 
         return deliver
@@ -110,28 +110,28 @@ class EffectCompiler:
         """A frame that an action sends; it is not what `resend` repeats."""
         compute = self.value(value)
 
-        def send(machine: Machine, run: Run, activation: Activation) -> None:
+        def send(machine: Environment, run: Run, activation: Activation) -> None:
             machine.send(run, activation, compute(activation.names))
 
         return send
 
 
 def _take(queue: str) -> Effect:
-    def take(machine: Machine, run: Run, activation: Activation) -> None:
+    def take(machine: Environment, run: Run, activation: Activation) -> None:
         activation.names["it"] = machine.take_item(queue)
 
     return take
 
 
 def _setting(setter: Set, compute: Compute) -> Effect:
-    def setting(machine: Machine, run: Run, activation: Activation) -> None:
+    def setting(machine: Environment, run: Run, activation: Activation) -> None:
         setter(machine, activation, compute(activation.names))
 
     return setting
 
 
 def _set_field(name: str, field: str) -> Set:
-    def set_field(machine: Machine, activation: Activation, value: Any) -> None:
+    def set_field(machine: Environment, activation: Activation, value: Any) -> None:
         holder = activation.names[name]
         if type(holder) is FrameValue:
             holder.set_field(field, machine.number_named(holder.frame, field, value))
@@ -142,7 +142,7 @@ def _set_field(name: str, field: str) -> Set:
 
 
 def _set_entry(name: str, key: Callable[[Any], Any], own: bool) -> Set:
-    def set_entry(machine: Machine, activation: Activation, value: Any) -> None:
+    def set_entry(machine: Environment, activation: Activation, value: Any) -> None:
         place = key(activation.names)
         if not own:
             machine.scope.set_entry(name, place, value)

@@ -90,7 +90,7 @@ class Engine:
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.dispatcher = Dispatcher(machine, self.lanes)
-        self._all = table.outer
+        self._all = table.on_line
         self._interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
         self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._busy = False

@@ -24,6 +24,7 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 from framekit.definition.model.segments import Optional as OptionalSegments
+from framekit.definition.model.visit import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.values import FrameValue, plain
 
@@ -66,7 +67,7 @@ class FrameInfo:
 
     __slots__ = (
         "announces", "carries", "computed", "decode", "echo", "encode", "first", "flat", "frame", "insert", "known",
-        "measure", "most", "name", "numbers", "refuse", "shape",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -81,6 +82,7 @@ class FrameInfo:
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []
         self.numbers: dict[str, dict[str, int]] = {}
+        self.on_line = True
         self.carries: tuple[str, ...] = ()
         self.insert: Evaluate | None = None
         self._collect(frame.segments)
@@ -119,13 +121,19 @@ class FrameInfo:
 
 
 class FrameTable:
-    """All frames of a protocol; `outer` are those looked for on the line, frames that exist to be refused last."""
+    """All frames of a protocol; `on_line` are those looked for on the line, frames that exist to be refused last.
+
+    A frame that stands in others (`inner`) never is.
+    """
 
     def __init__(self, protocol: model.Protocol, codec: Codec) -> None:
         self.codec = codec
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
-        outer = [info for info in self.infos.values() if not info.frame.inner and info.frame.side != "none"]
-        self.outer = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
+        inner = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
+        for info in self.infos.values():
+            info.on_line = not info.frame.inner and info.name not in inner
+        outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
+        self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
 
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
         """The frame value of decoded fields; a refusal holds for the frame and for what it carries."""

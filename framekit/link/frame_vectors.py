@@ -139,7 +139,7 @@ class _Case:
     def _looked_for(self) -> tuple[str, ...]:
         side = self.vector.side
         frames = self.protocol.frames
-        return tuple(name for name in self.table.outer if side is None or frames[name].side in (side, "both"))
+        return tuple(name for name in self.table.on_line if side is None or frames[name].side in (side, "both"))
 
 
 def _told(arrivals: list[Arrival]) -> str:

@@ -5,12 +5,12 @@ After each phase the machine looks where the run stands: it may wait now, or be 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.procedure import CallOf, Parts, Serve, Step
 from framekit.definition.model.values import FrameOf, Value
-from framekit.link.effects import Effect
 from framekit.link.evaluate import compile_expression
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from framekit.link.program import CompiledStep, ProgramCompiler
     from framekit.link.runs import Activation, Run
 
-Phase = Effect
+Phase = Callable[["Machine", "Run", "Activation"], None]
 
 
 def phases_of(step: Step, compiled: CompiledStep, compiler: ProgramCompiler) -> tuple[tuple[Phase, ...], int]:

@@ -153,7 +153,8 @@ def test_a_full_queue_is_answered() -> None:
     for number in range(4):
         side.gets(message("command", number=number, x=0))
     side.run(5 * MS)
-    assert side.taken() == [b"\x06", b"\x06", b"\x06", b"\x15"], "one is being served, two wait, the fourth finds no room"
+    short = [data for data in side.taken() if len(data) == 1]
+    assert short == [b"\x06", b"\x06", b"\x06", b"\x15"], "one is being served, two wait, the fourth finds no room"
 
 
 def test_two_full_sides_talk_both_ways() -> None:
