@@ -15,13 +15,11 @@ from typing import Any
 
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
-from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
 from framekit.link.clock import DEFAULT_START
-from framekit.link.clocks import frame_arriving, frame_gone
 from framekit.link.counters import LinkCounters
 from framekit.link.dispatch import Dispatcher
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.events import CharacterFault, Command, Reopen
+from framekit.link.evaluate import Names
+from framekit.link.events import CharacterFault, Command
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.functions import EngineFunctions
@@ -31,6 +29,7 @@ from framekit.link.observe import Monitor
 from framekit.link.output import Item, Output
 from framekit.link.program import compile_sequences
 from framekit.link.receiver import Receiver
+from framekit.link.reception import OnFrame, Reception
 from framekit.link.runs import State
 from framekit.link.scope import Scope
 from framekit.link.sessions import SessionState
@@ -38,8 +37,6 @@ from framekit.link.values import FrameValue
 
 MOST_ROUNDS = 100_000
 """So many things that follow from one event are a circle that no lane alone makes."""
-
-OnFrame = Callable[[FrameValue], None]
 
 
 class Engine:
@@ -74,7 +71,6 @@ class Engine:
         self.role = role
         self.scope = Scope(protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start)
         self.counters = LinkCounters()
-        self.on_frame = on_frame
         self._commands: list[Command] = []
         table = FrameTable(protocol, codec)
         self._context = Names({"request": None, "buffer": b""}, self.scope)
@@ -82,19 +78,14 @@ class Engine:
         self.output = Output(protocol.line, self.scope, self._commands)
         self.machine = machine = Machine(self.scope, table, compile_sequences(protocol, table), self.output)
         machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
-        machine.has_bytes = lambda: not self.receiver.is_empty
-        machine.drop_stale = self._drop_stale
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.dispatcher = Dispatcher(machine, self.lanes)
-        self._all = table.on_line
-        self._interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
-        self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
         self._busy = False
-        self._cutting = False
 
     # ---- events -------------------------------------------------------------------------------------------
 
@@ -117,7 +108,7 @@ class Engine:
         self.output.clear()
         for run in self.lanes.order:
             run.unsent = 0
-        self._show_noise(self.receiver.reset())
+        self.reception.show_noise(self.receiver.reset())
         self.machine.session.end()
         self.dispatcher.closed(reason or "the connection is closed")
         self.lanes.fail_waiting("closed", reason)
@@ -136,7 +127,7 @@ class Engine:
     def line_break(self, now: int) -> list[Command]:
         """The line was in break state. What had come before of a frame belongs to nothing."""
         self.scope.now = self.output.last_received = now
-        self._show_noise(self.receiver.flush())
+        self.reception.show_noise(self.receiver.flush())
         self.machine.show("break", "in")
         self.dispatcher.line_break()
         return self._finish()
@@ -170,7 +161,7 @@ class Engine:
         if self.machine.callbacks or self.machine.ended:
             return self.scope.now
         deadline = self.lanes.deadline
-        if self._interest is not None:
+        if self.reception.interest is not None:
             deadline = min(deadline, self.receiver.deadline)
         session = self.machine.session
         if session.is_open and self.output.outgoing is None and not any(lane.running for lane in self.lanes.lanes):
@@ -262,136 +253,13 @@ class Engine:
             elif machine.delivered:
                 value = machine.delivered.popleft()
                 if not self.dispatcher.offer(value, value.raw or b""):
-                    self._unsolicited(value)
-            elif not (machine.has_queues and self.dispatcher.queue_rows()) and not self._next_arrival():
+                    self.reception.unsolicited(value)
+            elif not (machine.has_queues and self.dispatcher.queue_rows()) and not self.reception.next_arrival():
                 return
         machine.show("trouble", reason="one event leads to another without end")
 
-    def _next_arrival(self) -> bool:
-        """Handles the next thing in the bytes at hand. False: there is none, or nobody looks."""
-        if self.machine.changed:
-            self._work_out_interest()
-        if self._interest is None:
-            return False
-        event = self.receiver.next(*self._interest)
-        if event is None:
-            self._note_progress()
-            return False
-        self._arrived(event)
-        return True
-
-    def _work_out_interest(self) -> None:
-        """Which frames are looked for now; None while those who will wait do not yet."""
-        self.machine.changed = False
-        names: dict[str, None] = {}
-        others = looks = own_gap = False
-        for run in self.lanes.order:
-            if run.state is State.RECEIVING:
-                looks = looks or bool(run.interest) or run.wants_others or run.has_handler("on_noise")
-                names.update(dict.fromkeys(run.interest))
-                others = others or run.wants_others
-                own_gap = own_gap or run.gap is not None
-        if not self.lanes.order:
-            self._interest = (self._all, ())
-        elif not looks:
-            self._interest = None
-        else:
-            self._interest = self._pair(tuple(names), others)
-        self.receiver.pauses.own_gap = not own_gap
-
-    def _pair(self, expected: tuple[str, ...], others: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The same pair of tuples for the same names, so that the receiver knows them again at once."""
-        known = self._interest
-        if known is not None and known[0] == expected:
-            expected = known[0]
-        if not others:
-            return expected, ()
-        rest = self._others.get(expected)
-        if rest is None:
-            rest = self._others[expected] = tuple(name for name in self._all if name not in expected)
-        return expected, rest
-
-    def _note_progress(self) -> None:
-        """Clocks of those for whom a frame is arriving, or turned out not to be."""
-        waiting, receiver = self.receiver.waiting, self.receiver
-        for run in self.lanes.order:
-            if run.state is State.RECEIVING and (waiting or run.candidate is not None):
-                if any(name in run.interest for name in waiting):
-                    limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
-                    frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
-                else:
-                    frame_gone(run, self.scope.now)
-
-    # ---- arrivals -----------------------------------------------------------------------------------------
-
-    def _arrived(self, event: Arrival) -> None:
-        if isinstance(event, FrameArrived):
-            self._frame(event)
-        elif isinstance(event, BadFrame):
-            self._bad(event)
-        else:
-            self._show_noise([event])
-            if not event.skipped:
-                self.dispatcher.noise()
-        if self.receiver.broken:
-            self._commands.append(Reopen("the stream is out of step"))
-
-    def _frame(self, event: FrameArrived) -> None:
-        reading: FrameArrived | None = event
-        self.counters.received += 1
-        self._show_frame(event)
-        while reading is not None:
-            self._announce(reading.value)
-            if self.dispatcher.offer(reading.value, reading.raw):
-                return
-            reading = self.receiver.other_reading()
-        if not self.lanes.order or not self.dispatcher.offer_other(event.value):
-            self._unsolicited(event.value)
-
-    def _announce(self, value: FrameValue) -> None:
-        try:
-            self.machine.announce(value)
-        except EVALUATION_ERRORS as error:
-            self._frame_trouble(value.frame, error)
-
-    def _unsolicited(self, value: FrameValue) -> None:
-        """A good frame that nobody took."""
-        self.counters.not_taken += 1
-        if self.lanes.order:
-            self.machine.show("not_taken", "in", value.raw or b"", value.frame)
-        if self.on_frame is not None:
-            on_frame = self.on_frame
-            self.machine.callbacks.append(lambda: on_frame(value))
-
-    def _bad(self, bad: BadFrame) -> None:
-        self.counters.bad += 1
-        self.machine.show(
-            "bad", "in", bad.raw, bad.frame,
-            reason=bad.cause, started_at=bad.started_at, segment=bad.segment, place=bad.place,
-        )  # fmt: skip
-        if not self._cutting:
-            self.dispatcher.bad(bad)
-
-    def _show_frame(self, event: FrameArrived) -> None:
-        value = event.value
-        if self.machine.monitor is not None:
-            reason = "" if value.refusal is None else f"refused with {value.refusal}"
-            self.machine.show(
-                "frame", "in", event.raw, value.frame, value.fields, reason=reason, started_at=event.started_at
-            )
-
-    def _show_noise(self, found: Iterable[Noise]) -> None:
-        for noise in found:
-            self.counters.noise_bytes += len(noise.data)
-            reason = "what a bad frame left" if noise.skipped else ""
-            self.machine.show("noise", "in", noise.data, started_at=noise.started_at, reason=reason)
-
     def _frame_trouble(self, frame: str, error: Exception) -> None:
         self.machine.show("trouble", frame=frame, reason=str(error))
-
-    def _drop_stale(self) -> None:
-        """An exchange begins and nothing listened: what came before cannot be its reply."""
-        self._show_noise(self.receiver.flush())
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -409,7 +277,7 @@ class Engine:
 
     def _something_due(self, now: int) -> bool:
         receiver = self.receiver
-        if self._interest is not None and receiver.deadline <= now:
+        if self.reception.interest is not None and receiver.deadline <= now:
             receiver.tick(now)
             return True
         due = min((run for run in self.lanes.order if run.deadline <= now), key=lambda run: run.deadline, default=None)
@@ -429,12 +297,11 @@ class Engine:
             run.cause = "a frame began and was not completed in time"
             self.receiver.cut()
             self.receiver.tick(self.scope.now)
-            self._cutting = True
-            self._busy = True
+            self.reception.cutting = self._busy = True
             try:
                 self._settle()
             finally:
-                self._cutting = self._busy = False
+                self.reception.cutting = self._busy = False
             if run.state is not State.RECEIVING or run.wait_number != number:
                 return
         self.machine.time_up(run)

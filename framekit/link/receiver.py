@@ -17,23 +17,16 @@ from framekit.link.events import CharacterFault
 from framekit.link.frame_table import Codec, FrameInfo, FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.interest import Interest
-from framekit.link.noise import NoiseRun
 from framekit.link.pauses import Pauses, scope_of
+from framekit.link.recovery import Again, Recovery, worse
 from framekit.link.stream import Stream
-
-
-class _Again:
-    """The place has changed: look again."""
-
-
-AGAIN = _Again()
 
 
 def _ignore(frame: str, error: Exception) -> None:
     return None
 
 
-class Receiver:
+class Receiver(Recovery):
     """Finds frames. `names` are what expressions of frames read; `pauses` tells how long silences and gaps are.
 
     `deadline`: when `tick` and `next` are to be called although nothing came. `waiting` names the candidates that the
@@ -49,28 +42,23 @@ class Receiver:
         table: FrameTable | None = None,
         trouble: Trouble = _ignore,
     ) -> None:
+        super().__init__(protocol.receiver)
         self.table = table or FrameTable(protocol, codec)
         self.stream = Stream()
         self.pauses = Pauses(protocol.receiver, names, self.stream)
         self.deadline = NEVER
-        self.broken = False
         self.waiting: tuple[str, ...] = ()
         self.waiting_since = 0
         self._names = names
         self._scope = scope_of(names)
-        self._rules = protocol.receiver
         self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
         self._inside = InsideFinder(self.table, names)
         self._trouble = trouble
         self._interests: dict[tuple[tuple[str, ...], tuple[str, ...]], Interest] = {}
         self._interest = self._interest_of((), ())
         self._version = 0
-        self._now = 0
         self._given = 0
         self._declined: list[str] = []
-        self._noise = NoiseRun()
-        self._bad_until = 0
-        self._skipping = False
         self._needs_silence = False
 
     # ---- bytes in -----------------------------------------------------------------------------------------
@@ -121,7 +109,7 @@ class Receiver:
             self._candidates.forget()
         while True:
             found = self._look(interest)
-            if not isinstance(found, _Again):
+            if not isinstance(found, Again):
                 if found is None:
                     self._set_deadline()
                 return found
@@ -162,7 +150,7 @@ class Receiver:
 
     # ---- one place ----------------------------------------------------------------------------------------
 
-    def _look(self, interest: Interest) -> Arrival | _Again | None:
+    def _look(self, interest: Interest) -> Arrival | Again | None:
         stream = self.stream
         position = stream.position
         self.waiting = ()
@@ -193,7 +181,7 @@ class Receiver:
                 elif isinstance(result, Silent):
                     silent.append(info)
                 elif isinstance(result, Bad):
-                    worst = _worse(worst, result)
+                    worst = worse(worst, result)
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
@@ -207,7 +195,7 @@ class Receiver:
         self.waiting = tuple(info.name for info in infos)
         self.waiting_since = self.stream.time_of(self.stream.position)
 
-    def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | _Again | None:
+    def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | Again | None:
         """Rule 4: nothing else applies; the frame ends where a silence begins."""
         stop = self.pauses.silence_behind(self.stream.position, self._now)
         if stop is None:
@@ -220,7 +208,7 @@ class Receiver:
             if isinstance(result, Good):
                 return self._noise_before() or self._arrived(result, info.name not in self._interest.expected)
             if isinstance(result, Bad):
-                worst = _worse(worst, result)
+                worst = worse(worst, result)
         return self._unusable() if worst is None else self._bad(worst)
 
     def _arrived(self, good: Good, other: bool) -> FrameArrived:
@@ -254,104 +242,9 @@ class Receiver:
         self._declined.clear()
         self._move(count)
 
-    def _move(self, count: int) -> None:
-        self.stream.position += count
+    def _moved(self) -> None:
         self._candidates.forget()
         self._inside.forget()
-
-    # ---- bad frames ---------------------------------------------------------------------------------------
-
-    def _bad(self, worst: Bad) -> Arrival | _Again | None:
-        """Reports a bad frame once; bad frames that begin inside one that has been reported are not new ones."""
-        stream, bad = self.stream, worst.bad
-        start = stream.base + stream.position
-        if start < self._bad_until:
-            return self._unusable()
-        before = self._noise_before()
-        if before is not None:
-            return before
-        size = len(bad.raw)
-        self._bad_until = start + size
-        mode = self._rules.resync
-        if mode == "never":
-            self._break_off()
-        elif mode == "after_quiet":
-            self._skipping = True
-            self._collect(size, True)
-            self._noise.take()
-        elif mode == "after_frame" and worst.known_end:
-            self._move(size)
-        else:
-            self._collect(self._symbol(), True)
-        return bad
-
-    def _break_off(self) -> None:
-        self.broken = True
-        self.stream.clear()
-        self._candidates.forget()
-
-    def _skip(self) -> _Again | None:
-        """After a bad frame, where reading goes on only behind a silence."""
-        stream = self.stream
-        place = self.pauses.silence_behind(stream.position - 1, self._now)
-        self._skipping = place is None
-        stop = len(stream.buffer) if place is None else place
-        if stop > stream.position:
-            self._collect(stop - stream.position, True)
-        return AGAIN
-
-    # ---- noise --------------------------------------------------------------------------------------------
-
-    def _at_end(self) -> Noise | None:
-        if (self._noise or self._skipping) and self.pauses.is_quiet(self._now):
-            self._skipping = False
-            return self._noise.take() if self._noise else None
-        return None
-
-    def _symbol(self) -> int:
-        """How many bytes are passed over together: two, when the first is the escape symbol and the second is there."""
-        stream = self.stream
-        if stream.buffer[stream.position] != self._rules.symbols:
-            return 1
-        return min(2, len(stream.buffer) - stream.position)
-
-    def _unusable(self) -> Arrival | _Again | None:
-        """Rule 5: the bytes here begin nothing."""
-        stream = self.stream
-        skipped = stream.base + stream.position < self._bad_until
-        if self._noise and self._noise.skipped != skipped:
-            return self._noise.take()
-        if self._rules.resync == "never":
-            self._collect(1, False)
-            self._break_off()
-            return self._noise.take()
-        symbols = self._rules.symbols
-        count = self._to_next_start(skipped) if symbols is None else self._symbol()
-        if count == 1 and stream.buffer[stream.position] == symbols and not self.pauses.is_quiet(self._now):
-            return None
-        self._collect(count, skipped)
-        return AGAIN
-
-    def _to_next_start(self, skipped: bool) -> int:
-        """Bytes up to the next that may begin a frame, not over a silence or the end of a bad frame."""
-        stream, starts = self.stream, self._interest.starts
-        if starts is None:
-            return 1
-        match = starts.search(stream.buffer, stream.position + 1)
-        stops = [len(stream.buffer) if match is None else match.start()]
-        silence = stream.first_after(stream.silences, stream.position)
-        if silence is not None:
-            stops.append(silence)
-        if skipped:
-            stops.append(self._bad_until - stream.base)
-        return max(1, min(stops) - stream.position)
-
-    def _collect(self, count: int, skipped: bool) -> None:
-        self._noise.collect(self.stream, count, skipped)
-        self._move(count)
-
-    def _noise_before(self) -> Noise | None:
-        return self._noise.take() if self._noise else None
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -375,9 +268,5 @@ class Receiver:
             interest = self._interests[expected, others] = Interest(self.table, expected, others)
         interest.expected, interest.others = expected, others
         self._interest = interest
+        self.starts = interest.starts
         return interest
-
-
-def _worse(first: Bad | None, second: Bad) -> Bad:
-    """The one that got further; of two that got equally far, the one asked first."""
-    return second if first is None or second.bad.place > first.bad.place else first
