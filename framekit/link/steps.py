@@ -10,6 +10,7 @@ from typing import Any
 from framekit.definition.times import NEVER
 from framekit.link.clocks import begin_clock
 from framekit.link.environment import Environment
+from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.exchange import Outcome
 from framekit.link.program import CompiledAction
 from framekit.link.runs import Activation, Dealing, Run, State
@@ -17,6 +18,8 @@ from framekit.link.values import FrameValue
 
 MOST_STEPS = 20_000
 """So many steps of a lane at one instant are a circle of steps in which nothing waits."""
+
+
 class CircleError(Exception):
     """Steps go round without waiting."""
 
@@ -193,12 +196,24 @@ class Steps(Environment):
         """A sequence fails: its caller handles that, or fails too."""
         run.stack.pop()
         if activation.nested:
-            self._end_nested(run, activation.dealing, Outcome(False, outcome, run.cause))
+            self._end_nested(run, activation.dealing, self._failure(run, activation, outcome))
         elif run.stack:
             self._going(run)
             self.handle(run, "on_fail", outcome, {"outcome": outcome})
         else:
-            self._finish(run, activation.dealing, Outcome(False, outcome, run.cause))
+            self._finish(run, activation.dealing, self._failure(run, activation, outcome))
+
+    def _failure(self, run: Run, activation: Activation, outcome: str) -> Outcome:
+        """The outcome of a failure, with the results as far as there are any: a refusing reply, say."""
+        results = {}
+        for name, evaluate in activation.sequence.gives:
+            try:
+                results[name] = evaluate(activation.names)
+            except EVALUATION_ERRORS:
+                continue
+        found = self._outcome(activation.dealing, results)
+        found.ok, found.outcome, found.cause = False, outcome, run.cause
+        return found
 
     def fail_run(self, run: Run, outcome: str) -> None:
         """The whole run ends, whatever its sequences would do about it."""

@@ -105,7 +105,7 @@ main:
     paths = {}
     for x in (1, 6, 7, 8):
         outcome = run(text, request=FrameValue("ask", {"x": x})).outcomes[0]
-        paths[x] = outcome.results.get("path") or outcome.outcome
+        paths[x] = outcome.results["path"] if outcome.ok else outcome.outcome
     assert paths == {1: [0, 9], 6: [1, 0, 9], 7: [1, 7], 8: "eight"}
 
 
