@@ -11,7 +11,8 @@ from typing import Any
 
 from hypothesis import assume
 from hypothesis import strategies as st
-from strategy_records import TRIES, Draw, Maker
+from strategy_records import TRIES, Maker
+from strategy_values import Draw
 
 from framekit.codec.construct_backend import ConstructCodec, compile_construct
 from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
@@ -34,7 +35,8 @@ def base_context(protocol: Protocol) -> dict[str, Any]:
     }
     context |= known_names(protocol)
     for _ in range(3):  # defaults may stand on other defaults
-        for item in (*protocol.params.values(), *protocol.state.values()):
+        items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
+        for item in items:
             if item.name not in context and not (isinstance(item, StateVariable) and item.keys):
                 context |= _worked_out(item, context)
     for name in protocol.tables:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from hypothesis import strategies as st
 from strategy_hints import Hints, hints_of, same_attributes
+from strategy_values import Draw, Values, built, flat, span_of
 
 from framekit.codec.construct_backend import ConstructCodec, FrameConstruct
 from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName
@@ -17,66 +17,31 @@ from framekit.definition.model import segments as model
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import FieldType, Segment
 
-Draw = Callable[[st.SearchStrategy[Any]], Any]
 TRIES = 12
 UNKNOWN: Any = object()
-LETTERS = "".join(chr(code) for code in range(0x21, 0x7F))
 
 
-class Maker:
+class Maker(Values):
     """One try at values: a record after the other, each from its segments in order."""
 
     def __init__(
         self, draw: Draw, protocol: Protocol, codec: ConstructCodec, context: dict[str, Any], small: bool
     ) -> None:
-        self.draw = draw
+        super().__init__(draw, small)
         self.protocol = protocol
         self.codec = codec
-        self.small = small
         self.names = Names(context, known_names(protocol))
-        self.forbidden = b""
 
     def frame(self, name: str) -> dict[str, Any] | None:
         """Values of a frame; None if this try has failed."""
         frame = self.protocol.frames[name]
         construct = self.codec.frames[name]
         assert isinstance(construct, FrameConstruct)
-        before, self.forbidden = self.forbidden, construct._end_mark() if frame.delimited else b""
+        before, self.forbidden = self.forbidden, construct.end_mark if frame.delimited else b""
         try:
             return _Record(self, construct.plan, frame.segments, None).made()
         finally:
             self.forbidden = before
-
-    def text(self, least: int, most: int, hints: Hints, kind: FieldType) -> str | None:
-        """Text of a length, with the letters that conditions ask for at their places."""
-        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"")
-        alphabet = "".join(letter for letter in LETTERS if letter.encode() not in taken)
-        least = max([least, *(place + 1 for place in hints.letters)])
-        if least > most:
-            return None
-        if hints.allowed is not None:
-            fitting = [text for text in hints.allowed if isinstance(text, str) and least <= len(text) <= most]
-            return self.draw(st.sampled_from(fitting)) if fitting else None
-        letters = list(self.draw(st.text(alphabet, min_size=least, max_size=most)))
-        for place, (allowed, denied) in hints.letters.items():
-            choice = [letter for letter in (allowed if allowed is not None else alphabet) if letter not in denied]
-            if not choice:
-                return None
-            letters[place] = self.draw(st.sampled_from(choice))
-        return "".join(letters)
-
-    def bytes(self, size: int) -> bytes:
-        data: bytes = self.draw(st.binary(min_size=size, max_size=size))
-        for byte in self.forbidden:
-            data = data.replace(bytes((byte,)), bytes((byte ^ 0x40,)))
-        return data
-
-    def number(self, least: int, most: int) -> int:
-        """A number; mostly a small one, so that what it counts stays small."""
-        near = min(most, least + 12)
-        if self.small:
-            return self.draw(st.integers(least, min(most, least + 3)))
-        return self.draw(st.one_of(st.integers(least, near), st.integers(least, near), st.integers(least, most)))
 
 
 class _Record:
@@ -183,8 +148,9 @@ class _Record:
 
     def _holds(self) -> bool:
         for segment in self.all:
-            wanted = isinstance(segment, model.Require) and (segment.when is None or self.evaluate(segment.when.root))
-            if wanted and self.evaluate(segment.condition.root) in (False, 0, UNKNOWN):
+            if not isinstance(segment, model.Require) or (segment.when and not self.evaluate(segment.when.root)):
+                continue
+            if self.evaluate(segment.condition.root) in (False, 0, UNKNOWN):
                 return False
         return True
 
@@ -237,8 +203,8 @@ class _Record:
                 size = self._size(field.type.size, field.name)
                 return None if size is None else self.maker.bytes(size)
             case "float":
-                width = {2: 16, 4: 32, 8: 64}[field.type.fixed_size or 4]
-                return self.draw(st.floats(width=width, allow_nan=False))
+                floats = {2: st.floats(width=16), 4: st.floats(width=32), 8: st.floats(width=64)}
+                return self.draw(floats[field.type.fixed_size or 4].filter(lambda number: number == number))
         return self._number(field, hints)
 
     def _number(self, field: model.Field, hints: Hints) -> Any:
@@ -348,7 +314,7 @@ class _Record:
         for segment in self.all:
             if isinstance(segment, model.Count) and segment.of == repeat.name and segment.limits is not None:
                 least, most = max(least, segment.limits[0]), min(max(most, segment.limits[0]), segment.limits[1])
-        return self.draw(st.integers(least, most))
+        return int(self.draw(st.integers(least, most)))
 
     def _counts(self, repeat: model.Repeat) -> bool:
         return any(isinstance(segment, model.Count) and segment.of == repeat.name for segment in self.all)
@@ -364,40 +330,3 @@ class _Record:
     def _agree(self, plan: Plan, first: dict[str, Any], item: dict[str, Any], alike: list[str]) -> bool:
         one, other = (Filling(plan, given, self.maker.names, self.filling()) for given in (first, item))
         return all(one[name] == other[name] for name in alike)
-
-
-# ---- facts about segments -----------------------------------------------------------------------------------
-
-
-def flat(segments: tuple[Segment, ...]) -> list[Segment]:
-    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
-    found: list[Segment] = []
-    for segment in segments:
-        found.append(segment)
-        if isinstance(segment, (model.Wrap, model.Optional)):
-            found += flat(segment.of)
-        elif isinstance(segment, model.Choose):
-            for _, case in segment.cases:
-                found += flat(case)
-            found += flat(segment.otherwise or ())
-    return found
-
-
-def built(segment: Segment) -> list[Expression]:
-    """The expressions that compute something from other values when building."""
-    if isinstance(segment, model.Bits):
-        return [part.build for part in segment.parts if part.build is not None]
-    build = segment.build if isinstance(segment, (model.Field, model.Value)) else None
-    return [] if build is None else [build]
-
-
-def span_of(type_: FieldType, size: int | None) -> tuple[int, int]:
-    """The least and greatest number of a type; `size` where that is computed."""
-    size = type_.fixed_size if size is None else size
-    assert size is not None
-    if type_.kind == "digits":
-        return 0, type_.base**size - 1
-    if type_.kind == "bcd":
-        return 0, 100**size - 1
-    bits = 8 * size
-    return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)

@@ -164,6 +164,6 @@ def _bytes(value: Any) -> Any:
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping) or not value:
+    if not isinstance(value, Mapping):
         raise ValueError("a mapping {name: value} is wanted here")
     return value

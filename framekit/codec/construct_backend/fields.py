@@ -100,7 +100,7 @@ class FieldConstruct(ValueSegment):
     def _not_given(self, filling: Filling) -> Any:
         field, name = self.segment, self.name
         echo = filling.echo_of(name)
-        if echo is not MISSING:
+        if echo is not MISSING and (field.constants is None or echo in field.constants):
             return self._meant(echo, filling)
         if field.constants is not None:
             return field.constants[0]
@@ -195,7 +195,7 @@ class BitsConstruct(SegmentConstruct):
         if part.is_ is not None:
             return filling.compute(part.is_, part.name)
         echo = filling.echo_of(part.name)
-        if echo is not MISSING:
+        if echo is not MISSING and (part.constants is None or echo in part.constants):
             return echo
         if part.constants is not None:
             return part.constants[0]

@@ -132,7 +132,7 @@ class FrameConstruct(Construct):
     def _end_of_body(self, stream: BytesIO, reading: Reading, context: Container) -> int | None:
         """Where the body ends whatever is in it; None if that follows from its segments."""
         if self.frame.delimited:
-            start, mark = stream.tell(), self._end_mark()
+            start, mark = stream.tell(), self.end_mark
             found = stream.getvalue().find(mark, start, reading.region.end)
             if found < 0:
                 raise reading.stop(reading.place(stream, "tail", None), "short", mark)
@@ -142,8 +142,9 @@ class FrameConstruct(Construct):
         tail = self.sizes.all((construct.segment for construct in self.tail.subcons), reading.known_in(context))
         return None if tail is None else min(self.frame.size - tail, reading.region.end)
 
-    def _end_mark(self) -> bytes:
-        """The first byte of the tail."""
+    @property
+    def end_mark(self) -> bytes:
+        """The first byte of the tail's first constant, where a delimited body ends."""
         first = next((item.segment for item in self.tail.subcons if isinstance(item.segment, Const)), None)
         return b"" if first is None else first.data[:1]
 
@@ -197,8 +198,8 @@ class FrameConstruct(Construct):
         self.head._build(filling, stream, context, path)
         start = stream.tell()
         self.body._build(filling, stream, context, path)
-        if self.frame.delimited and self._end_mark() in stream.getvalue()[start:]:
-            raise filling.error("", f"the body of {self.frame.name} holds its end {self._end_mark().hex().upper()}")
+        if self.frame.delimited and self.end_mark in stream.getvalue()[start:]:
+            raise filling.error("", f"the body of {self.frame.name} holds its end {self.end_mark.hex().upper()}")
         if self.frame.size is not None:
             room = self.frame.size - stream.tell() - filling.size_of_all(self.tail.subcons)
             if room < 0:

@@ -1,0 +1,80 @@
+"""The frame cases of the shipped vectors on the construct back end alone: an independent reading of the manuals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from strategies import base_context
+
+from framekit.codec.construct_backend import ConstructCodec, compile_construct
+from framekit.codec.errors import FrameError
+from framekit.codec.plain import PlainValues
+from framekit.definition.load import load_protocol
+from framekit.definition.load.vectors import load_vectors
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.vectors import FrameVector
+from framekit.definition.shipped import shipped_folder
+
+FOLDER = Path(shipped_folder("frames"))
+
+
+@cache
+def compiled(name: str) -> tuple[Protocol, ConstructCodec]:
+    protocol = load_protocol(name)
+    return protocol, compile_construct(protocol)
+
+
+def cases() -> Iterator[Any]:
+    for path in sorted(FOLDER.glob("*.vectors.yaml")):
+        name = path.name.removesuffix(".vectors.yaml")
+        for vector in load_vectors(path).frames:
+            if vector.frame is not None:
+                yield pytest.param(name, vector, id=f"{name}:{vector.at.line}")
+
+
+def test_there_are_cases() -> None:
+    assert list(cases())
+
+
+@pytest.mark.parametrize(("name", "vector"), cases())
+def test_frames_of_vectors(name: str, vector: FrameVector) -> None:
+    protocol, codec = compiled(name)
+    assert vector.frame is not None
+    context = base_context(protocol) | plain_values(protocol, vector)
+    if vector.expect is not None:
+        data = vector.wire.exact
+        assert data is not None
+        with pytest.raises(FrameError) as caught:
+            codec.decode(vector.frame, data, context)
+        kind, wanted = vector.expect
+        assert (caught.value.refuse if kind == "refused" else caught.value.cause) == wanted or kind == "noise"
+        return
+    values = PlainValues(protocol).from_plain(vector.frame, vector.values or {})
+    built = codec.encode(vector.frame, values, context)
+    assert vector.wire.matches(built), f"{built.hex(' ')} is not {vector.wire}"
+    for data in filter(None, (vector.wire.exact, built)):
+        assert has(codec.decode(vector.frame, data, context), values)
+
+
+def plain_values(protocol: Protocol, vector: FrameVector) -> dict[str, Any]:
+    """Parameters, state and the request of a case."""
+    found: dict[str, Any] = {}
+    for name, value in {**vector.params, **vector.state}.items():
+        found[name] = int(value, 0) if isinstance(value, str) and value[:1].isdigit() else value
+    if vector.request:
+        ((frame, fields),) = vector.request.items()
+        found["request"] = PlainValues(protocol).from_plain(frame, fields)
+    return found
+
+
+def has(found: Any, wanted: Any) -> bool:
+    """Whether what was read has everything that was given; names stand for numbers."""
+    if isinstance(wanted, Mapping):
+        return all(name in found and has(found[name], value) for name, value in wanted.items())
+    if isinstance(wanted, list):
+        return len(found) == len(wanted) and all(map(has, found, wanted))
+    return bool(found == wanted) or (isinstance(wanted, str) and isinstance(found, int))

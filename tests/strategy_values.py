@@ -1,0 +1,96 @@
+"""Single values for the strategies, and facts about segments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from hypothesis import strategies as st
+from strategy_hints import Hints
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model import segments as model
+from framekit.definition.model.segments import FieldType, Segment
+
+Draw = Callable[[st.SearchStrategy[Any]], Any]
+LETTERS = "".join(chr(code) for code in range(0x21, 0x7F))
+
+
+class Values:
+    """Single values that suit types, sizes and hints."""
+
+    def __init__(self, draw: Draw, small: bool) -> None:
+        self.draw = draw
+        self.small = small
+        self.forbidden = b""
+
+    def text(self, least: int, most: int, hints: Hints, kind: FieldType) -> str | None:
+        """Text of a length, with the letters that conditions ask for at their places."""
+        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"")
+        alphabet = "".join(letter for letter in LETTERS if letter.encode() not in taken)
+        least = max([least, *(place + 1 for place in hints.letters)])
+        if least > most:
+            return None
+        if hints.allowed is not None:
+            fitting = [text for text in hints.allowed if isinstance(text, str) and least <= len(text) <= most]
+            return self.draw(st.sampled_from(fitting)) if fitting else None
+        letters = list(self.draw(st.text(alphabet, min_size=least, max_size=most)))
+        for place, (allowed, denied) in hints.letters.items():
+            choice = [letter for letter in (allowed if allowed is not None else alphabet) if letter not in denied]
+            if not choice:
+                return None
+            letters[place] = self.draw(st.sampled_from(choice))
+        return "".join(letters)
+
+    def bytes(self, size: int) -> bytes:
+        data: bytes = self.draw(st.binary(min_size=size, max_size=size))
+        for byte in self.forbidden:
+            data = data.replace(bytes((byte,)), bytes((byte ^ 0x40,)))
+        return data
+
+    def number(self, least: int, most: int) -> int:
+        """A number; mostly a small one, so that what it counts stays small."""
+        near = min(most, least + 12)
+        if self.small:
+            near = min(most, least + 3)
+        choice = [st.integers(least, near), st.integers(least, near)]
+        if not self.small:
+            choice.append(st.integers(least, most))
+        return int(self.draw(st.one_of(choice)))
+
+
+# ---- facts about segments -----------------------------------------------------------------------------------
+
+
+def flat(segments: tuple[Segment, ...]) -> list[Segment]:
+    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
+    found: list[Segment] = []
+    for segment in segments:
+        found.append(segment)
+        if isinstance(segment, (model.Wrap, model.Optional)):
+            found += flat(segment.of)
+        elif isinstance(segment, model.Choose):
+            for _, case in segment.cases:
+                found += flat(case)
+            found += flat(segment.otherwise or ())
+    return found
+
+
+def built(segment: Segment) -> list[Expression]:
+    """The expressions that compute something from other values when building."""
+    if isinstance(segment, model.Bits):
+        return [part.build for part in segment.parts if part.build is not None]
+    build = segment.build if isinstance(segment, (model.Field, model.Value)) else None
+    return [] if build is None else [build]
+
+
+def span_of(type_: FieldType, size: int | None) -> tuple[int, int]:
+    """The least and greatest number of a type; `size` where that is computed."""
+    size = type_.fixed_size if size is None else size
+    assert size is not None
+    if type_.kind == "digits":
+        return 0, type_.base**size - 1
+    if type_.kind == "bcd":
+        return 0, 100**size - 1
+    bits = 8 * size
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
