@@ -209,8 +209,9 @@ def test_where_is_a_cause_of_its_own() -> None:
 
 def test_replies_repeat_what_their_request_says() -> None:
     codec = small_codec(
-        "[{field: seq, type: u8, default: 1}, "
-        "{field: code, type: u8}]", keys="echo: {seq: seq, code: request.code + 0x80}"
+        "[{field: seq, type: u8, default: 1}, {field: code, type: u8}]",
+        "frames:\n  asked: {from: client, body: [{field: seq, type: u8}, {field: code, type: u8}]}",
+        keys="from: server, echo: {seq: seq, code: request.code + 0x80}",
     )
     request = {"seq": 9, "code": 3}
     assert codec.encode("f", {}, {"request": request}) == b"\x09\x83"
