@@ -1,0 +1,191 @@
+"""The command line: what each verb prints, its exit status, and that no traceback ever shows."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from framekit import __version__
+from framekit.cli.main import main
+
+READ = "05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    try:
+        status = main(words)
+    except SystemExit as ended:
+        status = int(ended.code or 0)
+    output = capsys.readouterr()
+    assert "Traceback" not in output.out + output.err
+    return status, output.out, output.err
+
+
+def test_encode_prints_upper_case_hex(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("encode", "mldp", "read_individual", "station=0x20", "command=r", 'variables=[{"name": "%MW100"}]')
+    assert call(capsys, *words) == (0, READ + "\n", "")
+
+
+def test_encode_an_inner_frame_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("encode", "modbus-rtu", "request_adu", "station=17", 'pdu={"read_holding": {"address": 107, "count": 3}}')
+    assert call(capsys, *words)[:2] == (0, "11 03 00 6B 00 03 76 87\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("mldp", "read_individual", "statoin=1"), "statoin"),
+        (("mldp", "read_individual", "station=999", "command=r", 'variables=[{"name": "%MW1"}]'), "station"),
+        (("mldp", "read_individual", "command=r", 'variables=[{"name": "%MW1"}]'), "station"),
+        (("mldp", "read_individul", "station=1"), "did you mean 'read_individual'"),
+        (("mldp", "read_individual", "variables=[{]"), "is not JSON"),
+        (("mldp", "read_individual", "station"), "is not NAME=VALUE"),
+        (("no-such", "x"), "there is no definition 'no-such'"),
+    ],
+)
+def test_encode_refuses_by_name(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:
+    status, out, err = call(capsys, "encode", *words)
+    assert (status, out) == (1, "")
+    assert message in err
+
+
+def test_decode_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "decode", "mldp", "--json", READ)
+    decoded = json.loads(out)
+    assert status == 0
+    assert decoded["frame"] == "read_individual"
+    assert decoded["fields"]["station"] == 0x20
+    assert decoded["fields"]["variables"][0]["name"] == "%MW100"
+
+
+def test_decode_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "decode", "third-party-plc", "06 52 44 32 34 03")
+    assert status == 0
+    assert out.splitlines()[0] == "IMM.RESPONSE"
+    assert "offset" in out.splitlines()[1]
+
+
+def test_decode_reads_standard_input(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("06 5244 3234 03\n"))
+    assert json.loads(call(capsys, "decode", "third-party-plc", "--json", "-")[1])["frame"] == "IMM.RESPONSE"
+
+
+def test_decode_lists_several_frames_and_narrows_by_side(capsys: pytest.CaptureFixture[str]) -> None:
+    write = "11 06 00 01 00 03 9A 9B"
+    both = json.loads(call(capsys, "decode", "modbus-rtu", "--json", write)[1])
+    assert {both["frame"], both["others"][0]["frame"]} == {"request_adu", "reply_adu"}
+    one = json.loads(call(capsys, "decode", "modbus-rtu", "--from", "server", "--json", write)[1])
+    assert one["frame"] == "reply_adu" and "others" not in one
+
+
+@pytest.mark.parametrize(
+    ("protocol", "data", "message"),
+    [
+        ("mldp", READ[:-5] + "30 30", "check"),
+        ("mldp", "41 42", "no frame fits"),
+        ("modbus-rtu", "", "there are no bytes"),
+        ("mldp", "0G", "these are not bytes"),
+    ],
+)
+def test_decode_says_why_bytes_are_no_frame(
+    capsys: pytest.CaptureFixture[str], protocol: str, data: str, message: str
+) -> None:
+    status, out, err = call(capsys, "decode", protocol, data)
+    assert (status, out) == (1, "")
+    assert message in err
+
+
+def test_frames_lists_protocols_and_fields(capsys: pytest.CaptureFixture[str]) -> None:
+    _, protocols, _ = call(capsys, "frames")
+    assert {"mldp", "modbus-rtu", "third-party-plc"} <= {line.split()[0] for line in protocols.splitlines()}
+    _, frames, _ = call(capsys, "frames", "third-party-plc")
+    assert "WR.REQ" in frames and "payload" in frames
+    listed = json.loads(call(capsys, "frames", "mldp", "--json")[1])
+    assert "read_individual" in [frame["frame"] for frame in listed]
+
+
+def test_generated_python_stands_alone(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "mldp_codec.py"
+    assert call(capsys, "generate", "python", "mldp", "-o", str(path))[0] == 0
+    script = (
+        "import sys; sys.path.insert(0, '.'); import mldp_codec as codec; "
+        "assert 'framekit' not in sys.modules; "
+        "data = codec.encode_read_individual({'station': 32, 'command': 'r', 'variables': [{'name': '%MW100'}]}); "
+        "assert codec.decode_read_individual(data)['station'] == 32; print(data.hex(' ').upper())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-W", "error", "-c", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.stdout.strip(), done.stderr) == (READ, "")
+
+
+@pytest.mark.parametrize("protocol", ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp", "third-party-plc"])
+def test_vectors_beside_a_definition(capsys: pytest.CaptureFixture[str], protocol: str) -> None:
+    status, out, _ = call(capsys, "test", protocol)
+    assert (status, out.splitlines()[-1].split(", ")[1]) == (0, "0 failed"), out
+
+
+def test_vectors_that_fail_are_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "p.yaml").write_text("protocol: p\nframes:\n  f: {body: [{field: a, type: u8}]}\n", encoding="utf-8")
+    (tmp_path / "p.vectors.yaml").write_text(
+        "vectors: p\nframes:\n  - {frame: f, values: {a: 1}, bytes: 02, source: made up}\n", encoding="utf-8"
+    )
+    status, out, _ = call(capsys, "test", str(tmp_path / "p.yaml"))
+    assert status == 1
+    assert "0 passed, 1 failed" in out
+
+
+def test_check_counts_and_complains(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert call(capsys, "check", "mldp")[0] == 0
+    path = tmp_path / "bad.yaml"
+    path.write_text("protocol: bad\nframes:\n  f: {body: [{field: a, type: u9}]}\n", encoding="utf-8")
+    status, _, err = call(capsys, "check", str(path))
+    assert status == 1
+    assert f"{path}:3:" in err
+    listed = json.loads(call(capsys, "check", "--json", str(path))[1])
+    assert listed[0]["problems"][0]["line"] == 3
+
+
+def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
+    run = str(EXAMPLES / "third-party-plc.run.yaml")
+    status, out, _ = call(capsys, "run", run, "--virtual", "--for", "10s", "--json")
+    lines = [json.loads(line) for line in out.splitlines()]
+    blocks = {line["block"]: line for line in lines if line["event"] == "block"}
+    assert status == 0
+    assert sum(line.get("frame") == "WR.REQ" for line in lines) == 10
+    assert blocks[1]["done"] >= 9 and blocks[2]["done"] >= 9
+    for block in blocks.values():
+        assert block["started"] == block["done"] + block["failed"] + block["running"]
+
+
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        (("--version",), 0), (("--help",), 0), ((), 2), (("nonsense",), 2), (("encode",), 2),
+        (("run", "x.yaml", "--for", "soon"), 1), (("run", "no-such.yaml"), 1), (("run", "x.yaml", "--virtual"), 1),
+    ],
+)  # fmt: skip
+def test_exit_status(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], status: int) -> None:
+    assert call(capsys, *words)[0] == status
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "--version")[1] == f"framekit {__version__}\n"
+
+
+@pytest.mark.parametrize("verb", ["check", "encode", "decode", "frames", "generate", "test", "run", "completion"])
+def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    status, out, _ = call(capsys, verb, "--help")
+    assert status == 0 and "usage: framekit" in out
+
+
+def test_completion_scripts(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("shtab")
+    status, out, _ = call(capsys, "completion", "bash")
+    assert status == 0 and "encode" in out
