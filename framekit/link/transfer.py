@@ -13,6 +13,7 @@ from typing import Any
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.packing import cut_memory, join_memory, values_of
 from framekit.link.requests import Piece, Plan
+from framekit.link.values import FrameValue
 from framekit.memory.numbers import unit_bits
 
 
@@ -22,7 +23,8 @@ class TransferResult:
 
     `values` are the elements read, `data` the same in memory's form, both empty unless `ok`. `code` is the device's own
     when it refused, `meaning` its name. `exchanges` counts those that were started, `written` the elements that are
-    known to be written, also when a later part failed. `gives` are a service's results, `raw` is the last reply.
+    known to be written, also when a later part failed. `gives` are a service's results, `reply` is the last reply and
+    `raw` its bytes.
     """
 
     ok: bool
@@ -35,6 +37,7 @@ class TransferResult:
     exchanges: int = 0
     written: int = 0
     gives: dict[str, Any] = field(default_factory=dict)
+    reply: FrameValue | None = None
     raw: bytes = b""
 
 
@@ -77,7 +80,7 @@ class Transfer:
         self._data: list[bytes] = []
         self._gives: dict[str, Any] = {}
         self._written = 0
-        self._raw = b""
+        self._last = Outcome(False)
 
     def go(self) -> None:
         """Starts exchanges as long as their outcomes come at once."""
@@ -99,7 +102,7 @@ class Transfer:
 
     def _ended(self, job: Job, outcome: Outcome) -> None:
         self._waiting = False
-        self._raw = outcome.raw
+        self._last = outcome
         answer = job.judge(outcome)
         if answer.failure is not None:
             self._end(answer.failure)
@@ -111,7 +114,8 @@ class Transfer:
 
     def _end(self, result: TransferResult) -> None:
         self._over = True
-        result.exchanges, result.written, result.raw = self._next, self._written, self._raw
+        result.exchanges, result.written = self._next, self._written
+        result.reply, result.raw = self._last.reply, self._last.raw
         self._on_done(result)
 
 
