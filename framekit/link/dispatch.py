@@ -72,7 +72,7 @@ class Dispatcher:
 
     def _fitting(self, activation: Activation, rows: tuple[CompiledRow, ...], it: Any) -> CompiledRow | None:
         names = activation.names
-        before = names.get("it")
+        before = names["it"]
         names["it"] = it
         for row in rows:
             if row.when is None or self._holds(activation, row):

@@ -95,6 +95,7 @@ class Engine:
         self.receiver.reset()
         self.lanes.is_open = self.output.is_open = True
         self.lanes.was_closed = False
+        self.machine.stirred = True
         self.machine.show("open")
         self.output.poll()
         return self._finish()
@@ -185,7 +186,7 @@ class Engine:
             self.machine.tell(exchange, Outcome(False, "closed", "the connection is closed"))
         else:
             lane.waiting.append(exchange)
-        self.machine.changed = True
+        self.machine.changed = self.machine.stirred = True
         return self._finish()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
@@ -248,7 +249,7 @@ class Engine:
                 lanes.settle_ended()
             elif machine.callbacks:
                 machine.callbacks.popleft()()
-            elif lanes.begin_what_can():
+            elif machine.stirred and lanes.begin_what_can():
                 continue
             elif machine.delivered:
                 value = machine.delivered.popleft()
@@ -266,6 +267,7 @@ class Engine:
     def _tick(self, now: int) -> None:
         """Everything that is due, in the documented order; new times due at the same instant as well."""
         self.scope.now = now
+        self.machine.stirred = True
         for _ in range(MOST_ROUNDS):
             if not self._something_due(now):
                 return

@@ -24,8 +24,9 @@ from framekit.link.values import FrameValue
 
 
 class Environment:
-    """What all runs of an engine share. `changed` is set whenever something happened that others may wait for.
+    """What all runs of an engine share.
 
+    `changed`: what runs wait for may be other than before; `stirred`: a lane may have room for something to begin.
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
     """
 
@@ -45,6 +46,7 @@ class Environment:
         self.callbacks: deque[Callable[[], None]] = deque()
         self.ended: deque[Run] = deque()
         self.changed = True
+        self.stirred = True
         self.asking: Run | None = None
         self.has_bytes: Callable[[], bool] = lambda: False
         self.drop_stale: Callable[[], None] = lambda: None
@@ -97,9 +99,11 @@ class Environment:
     def put(self, queue: str, item: dict[str, Any]) -> None:
         self.queues.put(queue, item)
         self.changed = True
+        self.stirred = True
 
     def take_item(self, queue: str) -> Any:
         self.changed = True
+        self.stirred = True
         return self.queues.take(queue)
 
     def complete(self, value: FrameValue, activation: Activation) -> None:
@@ -113,6 +117,7 @@ class Environment:
             raise TypeError("only a frame can be delivered")
         self.delivered.append(value)
         self.changed = True
+        self.stirred = True
 
     def store(self, address: str, data: bytes) -> None:
         if self.memory is None:

@@ -138,11 +138,13 @@ class FrameTable:
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
         """The frame value of decoded fields; a refusal holds for the frame and for what it carries."""
         info = self.infos.get(name)
-        if info is None:
-            return FrameValue(name, fields, raw, refusal)
-        if refusal is None:
-            refusal = info.refuse
-        value = FrameValue(name, fields, raw, refusal)
+        return FrameValue(name, fields, raw, refusal) if info is None else self.received_as(info, fields, raw, refusal)
+
+    def received_as(
+        self, info: FrameInfo, fields: dict[str, Any], raw: bytes | None, refusal: int | None
+    ) -> FrameValue:
+        """As `received`, for a frame that is known."""
+        value = FrameValue(info.name, fields, raw, info.refuse if refusal is None else refusal)
         if info.shape:
             self._convert(info.shape, value, fields)
         return value
@@ -212,13 +214,17 @@ class FrameTable:
         info = self.infos.get(reply.frame)
         if info is None:
             return True
+        fields = reply.fields
         for field, plain_name, evaluate in info.echo:
             for request in requests:
-                try:
-                    wanted = echoed(plain_name, evaluate, request, names)
-                except EVALUATION_ERRORS:
-                    continue
-                if field in reply.fields and reply.fields[field] != wanted:
+                if plain_name is not None and plain_name in request.fields:
+                    wanted = request.fields[plain_name]
+                else:
+                    try:
+                        wanted = echoed(plain_name, evaluate, request, names)
+                    except EVALUATION_ERRORS:
+                        continue
+                if field in fields and fields[field] != wanted:
                     return False
                 break
         if info.shape:

@@ -70,6 +70,7 @@ class Lanes:
 
     def begin_what_can(self) -> bool:
         """Starts exchanges whose turn it is, and listeners where a lane is free. Tells whether it did anything."""
+        self.machine.stirred = False
         if not self.is_open:
             return False
         begun = False
@@ -151,6 +152,7 @@ class Lanes:
                 session.end()
             else:
                 session.busy = kind in ("open", "close")
+                self.machine.stirred = True
                 sequence = self.machine.sequences[name]
                 activation = Activation(sequence, dealing, arguments_of(sequence, dealing), False)
                 self.machine.start_run(run, activation)
@@ -212,7 +214,7 @@ class Lanes:
 
     def _reorder(self) -> None:
         self.order = tuple(run for lane in self.lanes for run in lane.runs())
-        self.machine.changed = True
+        self.machine.changed = self.machine.stirred = True
 
     @property
     def listens(self) -> bool:

@@ -12,31 +12,31 @@ LONGEST = 65536
 class NoiseRun:
     """Bytes since the run began. `skipped`: they are what a bad frame that has been reported left behind."""
 
-    __slots__ = ("_data", "_last", "_offset", "_started", "skipped")
+    __slots__ = ("_last", "_offset", "_started", "data", "skipped")
 
     def __init__(self) -> None:
-        self._data = bytearray()
+        self.data = bytearray()
         self._offset = self._started = self._last = 0
         self.skipped = False
 
     def __bool__(self) -> bool:
-        return bool(self._data)
+        return bool(self.data)
 
     @property
     def is_long(self) -> bool:
-        return len(self._data) >= LONGEST
+        return len(self.data) >= LONGEST
 
     def collect(self, stream: Stream, count: int, skipped: bool) -> None:
         """Takes the next `count` bytes of the stream; the stream's position is not moved."""
         position = stream.position
-        if not self._data:
+        if not self.data:
             self.skipped = skipped
             self._offset, self._started = stream.offset, stream.time_of(position)
-        self._data += stream.buffer[position : position + count]
+        self.data += stream.buffer[position : position + count]
         self._last = stream.time_of(position + count - 1)
 
     def take(self) -> Noise:
         """The run as it stands; it begins anew."""
-        noise = Noise(bytes(self._data), self._offset, self._started, self._last, self.skipped)
-        self._data.clear()
+        noise = Noise(bytes(self.data), self._offset, self._started, self._last, self.skipped)
+        self.data.clear()
         return noise

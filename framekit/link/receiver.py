@@ -52,7 +52,8 @@ class Receiver(Recovery):
         self._names = names
         self._scope = scope_of(names)
         self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
-        self._inside = InsideFinder(self.table, names)
+        inside = InsideFinder(self.table, names)
+        self._inside = inside if inside else None
         self._trouble = trouble
         self._interests: dict[tuple[tuple[str, ...], tuple[str, ...]], Interest] = {}
         self._interest = self._interest_of((), ())
@@ -107,6 +108,14 @@ class Receiver(Recovery):
         if self._scope is not None and self._scope.version != self._version:
             self._version = self._scope.version
             self._candidates.forget()
+        stream = self.stream
+        if stream.position >= len(stream.buffer) and not self._noise.data and not self._skipping:
+            self.waiting = ()
+            self.deadline = NEVER
+            return None
+        usual = self._at_once(interest)
+        if usual is not None:
+            return usual
         while True:
             found = self._look(interest)
             if not isinstance(found, Again):
@@ -150,6 +159,17 @@ class Receiver(Recovery):
 
     # ---- one place ----------------------------------------------------------------------------------------
 
+    def _at_once(self, interest: Interest) -> FrameArrived | None:
+        """The usual case: nothing strange has happened, and the first candidate is there and fits."""
+        stream = self.stream
+        if self._noise.data or self._skipping or self._inside or stream.pauses or self._now != stream.last:
+            return None
+        candidates = interest.at(stream.buffer[stream.position])[0]
+        if not candidates:
+            return None
+        result = self._candidates.ask(candidates[0], len(stream.buffer))
+        return self._arrived(result, False) if type(result) is Good else None
+
     def _look(self, interest: Interest) -> Arrival | Again | None:
         stream = self.stream
         position = stream.position
@@ -172,7 +192,7 @@ class Receiver(Recovery):
         for level, infos in enumerate(levels):
             wanting: list[FrameInfo] = []
             for info in infos:
-                end = limit if not self._inside else self._inside.end_for(info.name, limit, stream.base)
+                end = limit if self._inside is None else self._inside.end_for(info.name, limit, stream.base)
                 result = self._candidates.ask(info, end)
                 if isinstance(result, Good):
                     return self._noise_before() or self._arrived(result, level == 1)
@@ -216,10 +236,10 @@ class Receiver(Recovery):
         position, size = stream.position, len(good.raw)
         self._given = size
         self._declined.append(good.info.name)
-        value = self.table.received(good.info.name, good.fields, good.raw, good.refusal)
-        return FrameArrived(
-            value, good.raw, stream.offset, stream.time_of(position), stream.time_of(position + size - 1), other
-        )
+        value = self.table.received_as(good.info, good.fields, good.raw, good.refusal)
+        started = stream.time_of(position)
+        ended = stream.time_of(position + size - 1)
+        return FrameArrived(value, good.raw, stream.base + position + stream.removed, started, ended, other)
 
     def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
         """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
@@ -244,7 +264,8 @@ class Receiver(Recovery):
 
     def _moved(self) -> None:
         self._candidates.forget()
-        self._inside.forget()
+        if self._inside is not None:
+            self._inside.forget()
 
     # ---- time ---------------------------------------------------------------------------------------------
 

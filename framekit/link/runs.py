@@ -84,6 +84,7 @@ class Activation:
         self.sequence = sequence
         self.dealing = dealing
         self.names = Names(sequence.variables(), dealing.names)
+        self.names["it"] = None
         self.names.update(arguments)
         self.nested = nested
         self.index = 0

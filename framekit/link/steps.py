@@ -267,6 +267,7 @@ class Steps(Environment):
     def receive(self, run: Run) -> None:
         """Waits for the rows of the step."""
         run.state = State.RECEIVING
+        self.stirred = True
         run.interest = run.frames_waited_for()
         run.wants_others = run.has_handler("on_other", "on_bad")
         run.candidate = None
