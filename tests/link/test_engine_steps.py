@@ -467,7 +467,7 @@ main:
 
 def test_a_listener_that_goes_in_circles_is_held_back() -> None:
     text = protocol(
-        "listen:\n  steps:\n    - step: one\n      set: {n: n // 0}",
+        "listen:\n  steps:\n    - step: one\n      wait: 0 ms\n      set: {n: n // 0}\n    - step: two\n      receive: [{frame: ack, then: end}]",
         roles="client: {lanes: {main: {listen: listen}}}",
         more="state: {n: {type: u32}}",
     )

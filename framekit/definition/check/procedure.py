@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from framekit.definition.model.procedure import Action, Sequence, Step
+from framekit.definition.check.actions import WAITING, actions_of, check_actions, shared_actions
+from framekit.definition.check.roles import check_roles, exchanged
+from framekit.definition.model.procedure import Action, CallOf, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Position, Problem, did_you_mean
 
-WAITING = ("again", "restart", "resend")
 WORDS = ("next", "end", *WAITING)
 
 
 def check_procedure(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
     """Everything wrong with the sequences, roles and sessions of a protocol."""
     found: list[Problem] = []
+    run = exchanged(protocol)
     for sequence in protocol.sequences.values():
-        found += _SequenceChecker(protocol, sequence).check()
-    found += _calls_in_circles(protocol)
-    for role in protocol.roles.values():
-        if role.session is not None and role.session not in protocol.sessions:
-            hint = did_you_mean(role.session, protocol.sessions)
-            found.append(Problem(role.at, f"there is no session '{role.session}'", hint))
-    return found
+        found += _SequenceChecker(protocol, sequence, run, broken).check()
+        found += check_actions(protocol, sequence, broken)
+    return [*found, *_calls_in_circles(protocol), *check_roles(protocol, broken)]
 
 
 class _SequenceChecker:
-    def __init__(self, protocol: Protocol, sequence: Sequence) -> None:
+    def __init__(self, protocol: Protocol, sequence: Sequence, run: set[str], broken: Collection[str]) -> None:
         self.protocol = protocol
         self.sequence = sequence
+        self.is_exchange = sequence.name in run
+        self.broken = broken
         self.names = [step.name for step in sequence.steps]
         self.found: list[Problem] = []
 
@@ -38,8 +38,8 @@ class _SequenceChecker:
             self._note(again.at, f"there are two steps '{name}' in '{self.sequence.name}'", "give one another name")
         for step in self.sequence.steps:
             self._step(step)
-        for action in self._shared_actions():
-            self._words(action, None)
+        for action in shared_actions(self.sequence):
+            self._word(action.then, action.places.get("then", action.at))
         self._reachable()
         self._circles()
         return self.found
@@ -50,41 +50,54 @@ class _SequenceChecker:
     # ---- one step -----------------------------------------------------------------------------------------
 
     def _step(self, step: Step) -> None:
-        self._word(step.then, step.at, None)
+        at = step.places.get("then", step.at)
+        if step.then in WAITING:
+            self._note(at, f"'{step.then}' is no step to go to", "it stands in rows and handlers")
+        else:
+            self._word(step.then, at)
         alone = step.call is not None or step.ask is not None
         if alone and (step.send is not None or step.receive is not None or step.branch is not None):
             what = f"step '{step.name}' calls and does something on the line"
             self._note(step.at, what, "put send, receive and branch into a step of their own")
-        if step.receive is not None and step.branch is not None:
-            self._note(step.at, f"step '{step.name}' receives and branches", "make two steps of it")
         if step.call is not None:
-            self._call(step)
+            self._call(step, step.call)
+        if step.ask is not None and step.ask.frame not in self.protocol.services:
+            hint = did_you_mean(step.ask.frame, self.protocol.services)
+            self._note(step.ask.at, f"there is no service '{step.ask.frame}' to ask", hint)
         for action in actions_of(step):
-            self._words(action, step)
+            self._word(action.then, action.places.get("then", action.at))
         self._rows(step)
         self._limits(step)
 
-    def _call(self, step: Step) -> None:
-        assert step.call is not None
-        called = self.protocol.sequences.get(step.call.sequence)
+    def _call(self, step: Step, call: CallOf) -> None:
+        at = step.places.get("call", step.at)
+        called = self.protocol.sequences.get(call.sequence)
         if called is None:
-            hint = did_you_mean(step.call.sequence, self.protocol.sequences)
-            self._note(step.at, f"there is no sequence '{step.call.sequence}' to call", hint)
+            if call.sequence not in self.broken:
+                hint = did_you_mean(call.sequence, self.protocol.sequences)
+                self._note(at, f"there is no sequence '{call.sequence}' to call", hint)
             return
-        for name in step.call.arguments:
+        for name, value in call.arguments.items():
             if name not in called.takes:
-                self._note(step.at, f"'{called.name}' takes no '{name}'", did_you_mean(name, called.takes))
+                self._note(value.at, f"'{called.name}' takes no '{name}'", did_you_mean(name, called.takes))
         for name in called.takes:
-            if name not in step.call.arguments:
-                self._note(step.at, f"'{called.name}' is called without '{name}'", f"add {name}: to with")
-        for name in step.call.into.values():
+            if name not in call.arguments:
+                self._note(at, f"'{called.name}' is called without '{name}'", f"add {name}: to with")
+        for variable, name in call.into.items():
+            at = step.places.get("into", step.at)
             if name not in called.gives:
-                self._note(step.at, f"'{called.name}' gives no '{name}'", did_you_mean(name, called.gives))
+                self._note(at, f"'{called.name}' gives no '{name}'", did_you_mean(name, called.gives))
+            known = [*self.sequence.local, *self.sequence.takes, *self.protocol.state]
+            if variable not in known and variable not in self.broken:
+                self._note(at, f"there is no variable '{variable}' to set", did_you_mean(variable, known))
 
     def _rows(self, step: Step) -> None:
         """Behind a row that takes its frames without a condition, rows for the same frames are dead."""
         taken: set[str] = set()
         for row in step.receive or ():
+            if row.expected and not self.is_exchange and self.protocol.roles:
+                what = f"nothing is expected here: no service runs '{self.sequence.name}'"
+                self._note(row.places.get("frame", row.at), what, "name the frames, or make it an exchange of a role")
             if row.frames and set(row.frames) <= taken and not row.expected:
                 names = ", ".join(row.frames[:3])
                 self._note(
@@ -95,46 +108,20 @@ class _SequenceChecker:
 
     def _limits(self, step: Step) -> None:
         """A receive in an exchange must end some time; what is sent again must have a bound."""
-        if step.receive and step.within is None and self.sequence.name in self._exchanges():
+        if step.receive and step.within is None and self.is_exchange:
             rows = [row for row in step.receive if row.queue is None]
             if rows:
                 self._note(step.at, f"step '{step.name}' may wait for ever", "add within: TIME and on_timeout:")
         bounded = step.retries is not None
         for action in actions_of(step):
             if action.then == "resend" and action.at_most is None and not bounded:
-                self._note(action.at, f"step '{step.name}' may send again for ever", "add at_most: N or retries: N")
-
-    def _exchanges(self) -> set[str]:
-        """Sequences that exchanges run, with everything they call."""
-        names = {name for role in self.protocol.roles.values() for lane in role.lanes for name in lane.exchange}
-        while True:
-            called = {
-                step.call.sequence
-                for name in names
-                if name in self.protocol.sequences
-                for step in self.protocol.sequences[name].steps
-                if step.call is not None
-            }
-            if called <= names:
-                return names
-            names |= called
+                at = action.places.get("then", action.at)
+                self._note(at, f"step '{step.name}' may send again for ever", "add at_most: N or retries: N")
 
     # ---- where actions lead -------------------------------------------------------------------------------
 
-    def _shared_actions(self) -> list[Action]:
-        shared: list[Action] = list(self.sequence.always)
-        for handler in self.sequence.handlers.values():
-            shared += handler
-        return [inner for action in shared for inner in with_else(action)]
-
-    def _words(self, action: Action, step: Step | None) -> None:
-        if action.then is not None:
-            self._word(action.then, action.at, step)
-        if action.then is not None and action.fail is not None:
-            self._note(action.at, "an action goes on or fails, not both", "leave then or fail out")
-
-    def _word(self, word: str, at: Position, step: Step | None) -> None:
-        if word in WORDS or word in self.names:
+    def _word(self, word: str | None, at: Position) -> None:
+        if word is None or word in WORDS or word in self.names:
             return
         hint = did_you_mean(word, [*self.names, *WORDS])
         self._note(at, f"there is no step '{word}' in '{self.sequence.name}'", hint)
@@ -147,7 +134,7 @@ class _SequenceChecker:
             words.add(step.then)
         if step.when is not None:
             words.add("next")
-        for word in words | {action.then for action in self._shared_actions() if action.then is not None}:
+        for word in words | {action.then for action in shared_actions(self.sequence) if action.then is not None}:
             if word == "end":
                 following.add(None)
             elif word == "next":
@@ -212,22 +199,6 @@ def waits(step: Step) -> bool:
 def gets_on(step: Step) -> bool:
     """Whether a step changes what its conditions may depend on."""
     return bool(step.set) or any(action.set or action.take for action in actions_of(step))
-
-
-def actions_of(step: Step) -> Iterator[Action]:
-    """Every action of a step: rows, branches, handlers, and what they do otherwise."""
-    for action in [*(step.receive or ()), *(step.branch or ())]:
-        yield from with_else(action)
-    for handler in step.handlers.values():
-        for action in handler:
-            yield from with_else(action)
-
-
-def with_else(action: Action) -> Iterator[Action]:
-    """An action and those that are done when its `at_most` is used up."""
-    yield action
-    if action.otherwise is not None:
-        yield from with_else(action.otherwise)
 
 
 def _calls_in_circles(protocol: Protocol) -> Iterator[Problem]:

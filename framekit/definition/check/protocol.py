@@ -9,6 +9,7 @@ from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
 from framekit.definition.check.profiles import check_profile
 from framekit.definition.check.services import check_services
+from framekit.definition.check.typed import check_kinds
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem
 
@@ -26,4 +27,5 @@ def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
         *check_profile(protocol),
         *check_procedure(protocol, broken),
         *check_services(protocol, broken),
+        *check_kinds(protocol),
     ]

@@ -22,7 +22,7 @@ from framekit.definition.model.procedure import (
 )
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import Position, did_you_mean
 
 
 class ProcedureLoader:
@@ -37,7 +37,7 @@ class ProcedureLoader:
     def action(self, node: Node) -> Action:
         """One action; a bare word stands for `then`. Raises Broken."""
         if isinstance(node, Scalar):
-            return Action(at=node.at, then=node.text)
+            return Action(at=node.at, places={"then": node.at}, then=node.text)
         return Action(**self._action_keys(self.reader.mapping(node)))
 
     def actions(self, node: Node) -> tuple[Action, ...]:
@@ -49,6 +49,7 @@ class ProcedureLoader:
         deliver, send, otherwise = keys.get("deliver"), keys.get("send"), keys.get("else")
         return {
             "at": keys.at,
+            "places": places_of(keys),
             "when": reader.maybe(reader.expression, keys.get("when")),
             "at_most": reader.maybe(reader.expression, keys.get("at_most")),
             "otherwise": None if otherwise is None else self.action(otherwise),
@@ -108,6 +109,7 @@ class ProcedureLoader:
         return Step(
             name=reader.text(keys.get("step")),
             at=keys.at,
+            places=places_of(keys),
             when=reader.maybe(reader.expression, keys.get("when")),
             session=reader.maybe(reader.text, keys.get("session")),
             parts=self._parts(keys.get("parts")),
@@ -206,6 +208,7 @@ class ProcedureLoader:
             listen=None if listen is None else self.named_sequence(listen, sequences),
             at_once=reader.maybe(reader.expression, keys.get("at_once")),
             at=entry.key.at,
+            places=places_of(keys),
         )
 
     def named_sequence(self, node: Node, sequences: set[str]) -> str:
@@ -238,3 +241,8 @@ class ProcedureLoader:
         scalar = self.reader.scalar(node)
         text = {"yes": "true", "no": "false"}.get(scalar.text, scalar.text)
         return self.reader.expression_text(text, scalar.at)
+
+
+def places_of(keys: Mapping) -> dict[str, Position]:
+    """Where the value of every key stands."""
+    return {entry.key.text: entry.value.at for entry in keys.entries}

@@ -36,9 +36,11 @@ class Action:
     """What happens, in this order: when → at_most/otherwise → take → set → store → put → deliver → send → then or fail.
 
     `then` is `next`, `end`, `again`, `restart`, `resend` or a step; None with no `fail` stands for the place's default.
+    `places`: key → where its value stands, for messages.
     """
 
     at: Position
+    places: Mapping[str, Position] = field(default_factory=dict, compare=False)
     when: Expression | None = None
     at_most: Expression | None = None
     otherwise: Action | None = None
@@ -91,10 +93,14 @@ class CallOf:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies."""
+    """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies.
+
+    `places`: key → where its value stands, for messages.
+    """
 
     name: str
     at: Position
+    places: Mapping[str, Position] = field(default_factory=dict, compare=False)
     when: Expression | None = None
     session: str | None = None
     parts: Parts | None = None
@@ -140,6 +146,7 @@ class Lane:
     listen: str | None
     at_once: Expression | None
     at: Position
+    places: Mapping[str, Position] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,81 @@
+"""Roles, lanes and sessions: every lane has something to do, and what it runs gets what it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+from framekit.definition.check.actions import actions_of
+from framekit.definition.model.procedure import Lane, Role, Sequence, Session, Step
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import Problem, did_you_mean
+
+OF_EXCHANGES = frozenset({"request", "buffer", "expected", "station"})
+"""What an exchange can hand to its sequence."""
+
+
+def check_roles(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
+    """Everything wrong with the roles and sessions of a protocol."""
+    for role in protocol.roles.values():
+        if role.session is not None and role.session not in protocol.sessions and role.session not in broken:
+            hint = did_you_mean(role.session, protocol.sessions)
+            yield Problem(role.at, f"there is no session '{role.session}'", hint)
+        for lane in role.lanes:
+            yield from _lane(protocol, role, lane)
+    for session in protocol.sessions.values():
+        yield from _session(protocol, session)
+
+
+def exchanged(protocol: Protocol) -> set[str]:
+    """Sequences that exchanges run, with everything they call."""
+    names = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
+    while True:
+        called = {
+            step.call.sequence
+            for name in names
+            if name in protocol.sequences
+            for step in protocol.sequences[name].steps
+            if step.call is not None
+        }
+        if called <= names:
+            return names
+        names |= called
+
+
+def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
+    if not lane.exchange and lane.listen is None:
+        what = f"lane '{lane.name}' of role '{role.name}' does nothing"
+        yield Problem(lane.at, what, "add exchange: or listen: with a sequence")
+    if lane.listen is not None and lane.listen in lane.exchange:
+        what = f"lane '{lane.name}' listens with '{lane.listen}' and runs it for exchanges too"
+        yield Problem(lane.places.get("listen", lane.at), what, "make two sequences of it")
+    for name in lane.exchange:
+        sequence = protocol.sequences.get(name)
+        for argument in sequence.takes if sequence is not None else ():
+            if argument not in OF_EXCHANGES:
+                what = f"an exchange has no '{argument}' for '{name}'"
+                yield Problem(lane.places.get("exchange", lane.at), what, "known: " + ", ".join(sorted(OF_EXCHANGES)))
+    listening = protocol.sequences.get(lane.listen or "")
+    if listening is not None:
+        yield from _listening(lane, listening)
+
+
+def _listening(lane: Lane, sequence: Sequence) -> Iterator[Problem]:
+    at = lane.places.get("listen", lane.at)
+    if sequence.takes:
+        yield Problem(at, f"nobody gives '{sequence.name}' its '{sequence.takes[0]}' here", "let it take nothing")
+    if not any(_pauses(step) for step in sequence.steps):
+        what = f"'{sequence.name}' waits for nothing, so it would run round for ever"
+        yield Problem(at, what, "let a step of it receive")
+
+
+def _pauses(step: Step) -> bool:
+    timed = (step.receive, step.wait, step.hold_break, step.call, step.ask)
+    return any(part is not None for part in timed) or any(action.send is not None for action in actions_of(step))
+
+
+def _session(protocol: Protocol, session: Session) -> Iterator[Problem]:
+    for name in (*session.open, *session.close, session.keep_alive_run):
+        sequence = protocol.sequences.get(name or "")
+        if sequence is not None and set(sequence.takes) - OF_EXCHANGES:
+            argument = min(set(sequence.takes) - OF_EXCHANGES)
+            yield Problem(session.at, f"nobody gives '{name}' its '{argument}' here", "let it take nothing")
