@@ -1,0 +1,185 @@
+"""State of a function that builds bytes, and the texts of what values depend on and how much room they take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from framekit.codec.python.expressions import ExpressionWriter, Scope
+from framekit.codec.python.module import Module
+from framekit.codec.python.names import Names
+from framekit.codec.python.shape import everything, names_read
+from framekit.codec.python.source import Source
+from framekit.definition.expression.emit import OR, PRODUCT
+from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children
+from framekit.definition.model.segments import (
+    Check,
+    Choose,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Wrap,
+)
+
+Placed = tuple[Segment, Scope]
+"""A segment and the scope its names belong to."""
+
+
+class Building:
+    """What all parts of an encoder share. `wires`: the local with the bytes of a segment, by its name."""
+
+    def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
+        self.module = module
+        self.shapes = module.shapes
+        self.title = title
+        self.segments = segments
+        self.out = Source()
+        self.names = Names(module.words())
+        self.conditions: list[str] = []
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.read_names = names_read(segments)
+        self.asked_for = self._asked_for()
+        self.wires: dict[str, str] = {}
+        self.grows = any(isinstance(segment, (Choose, Optional)) for segment in everything(segments))
+
+    def _asked_for(self) -> set[str]:
+        """Names whose bytes a length counts or a check covers."""
+        found: set[str] = set()
+        for segment in everything(self.segments):
+            if isinstance(segment, Length):
+                found.update(segment.of)
+            elif isinstance(segment, Check):
+                found.update(segment.over or ())
+        return found
+
+    def add(self, text: str) -> None:
+        self.out.add(text)
+
+    def refuse_if(self, condition: str) -> None:
+        """The values are refused if `condition` holds; the rules tell why."""
+        if condition not in self.conditions:
+            self.conditions.append(condition)
+
+    def flush(self) -> None:
+        if self.conditions:
+            conditions, self.conditions = self.conditions, []
+            self.module.function("Misfit")
+            with self.out.block(f"if {' or '.join(conditions)}:"):
+                self.add("raise Misfit")
+
+    def writer(self, scope: Scope) -> ExpressionWriter:
+        return ExpressionWriter(self.module, scope, self.module.given)
+
+    def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
+        return self.writer(scope).text(expression, level)
+
+    def if_present(self, segment: Segment, scope: Scope, text: str, otherwise: str) -> str:
+        """The text under the segment's condition."""
+        if segment.when is None:
+            return text
+        return f"({text} if {self.text(segment.when, scope, OR)} else {otherwise})"
+
+    # ---- what expressions wait for ------------------------------------------------------------------------
+
+    def waits(self, *expressions: Expression | None) -> set[str]:
+        """What has to be there before these expressions can be worked out."""
+        found: set[str] = set()
+        for expression in expressions:
+            if expression is not None:
+                found |= self._tokens(expression.root)
+        return found
+
+    def _tokens(self, node: Node) -> set[str]:
+        if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
+            name = node.arguments[0].name
+            return self.room_tokens(name) if self._has_no_length(name) else {name}
+        if isinstance(node, (Attribute, Index)) and isinstance(node.value, Name):
+            inner = {token for child in children(node) if child is not node.value for token in self._tokens(child)}
+            return inner | {f"items of {node.value.name}" if self._is_records(node.value.name) else node.value.name}
+        if isinstance(node, Name):
+            return {f"items of {node.name}" if self._is_records(node.name) else node.name}
+        return {token for child in children(node) for token in self._tokens(child)}
+
+    def _is_records(self, name: str) -> bool:
+        segment = self.by_name.get(name)
+        return isinstance(segment, Repeat) and isinstance(segment.of, tuple)
+
+    def _has_no_length(self, name: str) -> bool:
+        segment = self.by_name.get(name)
+        if isinstance(segment, Field):
+            return segment.type.kind not in ("ascii", "bytes")
+        return segment is not None and not isinstance(segment, (Data, Repeat))
+
+    def room_tokens(self, name: str) -> set[str]:
+        """What has to be there before the size of a segment on the wire can be told."""
+        segment = self.by_name.get(name)
+        if segment is None:
+            return set()
+        found = self.waits(segment.when)
+        if self.shapes.present(segment).fixed is not None:
+            return found
+        match segment:
+            case Data(name=data):
+                return found | {data}
+            case Field(name=field):
+                size = segment.type.size
+                return found | {field} | self.waits(size if isinstance(size, Expression) else None)
+            case Repeat(name=repeat, of=FieldType()):
+                return found | {repeat}
+        return {f"bytes of {name}"}
+
+    # ---- room ---------------------------------------------------------------------------------------------
+
+    def room(self, names: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
+        """Text of the bytes these segments take on the wire; `plain`: before conversion."""
+        fixed, parts = 0, []
+        for name in names:
+            segment = self.by_name.get(name)
+            if segment is None:
+                continue
+            size = self.shapes.present(segment).fixed
+            if size is not None and not (plain and isinstance(segment, Data)):
+                if segment.when is None:
+                    fixed += size
+                else:
+                    parts.append(self.if_present(segment, scope, str(size), "0"))
+            elif text := self._size_of(segment, scope, plain):
+                parts.append(text)
+        return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
+
+    def _size_of(self, segment: Segment, scope: Scope, plain: bool) -> str:
+        wire = self.wires.get(segment.name or "")
+        if wire is not None:
+            return f"len({wire})"
+        entry = scope.find(segment.name or "")
+        local = "" if entry is None else entry.text
+        match segment:
+            case Data(convert=convert):
+                text = f"len({local})"
+                if not plain and convert is not None:
+                    text = f"2 * {text}" if convert == "hex_to_ascii" else f"{text} // 2"
+            case Repeat(of=FieldType() as of):
+                text = f"len({local})" if of.fixed_size == 1 else f"{of.fixed_size} * len({local})"
+            case Field(long=None):
+                text = f"len({local})"
+                if segment.type.kind not in ("ascii", "bytes") and isinstance(segment.type.size, Expression):
+                    text = self.text(segment.type.size, scope, PRODUCT + 1)
+                elif segment.type.end is not None:
+                    text += f" + {len(segment.type.end)}"
+            case Field():
+                assert segment.long is not None
+                short, longer = segment.type.fixed_size or 1, segment.long.type.fixed_size or 0
+                text = f"({short} if {local} < {segment.long.mark} else {short + longer})"
+            case _:
+                return "0"
+        return self.if_present(segment, scope, text, "0")
+
+
+def has_parts(segment: Segment) -> bool:
+    """Whether a segment's bytes are put together from others."""
+    return isinstance(segment, (Inner, Record, Repeat, Choose, Optional, Wrap))

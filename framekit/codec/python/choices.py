@@ -1,0 +1,175 @@
+"""Which of several frames begins here: the bytes that tell candidates apart before any of them is read.
+
+A frame is left out only where a byte at a fixed place contradicts its constants, and no fault before that place could
+have it refused instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from framekit.codec.python.expressions import constant_of
+from framekit.codec.python.shape import Shapes
+from framekit.codec.python.source import quoted
+from framekit.definition.model.segments import Bits, Const, Field, FieldType, Record, Segment
+
+Allowed = Mapping[int, frozenset[int]]
+"""Place in the frame → the values its byte can have."""
+_FEW = 16
+"""A frame that allows more values of a byte is not told apart by it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """Candidates that no byte tells apart."""
+
+    frames: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """Candidates told apart by the byte at `at`."""
+
+    frames: tuple[str, ...]
+    at: int
+    cases: tuple[tuple[int, Leaf | Switch], ...]
+    others: Leaf | Switch
+
+
+def tree_of(shapes: Shapes, frames: tuple[str, ...]) -> Leaf | Switch:
+    """How candidates are told apart."""
+    allowed = {name: dict(fixed_bytes(shapes.segments(shapes.frames[name]))) for name in frames}
+    return _tree(frames, allowed, frozenset())
+
+
+def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozenset[int]) -> Leaf | Switch:
+    places = {place for name in frames for place in allowed[name]} - used
+    best = min(places, key=lambda place: (_worst(frames, allowed, place), place), default=None)
+    if best is None or _worst(frames, allowed, best) >= len(frames):
+        return Leaf(frames)
+    groups = _groups(frames, allowed, best)
+    others = tuple(name for name in frames if best not in allowed[name])
+    used |= {best}
+    cases = tuple((value, _tree(group, allowed, used)) for value, group in sorted(groups.items()))
+    return Switch(frames, best, cases, _tree(others, allowed, used) if others else Leaf(()))
+
+
+def _worst(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int) -> float:
+    """How many candidates are left on average when the byte at `place` is known."""
+    groups = _groups(frames, allowed, place)
+    return sum(len(group) for group in groups.values()) / len(groups) if groups else len(frames)
+
+
+def _groups(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int) -> dict[int, tuple[str, ...]]:
+    values = {value for name in frames for value in allowed[name].get(place, ())}
+    return {
+        value: tuple(name for name in frames if place not in allowed[name] or value in allowed[name][place])
+        for value in values
+    }
+
+
+def fixed_bytes(segments: tuple[Segment, ...]) -> Iterator[tuple[int, frozenset[int]]]:
+    """The bytes at fixed places that a frame restricts, before anything it could be refused for."""
+    place = 0
+    shapes = Shapes({})
+    for segment in _flat(segments):
+        if segment.refuse is not None or segment.when is not None:
+            return
+        if isinstance(segment, Const):
+            yield from ((place + offset, frozenset({byte})) for offset, byte in enumerate(segment.data))
+        elif isinstance(segment, Field) and segment.long is None:
+            yield from _numbers_at(place, segment.type, _numbers_of(segment))
+        elif isinstance(segment, Bits):
+            yield from _numbers_at(place, segment.type, _numbers_of_bits(segment))
+        size = shapes.present(segment).fixed if not hasattr(segment, "frames") else None
+        if size is None:
+            return
+        place += size
+
+
+def _flat(segments: tuple[Segment, ...]) -> Iterator[Segment]:
+    for segment in segments:
+        if isinstance(segment, Record) and segment.when is None and segment.refuse is None:
+            yield from _flat(segment.of)
+        else:
+            yield segment
+
+
+def _numbers_of(field: Field) -> list[int | str | bytes] | None:
+    """The wire values a field can have."""
+    allowed: list[int | str | bytes] | None = None
+    if field.constants is not None:
+        allowed = list(field.constants)
+    elif (number := constant_of(field.is_)) is not None:
+        allowed = [number]
+    elif field.only and field.values is not None:
+        allowed = list(field.values)
+    if allowed is None or field.unit is not None or field.zero_means is not None:
+        return None
+    return [value + field.plus if isinstance(value, int) else value for value in allowed]
+
+
+def _numbers_of_bits(bits: Bits) -> list[int | str | bytes] | None:
+    width = 8 * (bits.type.fixed_size or 0)
+    if bits.type.kind != "int" or width > 16:
+        return None
+    fixed = {}
+    for part in bits.parts:
+        number = constant_of(part.is_)
+        constants = part.constants if part.constants is not None else None if number is None else (number,)
+        if constants is not None:
+            fixed[part.low, (1 << part.high - part.low + 1) - 1] = constants
+    if not fixed:
+        return None
+    return [
+        number
+        for number in range(1 << width)
+        if all(number >> low & mask in constants for (low, mask), constants in fixed.items())
+    ]
+
+
+def _numbers_at(
+    place: int, type_: FieldType, numbers: list[int | str | bytes] | None
+) -> Iterator[tuple[int, frozenset[int]]]:
+    if numbers is None or type_.fixed_size is None or len(numbers) > 1 << 16:
+        return
+    forms = [_bytes_of(type_, number) for number in numbers]
+    if any(form is None for form in forms):
+        return
+    for offset in range(type_.fixed_size):
+        values = frozenset(form[offset] for form in forms if form is not None)
+        if len(values) <= _FEW:
+            yield place + offset, values
+
+
+def _bytes_of(type_: FieldType, number: int | str | bytes) -> bytes | None:
+    """A value as it stands on the wire; None for types where that is not plain."""
+    size = type_.fixed_size or 0
+    if isinstance(number, bytes):
+        return number if len(number) == size else None
+    if isinstance(number, str):
+        return number.encode("latin-1") if type_.kind == "ascii" and len(number) == size else None
+    if type_.kind != "int" or type_.order not in ("big", "little"):
+        return None
+    try:
+        return number.to_bytes(size, "little" if type_.order == "little" else "big", signed=type_.signed)
+    except OverflowError:
+        return None
+
+
+def choice_text(tree: Leaf | Switch) -> str:
+    """The text of a `Choice` for the tree."""
+    everything = _frames_text(tree.frames)
+    if isinstance(tree, Leaf):
+        return f"Choice({everything})"
+    cases = ", ".join(f"{value:#04x}: {_branch_text(branch)}" for value, branch in tree.cases)
+    return f"Choice({everything}, {tree.at}, {{{cases}}}, {_branch_text(tree.others)})"
+
+
+def _branch_text(tree: Leaf | Switch) -> str:
+    return _frames_text(tree.frames) if isinstance(tree, Leaf) else choice_text(tree)
+
+
+def _frames_text(frames: tuple[str, ...]) -> str:
+    return "(" + ", ".join(f"FRAMES[{quoted(name)}]" for name in frames) + ("," if len(frames) == 1 else "") + ")"

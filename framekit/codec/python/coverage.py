@@ -1,0 +1,81 @@
+"""What the check codes of a frame cover, so that an encoder keeps those bytes at hand.
+
+A check that covers everything before it in its buffer needs nothing kept; for any other, the segments it covers are put
+together apart from their neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from framekit.codec.python.function import leaves, span_names
+from framekit.codec.python.shape import everything
+from framekit.definition.model.segments import Check, Choose, Optional, Record, Repeat, Segment, Wrap
+
+
+class Coverage:
+    """`of(name)`: a mark for a segment; neighbours with the same mark may be put together."""
+
+    def __init__(self, segments: tuple[Segment, ...]) -> None:
+        self.segments = segments
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.whole: set[str] = set()
+        self._marks: dict[str, frozenset[str]] = {}
+        for buffer in buffers(segments):
+            for check in checks_in(buffer):
+                self._add(check, buffer)
+
+    def of(self, names: Iterable[str]) -> frozenset[str]:
+        return frozenset(mark for name in names for mark in self._marks.get(name, ()))
+
+    def names(self, check: Check) -> list[str] | None:
+        """The leaves a check covers, in the order it covers them; None: everything before it."""
+        if check.over is not None:
+            known = [self.by_name[name] for name in check.over if name in self.by_name]
+            return [leaf.name or "" for leaf in leaves(known)]
+        return None if check.span is None else span_names(check, self.segments)
+
+    def _add(self, check: Check, buffer: tuple[Segment, ...]) -> None:
+        names = self.names(check)
+        before: list[Segment] = []
+        for segment in leaves(buffer):
+            if segment is check:
+                break
+            before.append(segment)
+        here = [segment.name for segment in before]
+        mixed = any(isinstance(segment, Wrap) for segment in buffer)
+        if names is None or (names == here and not mixed):
+            self.whole.add(check.name or "")
+            return
+        in_order = names == [name for name in here if name in names]
+        for place, name in enumerate(names):
+            mark = f"{check.name}" if in_order else f"{check.name} {place}"
+            self._marks[name] = self._marks.get(name, frozenset()) | {mark}
+
+
+def buffers(segments: tuple[Segment, ...]) -> Iterator[tuple[Segment, ...]]:
+    """Every list of segments whose bytes are put together on their own."""
+    yield segments
+    for segment in segments:
+        match segment:
+            case Wrap(of=of):
+                yield from buffers(of)
+            case Record(of=of):
+                yield from list(buffers(of))[1:]
+            case Optional(of=of):
+                yield from buffers(of)
+            case Repeat(of=tuple() as of):
+                yield from buffers(of)
+            case Choose(cases=cases, otherwise=otherwise):
+                for _, case in cases:
+                    yield from buffers(case)
+                yield from buffers(otherwise or ())
+
+
+def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:
+    """The checks that stand in a buffer itself."""
+    for segment in segments:
+        if isinstance(segment, Check):
+            yield segment
+        elif isinstance(segment, Record):
+            yield from checks_in(segment.of)

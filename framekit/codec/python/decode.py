@@ -1,0 +1,51 @@
+"""Decoders: one function a frame that reads it on the fast path, and leaves any fault to the careful one."""
+
+from __future__ import annotations
+
+from framekit.codec.python.describe import summary, write_docstring
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import Function
+from framekit.codec.python.module import Module
+from framekit.codec.python.nested import Reader
+from framekit.codec.python.places import Fields
+from framekit.codec.python.source import Source, bytes_literal
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import Const, Segment
+
+
+def write_decoder(
+    module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
+) -> Source:
+    """The source of `decode_…` of a frame, or of a layout if `frame` is None."""
+    function = Function(module, identifier, segments)
+    fields = Fields(function.names.fresh("fields"))
+    reader = Reader(function, "data", "at")
+    if segments and all(isinstance(segment, Const) and segment.when is None for segment in segments):
+        whole = b"".join(segment.data for segment in segments if isinstance(segment, Const))
+        function.misfit_if(f"data != {bytes_literal(whole)}")
+    else:
+        reader.read(segments, Scope(), fields)
+        reader.close()
+    if frame is not None and frame.most is not None:
+        _limit(function, frame.most, segments)
+    function.flush()
+    result = fields.text(function.out)
+    out = Source()
+    kind = "frame" if frame is not None else "layout"
+    with out.block(f"def decode_{identifier}(data: bytes, ctx: Context = DEFAULTS) -> dict[str, Any]:"):
+        write_docstring(out, f"Read the {kind} `{name}`. Raises FrameError.", summary(segments))
+        for context, local in function.hoisted.items():
+            out.add(f"{local} = {module.given(context)}")
+        with out.block("try:"):
+            out.extend(function.out)
+        examine = f"examine_{identifier}(data, ctx).error({name!r})".replace("'", '"')
+        with out.block("except MISFITS:"):
+            out.add(f"raise {examine} from None")
+        out.add(f"return {result}")
+    return out
+
+
+def _limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
+    longest = function.shapes.all(segments).most
+    if longest is None or longest > most:
+        function.misfit_if(f"len(data) > {most}")

@@ -1,0 +1,207 @@
+"""Encoders: one function a frame that takes values, works out the rest, and gives bytes."""
+
+from __future__ import annotations
+
+from framekit.codec.python.describe import summary, write_docstring
+from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.module import Module
+from framekit.codec.python.nested import numbers_of
+from framekit.codec.python.pieces import PieceWriter
+from framekit.codec.python.rules import RuleWriter
+from framekit.codec.python.shape import flat, value_names
+from framekit.codec.python.source import Source, literal, quoted
+from framekit.codec.python.values import Given
+from framekit.definition.expression.emit import BIT_OR
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    Choose,
+    Count,
+    Field,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Value,
+)
+
+
+def write_encoder(module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None) -> Source:
+    """The source of `encode_…` of a frame, or of a layout if `frame` is None."""
+    rules = module.rules(identifier, RuleWriter(module, identifier).rules(segments))
+    writer = EncodeWriter(module, identifier, segments)
+    given = Given("values", rules)
+    scope = Scope()
+    if writer.grows:
+        writer.add("computed: dict[str, Any] = {}")
+    writer.values(segments, scope, given)
+    writer.flush()
+    writer.check_names(given)
+    text = writer.region(segments, scope, "frame")
+    longest = module.shapes.all(segments).most
+    if frame is not None and frame.most is not None and (longest is None or longest > frame.most):
+        writer.limit(text, frame.most)
+        text = "frame"
+    out = Source()
+    kind = "frame" if frame is not None else "layout"
+    with out.block(f"def encode_{identifier}(values: Mapping[str, Any], ctx: Context = DEFAULTS) -> bytes:"):
+        write_docstring(out, f"Build the {kind} `{name}`. Raises EncodeError.", summary(segments))
+        with out.block("try:"):
+            out.extend(writer.out)
+            out.add(f"return {_bytes(text)}")
+        with out.block(f"except MISFITS as error:"):
+            out.add(f"raise {module.function('encode_error')}(values, {rules}, error) from None")
+    return out
+
+
+def _bytes(text: str) -> str:
+    """The result is bytes even if it is nothing but a value that was given."""
+    return f'b"" + {text}' if text.isidentifier() and text != "frame" else text
+
+
+class EncodeWriter(PieceWriter):
+    """Writes the parts of an encoder that stand in branches and loops."""
+
+    def limit(self, text: str, most: int) -> None:
+        if text != "frame":
+            self.add(f"frame = {text}")
+        with self.out.block(f"if len(frame) > {most}:"):
+            self.add(f'raise EncodeError("", f"the frame takes {{len(frame)}} bytes, more than {most}")')
+
+    def put_into_local(self, segment: Segment, scope: Scope) -> None:
+        self.flush()
+        local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_bytes")
+        if isinstance(segment, Record):
+            text = self.region((segment,), scope, local)
+        else:
+            text = self.single(segment, scope)
+        if text != local:
+            self.add(f"{local} = {text}")
+        self.wires[segment.name or ""] = local
+
+    def records(self, repeat: Repeat, scope: Scope, given: Given) -> None:
+        """A list of records: each item's values and bytes."""
+        assert isinstance(repeat.of, tuple)
+        items = scope.entries[repeat.name].text
+        item, wire = self.names.fresh("item"), self.names.fresh(f"{repeat.name}_bytes")
+        self.flush()
+        self.add(f'{wire} = b""')
+        whole = self._is_read_inside(repeat)
+        complete = self.names.fresh(f"{repeat.name}_complete") if whole else ""
+        if whole:
+            self.add(f"{complete} = []")
+        inside = Scope(scope)
+        inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", f"{given.path}{repeat.name}.")
+        with self.out.block(f"for {item} in {items}:"):
+            self.values(repeat.of, inside, inner)
+            self.flush()
+            self.check_names(inner)
+            self.add(f"{wire} += {self.region(repeat.of, inside, self.names.fresh('part'))}")
+            if whole:
+                names = {name for one in flat(repeat.of) for name in value_names(one)}
+                fields = ", ".join(f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names))
+                self.add(f"{complete}.append({{{fields}}})")
+        self.wires[repeat.name] = wire
+        for entry in inside.entries.values():
+            entry.direct = False
+        scope.entries[repeat.name] = Entry(complete or items, "list", inside)
+
+    def _is_read_inside(self, repeat: Repeat) -> bool:
+        """Whether an expression reads fields of the items, which may be computed."""
+        return any(
+            f"items of {repeat.name}" in self._tokens_of(segment)
+            for segment in self.by_name.values()
+            if segment is not repeat
+        )
+
+    def _tokens_of(self, segment: Segment) -> set[str]:
+        from framekit.definition.model.visit import expressions_of
+
+        return self.waits(*expressions_of(segment))
+
+    def conditional_record(self, record: Record, scope: Scope, given: Given) -> None:
+        """A record that may be absent."""
+        assert record.when is not None
+        wire, local = self.names.fresh(f"{record.name}_bytes"), self.names.fresh(record.name)
+        self.flush()
+        self.add(f'{wire} = b""')
+        self.add(f"{local} = None")
+        with self.out.block(f"if {self.text(record.when, scope)}:"):
+            self.add(f"{local} = {given.text}[{quoted(record.name)}]")
+            inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", f"{given.path}{record.name}.")
+            inside = Scope(scope)
+            self.values(record.of, inside, inner)
+            self.flush()
+            self.check_names(inner)
+            self.add(f"{wire} = {self.region(record.of, inside, self.names.fresh('part'))}")
+        self.wires[record.name] = wire
+        scope.entries[record.name] = Entry(local, "record", inside)
+
+    def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
+        """A choice, or what is there when its values are given."""
+        wire = self.names.fresh("case_bytes" if isinstance(segment, Choose) else "optional_bytes")
+        self.flush()
+        self.add(f'{wire} = b""')
+        outside = self._names_for_others(segment, scope)
+        if isinstance(segment, Optional):
+            names = [name for one in flat(segment.of) for name in _inputs(one)]
+            tests = " or ".join(f"{quoted(name)} in {given.text}" for name in names)
+            with self.out.block(f"if {tests or 'True'}:"):
+                self._branch(segment.of, scope, given, wire, outside)
+        else:
+            self._cases(segment, scope, given, wire, outside)
+        self.wires[segment.name or ""] = wire
+
+    def _cases(self, choose: Choose, scope: Scope, given: Given, wire: str, outside: dict[str, str]) -> None:
+        numbers = numbers_of(choose.on, scope, self.by_name)
+        on = self.text(choose.on, scope, BIT_OR)
+        for place, (keys, segments) in enumerate(choose.cases):
+            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
+            test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
+            if choose.when is not None:
+                test = f"{self.text(choose.when, scope, BIT_OR)} and {test}"
+            with self.out.block(f"{'elif' if place else 'if'} {test}:"):
+                self._branch(segments, scope, given, wire, outside)
+        header = "else:" if choose.when is None else f"elif {self.text(choose.when, scope)}:"
+        with self.out.block(header):
+            if choose.otherwise is None:
+                self.add(f'raise EncodeError("", f"no case fits {{{on}!r}}")')
+            else:
+                self._branch(choose.otherwise, scope, given, wire, outside)
+
+    def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
+        """Locals for names that expressions outside the branch may read."""
+        found: dict[str, str] = {}
+        for one in flat((segment,)):
+            for name in value_names(one):
+                if name in self.read_names and name not in found:
+                    found[name] = self.names.fresh(name)
+                    self.add(f"{found[name]} = None")
+        return found
+
+    def _branch(
+        self, segments: tuple[Segment, ...], scope: Scope, given: Given, wire: str, outside: dict[str, str]
+    ) -> None:
+        inner = Given(given.text, given.rules, given.path)
+        inside = Scope(scope)
+        self.values(segments, inside, inner)
+        self.flush()
+        if inner.computed:
+            entries = ", ".join(f"{quoted(name)}: {text}" for name, text in inner.computed.items())
+            self.add(f"computed |= {{{entries}}}")
+        for name, local in outside.items():
+            if name in inside.entries:
+                self.add(f"{local} = {inside.entries[name].text}")
+        self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
+        for name, local in outside.items():
+            scope.entries[name] = Entry(local)
+
+
+def _inputs(segment: Segment) -> tuple[str, ...]:
+    """The names of a segment that somebody gives."""
+    if isinstance(segment, (Length, Count, Value)) or (isinstance(segment, Field) and segment.is_ is not None):
+        return ()
+    if isinstance(segment, Bits):
+        return tuple(part.name for part in segment.parts if part.is_ is None)
+    return value_names(segment)

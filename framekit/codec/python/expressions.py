@@ -1,0 +1,247 @@
+"""Expressions of a definition as Python text: what their names mean where they stand.
+
+A `Scope` knows the fields around an expression; tables become module constants, everything else is asked of the
+context. The meaning of operators and functions is `expression.emit`'s, shared with the engines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Protocol
+
+from framekit.codec.python.source import literal
+from framekit.definition.expression.emit import AND, ATOM, COMPARE, CONDITIONAL, emit
+from framekit.definition.expression.functions import FUNCTIONS
+from framekit.definition.expression.syntax import (
+    Attribute,
+    Binary,
+    Bytes,
+    Call,
+    Compare,
+    Conditional,
+    Expression,
+    Index,
+    LineTime,
+    Logic,
+    Name,
+    Node,
+    Number,
+    Text,
+    Unary,
+    walk,
+)
+
+Kind = Literal["value", "list", "record", "inner"]
+_WIRE = "bytes on the wire of "
+_LITERAL = '"'
+_OPPOSITE = {
+    "==": "!=", "!=": "==", "<": ">=", "<=": ">", ">": "<=", ">=": "<", "in": "not in", "not in": "in",
+}  # fmt: skip
+
+
+@dataclass(slots=True)
+class Entry:
+    """What a name stands for: its text, its shape, the names inside it, and the text of its size on the wire.
+
+    `sized`: Python's `len` of it is the language's. `direct`: the names inside a record are locals of their own;
+    `record` is then what puts the record together.
+    """
+
+    text: str
+    kind: Kind = "value"
+    inside: Scope | None = None
+    wire: str | None = None
+    sized: bool = True
+    direct: bool = False
+    record: Any = None
+
+
+class Scope:
+    """Fields by name, innermost first."""
+
+    def __init__(self, parent: Scope | None = None) -> None:
+        self.parent = parent
+        self.entries: dict[str, Entry] = {}
+
+    def find(self, name: str) -> Entry | None:
+        scope: Scope | None = self
+        while scope is not None:
+            if name in scope.entries:
+                return scope.entries[name]
+            scope = scope.parent
+        return None
+
+
+class Outside(Protocol):
+    """What an expression needs of the module and the function around it."""
+
+    def table(self, name: str) -> str | None:
+        """The module constant of a table; None if there is no table of that name."""
+
+    def function(self, name: str) -> str:
+        """The name of a pasted function."""
+
+
+class ExpressionWriter:
+    """Writes expressions for one place. `context` gives the text of a name that no field and no table has."""
+
+    def __init__(self, module: Outside, scope: Scope, context: Callable[[str], str]) -> None:
+        self.module = module
+        self.scope = scope
+        self.context = context
+
+    def text(self, expression: Expression, level: int = CONDITIONAL) -> str:
+        """Python text of the expression, in parentheses if it binds weaker than `level`."""
+        return _without_idle_brackets(emit(self._prepared(expression.root), self, level))
+
+    def negated(self, expression: Expression) -> str:
+        """Text of `not expression`, with the opposite comparison where there is one; for an operand of `or`."""
+        root = expression.root
+        if isinstance(root, Unary) and root.operator == "not":
+            return _without_idle_brackets(emit(self._prepared(root.operand), self, AND))
+        if isinstance(root, Compare) and len(root.rest) == 1:
+            operator, right = root.rest[0]
+            opposite = replace(root, rest=((_OPPOSITE[operator], right),))
+            return _without_idle_brackets(emit(self._prepared(opposite), self, AND))
+        return f"not {self.text(expression, COMPARE)}"
+
+    def value(self, expression: Expression) -> str:
+        """Text of the expression as a field's value: flags are numbers."""
+        return f"int({self.text(expression)})" if is_flag(expression.root) else self.text(expression)
+
+    def _prepared(self, node: Node) -> Node:
+        """`len(x)` of something that has no length of its own means its bytes on the wire."""
+        if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
+            entry = self.scope.find(node.arguments[0].name)
+            if entry is not None and not entry.sized and entry.wire is not None:
+                return Name(node.at, _WIRE + node.arguments[0].name)
+        if isinstance(node, (Text, Bytes)):
+            return Name(node.at, _LITERAL + literal(node.value))
+        changes: dict[str, Any] = {}
+        for field in fields(node):
+            old = getattr(node, field.name)
+            new = self._part(old)
+            if new is not old:
+                changes[field.name] = new
+        return replace(node, **changes) if changes else node
+
+    def _part(self, part: Any) -> Any:
+        if isinstance(part, Node):
+            return self._prepared(part)
+        if isinstance(part, tuple):
+            items = tuple(self._part(item) for item in part)
+            return part if all(new is old for new, old in zip(items, part, strict=True)) else items
+        return part
+
+    # ---- what the emitter asks ----------------------------------------------------------------------------
+
+    def name(self, node: Name) -> str:
+        if node.name.startswith(_LITERAL):
+            return node.name.removeprefix(_LITERAL)
+        if node.name.startswith(_WIRE):
+            entry = self.scope.find(node.name.removeprefix(_WIRE))
+            assert entry is not None
+            return f"({entry.wire})"
+        entry = self.scope.find(node.name)
+        if entry is not None:
+            return entry.text
+        return self.module.table(node.name) or self.context(node.name)
+
+    def attribute(self, node: Attribute) -> str:
+        entry = self._entry(node.value)
+        if entry is not None and entry.direct and entry.inside is not None and node.name in entry.inside.entries:
+            return entry.inside.entries[node.name].text
+        text = emit(node.value, self, ATOM)
+        if entry is not None and entry.kind == "record":
+            return f'{text}["{node.name}"]'
+        if entry is not None and entry.kind == "list":
+            return f'[item["{node.name}"] for item in {text}]'
+        if self._from_table(node.value):
+            return f'{text}["{node.name}"]'
+        return f'{self.module.function("attribute")}({text}, "{node.name}")'
+
+    def _entry(self, node: Node) -> Entry | None:
+        """What a node stands for, when it is a field, a part of one, or an item of a list."""
+        if isinstance(node, Name):
+            return self.scope.find(node.name)
+        if isinstance(node, Attribute):
+            outer = self._entry(node.value)
+            return None if outer is None or outer.inside is None else outer.inside.entries.get(node.name)
+        if isinstance(node, Index):
+            outer = self._entry(node.value)
+            return Entry("", "record", outer.inside) if outer is not None and outer.kind == "list" else None
+        return None
+
+    def _from_table(self, node: Node) -> bool:
+        while isinstance(node, (Attribute, Index)):
+            node = node.value
+        known = isinstance(node, Name) and self.scope.find(node.name) is None
+        return known and isinstance(node, Name) and self.module.table(node.name) is not None
+
+    def line_time(self, node: LineTime) -> str:
+        return f"{self.context('line')}.{node.unit}({node.count[0]}, {node.count[1]})"
+
+    def call(self, function: str, arguments: list[str]) -> str:
+        return f"{self.module.function(function)}({', '.join(arguments)})"
+
+
+def _without_idle_brackets(text: str) -> str:
+    """The text without brackets around a single word before a dot."""
+    return re.sub(r"(?<![\w)\]])\((\w+)\)(?=\.)", r"\1", text)
+
+
+def is_flag(node: Node) -> bool:
+    """Whether an expression gives true or false."""
+    match node:
+        case Compare() | Unary(operator="not"):
+            return True
+        case Logic(operands=operands):
+            return all(is_flag(operand) for operand in operands)
+        case Conditional(then=then, otherwise=otherwise):
+            return is_flag(then) or is_flag(otherwise)
+        case Call(function=function):
+            return FUNCTIONS[function].gives == "flag"
+    return False
+
+
+def constant_of(expression: Expression | None) -> int | None:
+    """The number of an expression that is a plain number."""
+    if expression is None or not isinstance(expression.root, Number):
+        return None
+    return expression.root.value
+
+
+def may_fail(node: Node) -> bool:
+    """Whether working out an expression on values from the wire can raise an error."""
+    for part in walk(node):
+        match part:
+            case Index() | Attribute() | LineTime():
+                return True
+            case Call(function=function) if function not in (
+                "len",
+                "min",
+                "max",
+                "abs",
+                "lower",
+                "upper",
+                "get",
+                "bit",
+            ):
+                return True
+            case Binary(operator=operator, right=right) if operator in ("//", "%", "<<", ">>"):
+                if not (isinstance(right, Number) and right.value > 0):
+                    return True
+    return False
+
+
+def may_be_negative(node: Node) -> bool:
+    """Whether a size can come out below zero although every field is at least zero."""
+    for part in walk(node):
+        match part:
+            case Binary(operator="-") | Unary(operator="-" | "~"):
+                return True
+            case Number(value=value) if value < 0:
+                return True
+    return False

@@ -1,0 +1,191 @@
+"""Number forms: the text that turns a field's bytes into its value and back.
+
+A *wire* value is what the bytes mean by their type alone; `plus`, `unit` and `zero_means` make the field's value of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from framekit.codec.python.source import bytes_literal
+from framekit.definition.model.segments import Count, Data, Field, FieldType, Length
+
+_INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+_FLOAT_CODES = {4: "f", 8: "d"}
+_DIGIT_NAMES = {16: "hex", 10: "dec", 8: "oct"}
+Numbered = Field | Length | Count
+
+
+class Functions(Protocol):
+    """Gives the names of functions that generated text calls."""
+
+    def function(self, name: str) -> str: ...
+
+
+def struct_code(type_: FieldType) -> tuple[str, str] | None:
+    """The `struct` code of a type and the byte order it needs (`<`, `>`, '' for any); None if it has none."""
+    if type_.fixed_size is None:
+        return None
+    size = type_.fixed_size
+    if type_.kind == "int" and size == 1:
+        return ("b" if type_.signed else "B"), ""
+    codes = {"int": _INT_CODES, "float": _FLOAT_CODES}.get(type_.kind, {})
+    if size in codes and type_.order in ("big", "little"):
+        code = codes[size].lower() if type_.kind == "int" and type_.signed else codes[size]
+        return code, "<" if type_.order == "little" else ">"
+    return f"{size}s", ""
+
+
+def is_slice(type_: FieldType) -> bool:
+    """Whether the struct code gives bytes that are still to be read."""
+    code = struct_code(type_)
+    return code is None or code[0].endswith("s")
+
+
+def hex_places(type_: FieldType) -> int | None:
+    """Bytes behind the digits of a type that `unhexlify` can read: pairs of hex digits, 1, 2, 4 or 8 of them."""
+    if type_.kind == "digits" and type_.base == 16 and type_.fixed_size in (2, 4, 8, 16):
+        return type_.fixed_size // 2
+    return None
+
+
+def parse(functions: Functions, type_: FieldType, raw: str) -> str:
+    """Text of the wire value that the bytes `raw` (a text for a slice) hold."""
+    name = functions.function
+    if type_.kind == "int":
+        if type_.order in ("BADC", "CDAB"):
+            return f'{name("parse_int")}({raw}, "{type_.order}"{", True" if type_.signed else ""})'
+        return f'int.from_bytes({raw}, "{type_.order}"{", signed=True" if type_.signed else ""})'
+    if type_.kind == "float":
+        return f'{name("parse_float")}({raw}, "{type_.order}")'
+    little = "_little" if type_.order == "little" else ""
+    if type_.kind == "digits":
+        return f"{name(f'parse_{_DIGIT_NAMES[type_.base]}{little}')}({raw})"
+    if type_.kind == "bcd":
+        return f"{name(f'parse_bcd{little}')}({raw})"
+    if type_.kind == "ascii":
+        if type_.end is not None:
+            raw = f"{raw}.split({bytes_literal(type_.end)}, 1)[0]"
+        strip = "" if type_.pad is None else f".rstrip({bytes_literal(type_.pad)})"
+        return f'{raw}{strip}.decode("latin-1")'
+    return raw
+
+
+def build(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    """Text of the bytes of a wire value; `size` is the text of the type's size."""
+    name = functions.function
+    if type_.kind == "int":
+        if type_.order in ("BADC", "CDAB"):
+            return f'{name("build_int")}({wire}, {size}, "{type_.order}"{", True" if type_.signed else ""})'
+        return f'({wire}).to_bytes({size}, "{type_.order}"{", signed=True" if type_.signed else ""})'
+    if type_.kind == "float":
+        return f'{name("build_float")}({wire}, {size}, "{type_.order}")'
+    little = "_little" if type_.order == "little" else ""
+    if type_.kind == "digits":
+        lower = "_lower" if type_.base == 16 and not type_.upper else ""
+        return f"{name(f'build_{_DIGIT_NAMES[type_.base]}{little}{lower}')}({wire}, {size})"
+    if type_.kind == "bcd":
+        return f"{name(f'build_bcd{little}')}({wire}, {size})"
+    if type_.kind == "ascii":
+        if type_.end is not None and type_.size is None:
+            return f"{name('build_terminated')}({wire}, {bytes_literal(type_.end)})"
+        if wire.startswith('"'):
+            return bytes_literal(eval(wire).encode("latin-1"))
+        pad = type_.pad if type_.end is None else (type_.pad or b"\0")
+        return f'{wire}.encode("latin-1")' + ("" if pad is None else f".ljust({size}, {bytes_literal(pad)})")
+    return wire
+
+
+def value_of(field: Numbered, wire: str) -> str:
+    """Text of the field's value from the text of its wire value."""
+    text = wire
+    if isinstance(field, Field):
+        if field.plus:
+            text = f"{text} - {field.plus}" if field.plus > 0 else f"{text} + {-field.plus}"
+        if field.unit is not None and field.unit != 1:
+            text = f"({text})" if field.plus else text
+            text = f"{text} * {field.unit:_}"
+    if field.zero_means is not None:
+        return f"{wire} or {field.zero_means}" if text == wire else f"{text} if {wire} else {field.zero_means}"
+    return text
+
+
+def wire_of(field: Numbered, value: str) -> str:
+    """Text of the wire value from the text of the field's value (a name)."""
+    text = value
+    if isinstance(field, Field):
+        if field.unit is not None and field.unit != 1:
+            text = f"{text} // {field.unit:_}"
+        if field.plus:
+            text = f"{text} + {field.plus}" if field.plus > 0 else f"{text} - {-field.plus}"
+    if field.zero_means is not None:
+        return f"0 if {value} == {field.zero_means} else {text}"
+    return text
+
+
+def reads_twice(field: Numbered) -> bool:
+    """Whether the text of the value has its wire value in it twice."""
+    return field.zero_means is not None and value_of(field, "wire").count("wire") > 1
+
+
+def changes_value(field: Numbered) -> bool:
+    """Whether the value is another than the wire value."""
+    return value_of(field, "x") != "x"
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Least and greatest number; None where there is no bound."""
+
+    least: int | None
+    most: int | None
+
+
+def wire_range(type_: FieldType) -> Range:
+    """What numbers the type itself can hold."""
+    size = type_.fixed_size
+    if type_.kind not in ("int", "digits", "bcd") or size is None:
+        return Range(0 if type_.kind in ("digits", "bcd") or not type_.signed else None, None)
+    if type_.kind == "int":
+        bits = 8 * size
+        return Range(-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else Range(0, (1 << bits) - 1)
+    return Range(0, (10 ** (2 * size) if type_.kind == "bcd" else type_.base**size) - 1)
+
+
+def value_range(field: Numbered) -> Range:
+    """What numbers the field can hold, by its type and its limits."""
+    if isinstance(field, Field) and field.long is not None:
+        found = wire_range(field.long.type)
+    else:
+        found = wire_range(field.type)
+    least, most = found.least, found.most
+    if isinstance(field, Field):
+        least = None if least is None else (least - field.plus) * (field.unit or 1)
+        most = None if most is None else (most - field.plus) * (field.unit or 1)
+    if field.zero_means is not None:
+        low, high = (0 if least is None else least), field.zero_means
+        least = (1 if low == 0 else low) * (field.unit or 1 if isinstance(field, Field) else 1)
+        most = high if most is None else max(most, high)
+    if field.limits is not None:
+        least = field.limits[0] if least is None else max(least, field.limits[0])
+        most = field.limits[1] if most is None else min(most, field.limits[1])
+    return Range(least, most)
+
+
+def memory_text(functions: Functions, data: Data, wire: str) -> str:
+    """Text of the bytes in memory from those on the wire: conversion, then swap."""
+    if data.convert == "hex_to_ascii":
+        wire = f"{functions.function('ascii_to_hex')}({wire})"
+    elif data.convert == "ascii_to_hex":
+        wire = f"{functions.function('hex_to_ascii')}({wire})"
+    return f"{functions.function('swap')}({wire}, {data.swap})" if data.swap else wire
+
+
+def wire_text(functions: Functions, data: Data, memory: str) -> str:
+    """Text of the bytes on the wire from those in memory: swap, then conversion."""
+    if data.swap:
+        memory = f"{functions.function('swap')}({memory}, {data.swap})"
+    if data.convert is None:
+        return memory
+    return f"{functions.function(data.convert)}({memory})"

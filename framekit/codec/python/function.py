@@ -1,0 +1,228 @@
+"""What all parts of one generated function share: its lines, its locals, what it asks of the context, its conditions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from framekit.codec.python.expressions import ExpressionWriter, Scope
+from framekit.codec.python.module import Module
+from framekit.codec.python.names import Names
+from framekit.codec.python.places import Place, between
+from framekit.codec.python.shape import everything, flat, follows_its_length, names_read, value_names
+from framekit.codec.python.source import Source
+from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
+from framekit.definition.model.segments import Check, Choose, Data, Length, Optional, Record, Segment, Wrap
+from framekit.definition.model.visit import expressions_of
+
+MISFIT = "raise Misfit"
+CONTAINERS = (Wrap, Optional, Record, Choose)
+"""Segments that stand for those inside them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Where a segment stands: the buffer and the places of its first byte and behind its last."""
+
+    buffer: str
+    first: Place
+    last: Place
+
+
+class Function:
+    """State of a function being written. `segments`: everything it reads or builds; `title` names its constants."""
+
+    def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
+        self.module = module
+        self.shapes = module.shapes
+        self.title = title
+        self.segments = segments
+        self.out = Source()
+        self.names = Names(module.words())
+        self.hoisted: dict[str, str] = {}
+        self.conditions: list[str] = []
+        self.read_names = names_read(segments)
+        self.field_names = {name for segment in everything(segments) for name in value_names(segment)}
+        self.tracked = tracked_names(segments)
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.names_of_values: dict[str, str] = {}
+        self.in_branch = 0
+        self.bounds: dict[str, Bounds] = {}
+        self.parts = {
+            segment.name: tuple(leaf.name for leaf in leaves((segment,)) if leaf.name)
+            for segment in everything(segments)
+            if isinstance(segment, CONTAINERS) and segment.name
+        }
+        self.trail: list[str] = []
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def context(self, name: str) -> str:
+        """The local that holds a context value; it is fetched once, before anything is read."""
+        if name not in self.hoisted:
+            self.module.context.add(name)
+            self.hoisted[name] = self.names.fresh(name)
+        return self.hoisted[name]
+
+    def writer(self, scope: Scope) -> ExpressionWriter:
+        return ExpressionWriter(self.module, scope, self.context)
+
+    def local(self, name: str, scope: Scope) -> str:
+        """The local of a field; one that exists in two cases of a choice has one local."""
+        if name in scope.entries and scope.entries[name].text:
+            return scope.entries[name].text
+        return self.names.fresh(name)
+
+    def waits_for(self, expression: Expression, scope: Scope) -> bool:
+        """Whether the expression reads fields that are not there yet."""
+        return any(name in self.field_names and scope.find(name) is None for name in names_in(expression.root))
+
+    # ---- lines --------------------------------------------------------------------------------------------
+
+    def add(self, text: str) -> None:
+        self.out.add(text)
+
+    def misfit_if(self, condition: str) -> None:
+        """The frame does not fit if `condition` holds; it is written with others, before anything depends on it."""
+        if condition not in self.conditions:
+            self.conditions.append(condition)
+
+    def flush(self) -> None:
+        """Writes the conditions noted so far."""
+        if self.conditions:
+            conditions, self.conditions = self.conditions, []
+            self.module.function("Misfit")
+            with self.out.block(f"if {' or '.join(conditions)}:"):
+                self.add(MISFIT)
+
+    def flush_using(self, local: str) -> None:
+        """Writes the conditions, if one of them reads a local that is about to change."""
+        if any(re.search(rf"\b{local}\b", condition) for condition in self.conditions):
+            self.flush()
+
+    # ---- where segments stand -----------------------------------------------------------------------------
+
+    def stands(self, segment: Segment, buffer: str, first: Place, last: Place) -> None:
+        """Notes where a segment stands; places that will move are kept in locals if somebody asks for them later."""
+        name = segment.name
+        if name is None:
+            return
+        if name in self.tracked:
+            first, last = self._kept(name, first, last)
+        self.bounds[name] = Bounds(buffer, first, last)
+        if isinstance(segment, CONTAINERS):
+            return
+        if name in self.trail:
+            self.trail.remove(name)
+        self.trail.append(name)
+
+    def _kept(self, name: str, first: Place, last: Place) -> tuple[Place, Place]:
+        kept: list[Place] = []
+        for place, what in ((first, "start"), (last, "end")):
+            if place.base in ("", "end"):
+                kept.append(place)
+            elif what == "end" and not self.in_branch and kept[0] != first and place.base == first.base:
+                kept.append(kept[0].plus(place.offset - first.offset))
+            else:
+                local = self.names.fresh(f"{name.strip('_')}_{what}")
+                self.add(f"{local} = {place.text('')}")
+                kept.append(Place(local, 0))
+        return kept[0], kept[1]
+
+    def bytes_between(self, names: Iterable[str]) -> str:
+        """Text of the bytes of these segments in this order, each as it is inside its wrap."""
+        pieces: list[Bounds] = []
+        before = ""
+        for name in (leaf for name in names for leaf in self.parts.get(name, (name,))):
+            bounds = self.bounds.get(name)
+            if bounds is None:
+                continue
+            if pieces and pieces[-1].buffer == bounds.buffer and self._follows(before, name):
+                bounds = Bounds(bounds.buffer, pieces.pop().first, bounds.last)
+            pieces.append(bounds)
+            before = name
+        return " + ".join(between(piece.buffer, piece.first, piece.last) for piece in pieces) or 'b""'
+
+    def _follows(self, before: str, name: str) -> bool:
+        return before in self.trail and self.trail.index(before) + 1 == self.trail.index(name)
+
+    def room(self, targets: Iterable[Segment], *, plain: bool) -> str:
+        """Text of the bytes these segments take, when everything is read; `plain`: as they are in memory."""
+        fixed, parts = 0, []
+        for target in targets:
+            size = self.shapes.of(target).fixed
+            if plain and isinstance(target, Data) and target.convert is not None:
+                parts.append(f"len({self.names_of_values[target.name]})")
+            elif size is not None:
+                fixed += size
+            else:
+                parts.append(self.wire_size(target.name or ""))
+        return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
+
+    def wire_size(self, name: str) -> str:
+        """Text of the bytes a segment that was read takes on the wire."""
+        bounds = self.bounds.get(name)
+        if bounds is None:
+            return "0"
+        first, last = bounds.first, bounds.last
+        if first.base == last.base:
+            return str(last.offset - first.offset)
+        start = first.text(bounds.buffer)
+        return last.text(bounds.buffer) if start == "0" else f"{last.text(bounds.buffer)} - {start}"
+
+
+def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
+    """Names whose places somebody asks for: check ranges, lengths, `len(name)` of what has no length of its own."""
+    found: set[str] = set()
+    by_name = {segment.name: segment for segment in everything(segments)}
+    for segment in everything(segments):
+        if isinstance(segment, Check):
+            found.update(leaf.name or "" for leaf in _named(segments, segment.over or ()))
+            found.update(span_names(segment, segments))
+        if isinstance(segment, Length):
+            targets = [by_name[name] for name in segment.of if name in by_name]
+            if len(targets) != 1 or not follows_its_length(segment, targets[0]):
+                found.update(segment.of)
+    for expression in expressions_of(segments):
+        for node in walk(expression.root):
+            if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
+                found.add(node.arguments[0].name)
+    return found
+
+
+def _named(segments: tuple[Segment, ...], names: tuple[str, ...]) -> Iterator[Segment]:
+    """The leaves of the segments of these names."""
+    return leaves(segment for segment in everything(segments) if segment.name in names)
+
+
+def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """The segments that stand for bytes themselves, in order: what is in wraps, choices and records, not those."""
+    for segment in segments:
+        if isinstance(segment, (Wrap, Optional, Record)):
+            yield from leaves(segment.of)
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                yield from leaves(case)
+            yield from leaves(segment.otherwise or ())
+        else:
+            yield segment
+
+
+def ends_of(segment: Segment) -> tuple[str | None, str | None]:
+    """The names of the first and the last leaf of a segment."""
+    found = [leaf.name for leaf in leaves((segment,))]
+    return (found[0], found[-1]) if found else (None, None)
+
+
+def span_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:
+    """The segments from the first to the last name of a check's range, in the order they stand in."""
+    if check.span is None:
+        return []
+    order = [leaf.name or "" for leaf in leaves(segments)]
+    ends = {segment.name: ends_of(segment) for segment in flat(segments)}
+    first = ends.get(check.span[0], (check.span[0], None))[0]
+    last = check.name if check.span[1] == "here" else ends.get(check.span[1], (None, check.span[1]))[1]
+    if first not in order or last not in order:
+        return []
+    return order[order.index(first) : order.index(last) + (check.span[1] != "here")]

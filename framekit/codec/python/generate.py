@@ -1,0 +1,250 @@
+"""A whole module: header, constants, the functions of every frame and layout, helpers, tables."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Iterable
+from dataclasses import replace
+
+import framekit
+from framekit.codec import errors
+from framekit.codec.python.choices import choice_text, tree_of
+from framekit.codec.python.decode import write_decoder
+from framekit.codec.python.defaults import default_values
+from framekit.codec.python.encode import write_encoder
+from framekit.codec.python.examine import write_examiner
+from framekit.codec.python.measure import write_measurer
+from framekit.codec.python.module import Module
+from framekit.codec.python.names import identifier
+from framekit.codec.python.shape import everything, names_read, value_names
+from framekit.codec.python.source import Source, literal, quoted
+from framekit.definition.model.frames import Frame, Layout
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Check, Choose, Length, Optional, Record, Repeat, Segment, Wrap
+
+_RULE = "# " + "-" * 98
+_MEASURE_NOTE = """\
+`measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
+such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
+LOST when its end cannot be found because the bytes are damaged."""
+
+
+def generate_source(protocol: Protocol, standalone: bool = True) -> str:
+    """The module of a protocol as text. Stand-alone it needs nothing but Python 3.11; else it shares the error classes
+    of framekit. Raises DefinitionError for a frame whose parts cannot be found."""
+    return ModuleWriter(protocol, standalone).text()
+
+
+class ModuleWriter:
+    """Writes one module."""
+
+    def __init__(self, protocol: Protocol, standalone: bool) -> None:
+        protocol = with_names(protocol)
+        self.protocol = protocol
+        self.standalone = standalone
+        self.module = Module(protocol)
+        self.identifiers: dict[str, str] = {}
+        self.layouts: dict[str, str] = {}
+        self.frames_part: list[Source] = []
+        self.examine_part: list[Source] = []
+
+    def text(self) -> str:
+        for name, frame in self.protocol.frames.items():
+            self.identifiers[name] = self._identifier(name)
+            self._frame(name, frame)
+        for name, layout in self.protocol.layouts.items():
+            if self._stands_alone(layout):
+                self.layouts[name] = self._identifier(f"layout_{name}")
+                self._layout(name, layout)
+        for name in ("Frame", "Examination", "Defaults"):
+            self.module.function(name)
+        folds = [self.module.fold(name, method) for name, method in list(self.module.folds.values())]
+        tables = self._tables()
+        helpers = self._helpers()
+        parts = [self._header(), self._constants(), *self._section("frames", self.frames_part)]
+        parts += self._section("what is wrong with frames that do not fit", self.examine_part)
+        parts += self._section("check codes", folds) if folds else []
+        parts += self._section("helpers", helpers)
+        parts += self._section("tables", [tables])
+        return "\n\n".join(part.text().rstrip("\n") + "\n" for part in parts)
+
+    def _identifier(self, name: str) -> str:
+        wanted, number = identifier(name).strip("_"), 1
+        taken = {*self.identifiers.values(), *self.layouts.values()}
+        found = wanted
+        while found in taken:
+            number += 1
+            found = f"{wanted}_{number}"
+        return found
+
+    # ---- frames and layouts -------------------------------------------------------------------------------
+
+    def _frame(self, name: str, frame: Frame) -> None:
+        known, segments = self.identifiers[name], self.module.shapes.segments(frame)
+        self.frames_part.append(write_encoder(self.module, known, name, segments, frame))
+        self.frames_part.append(write_decoder(self.module, known, name, segments, frame))
+        before = len(self.module.extra)
+        self.frames_part.append(write_measurer(self.module, known, frame, segments))
+        self.frames_part.extend(self.module.extra[before:])
+        self.examine_part.append(write_examiner(self.module, known, name, segments, frame))
+
+    def _layout(self, name: str, layout: Layout) -> None:
+        known, segments = self.layouts[name], layout.segments
+        self.frames_part.append(write_encoder(self.module, known, name, segments, None))
+        self.frames_part.append(write_decoder(self.module, known, name, segments, None))
+        self.examine_part.append(write_examiner(self.module, known, name, segments, None))
+
+    def _stands_alone(self, layout: Layout) -> bool:
+        """Whether a layout reads nothing of a frame around it."""
+        segments = layout.segments
+        if not segments:
+            return False
+        own = {segment.name for segment in everything(segments)}
+        own |= {name for segment in everything(segments) for name in value_names(segment)}
+        for segment in everything(segments):
+            if isinstance(segment, Check) and (set(segment.over or ()) | set(segment.span or ()) - {"here"}) - own:
+                return False
+            if isinstance(segment, Length) and set(segment.of) - own:
+                return False
+        known = {*self.protocol.params, *self.protocol.state, *self.protocol.tables}
+        known |= {"station", "own", "role", "line", "now", "clock", "request", "buffer"}
+        return not names_read(segments) - own - known
+
+    # ---- parts of the text --------------------------------------------------------------------------------
+
+    def _section(self, title: str, parts: Iterable[Source]) -> list[Source]:
+        head = Source()
+        head.add(_RULE)
+        head.add(f"# {title}")
+        return [head, *parts]
+
+    def _header(self) -> Source:
+        protocol, out = self.protocol, Source()
+        out.lines.append(f'"""Frames of {protocol.name}: build, read, and find them in a stream of bytes.')
+        if protocol.about:
+            out.lines += ["", *textwrap.wrap(_escaped(protocol.about), 110)]
+        sources = ", ".join(source.replace("\\", "/").rsplit("/", 1)[-1] for source in protocol.sources) or protocol.name
+        made = f"Generated by framekit {framekit.__version__} from {sources}; change those and generate it again."
+        out.lines += ["", *textwrap.wrap(made, 110), "", *self._usage(), "", *_MEASURE_NOTE.splitlines(), '"""', ""]
+        imports = {"from collections.abc import Mapping", "from struct import error as struct_error", "from typing import Any"}
+        imports |= self.module.imports
+        out.lines += ["from __future__ import annotations", "", *_sorted_imports(imports)]
+        if not self.standalone:
+            out.lines += ["", "from framekit.codec.errors import EncodeError, FrameError"]
+        return out
+
+    def _usage(self) -> list[str]:
+        name = next(iter(self.identifiers), None)
+        if name is None:
+            return ["It has no frames."]
+        known = self.identifiers[name]
+        return [
+            "Use it like this (`ctx`: parameters and state that frames depend on; DEFAULTS when left out):",
+            "",
+            f"    data = encode_{known}(values)      # bytes; raises EncodeError",
+            f"    values = decode_{known}(data)      # a dict; raises FrameError",
+            f"    FRAMES[{quoted(name)}].decode(data)".ljust(len(f"    values = decode_{known}(data)      ")) + "# the same by the definition's name",
+        ]
+
+    def _constants(self) -> Source:
+        out = Source()
+        out.add("Context = Mapping[str, Any]")
+        out.add("QUIET = -(1 << 40)")
+        out.add("LOST = QUIET - 1")
+        out.add("")
+        if self.standalone:
+            for error in (errors.FrameError, errors.EncodeError):
+                out.lines += ["", *inspect.getsource(error).rstrip().splitlines(), ""]
+        out.lines += ["", *self.module.source_of("Defaults").rstrip().splitlines(), "", ""]
+        values = default_values(self.protocol, self.module.context)
+        out.add(f"DEFAULTS = Defaults({literal(values) if values else ''})")
+        if self.module.context - set(values):
+            out.add(f"# Frames also depend on {', '.join(sorted(self.module.context - set(values)))}, which ctx must hold.")
+        for name, text in self.module.tables.values():
+            out.add(f"{name} = {text}")
+        for text, name in self.module.structs.items():
+            out.add(f"{name} = Struct({quoted(text)})")
+        return out
+
+    def _helpers(self) -> list[Source]:
+        found = []
+        for name in self.module.functions:
+            if name in ("Defaults", "MISFITS"):
+                continue
+            part = Source()
+            part.lines.extend(self.module.source_of(name).rstrip().splitlines())
+            found.append(part)
+        return found
+
+    def _tables(self) -> Source:
+        out = Source()
+        out.add("MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)")
+        if "Examination" in self.module.functions:
+            out.add("EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)")
+        for name, (text, about) in self.module.late.items():
+            out.add(f"{name} = {text}  # {about}")
+        for name, text in self.module.rule_tables.items():
+            out.add(f"{name} = {text}")
+        out.add("FRAMES: dict[str, Frame] = {")
+        for name, known in self.identifiers.items():
+            functions = ", ".join(f"{what}_{known}" for what in ("encode", "decode", "measure", "examine"))
+            refuse = self.protocol.frames[name].refuse
+            more = "" if refuse is None else f", refuse={refuse:#x}"
+            out.depth = 1
+            out.add(f"{quoted(name)}: Frame({quoted(name)}, {functions}{more}),")
+            out.depth = 0
+        out.add("}")
+        layouts = ", ".join(f"{quoted(name)}: (encode_{known}, decode_{known})" for name, known in self.layouts.items())
+        out.add(f"LAYOUTS: dict[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]] = {{{layouts}}}")
+        for frames, name in self.module.choices.items():
+            out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
+        return out
+
+
+def with_names(protocol: Protocol) -> Protocol:
+    """The protocol with a name for every segment, so that each can be referred to."""
+    counter = iter(range(1, 1 << 30))
+
+    def change(segment: Segment) -> Segment:
+        if segment.name is None:
+            segment = replace(segment, name=f"_{type(segment).__name__.lower()}_n{next(counter)}")
+        if isinstance(segment, (Wrap, Optional, Record)):
+            return replace(segment, of=change_all(segment.of))
+        if isinstance(segment, Repeat) and isinstance(segment.of, tuple):
+            return replace(segment, of=change_all(segment.of))
+        if isinstance(segment, Choose):
+            cases = tuple((keys, change_all(of)) for keys, of in segment.cases)
+            otherwise = None if segment.otherwise is None else change_all(segment.otherwise)
+            return replace(segment, cases=cases, otherwise=otherwise)
+        return segment
+
+    def change_all(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+        return tuple(change(segment) for segment in segments)
+
+    frames = {
+        name: replace(frame, head=change_all(frame.head), body=change_all(frame.body), tail=change_all(frame.tail))
+        for name, frame in protocol.frames.items()
+    }
+    layouts = {name: replace(layout, segments=change_all(layout.segments)) for name, layout in protocol.layouts.items()}
+    return replace(protocol, frames=frames, layouts=layouts)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"""', "'''")
+
+
+def _sorted_imports(lines: Iterable[str]) -> list[str]:
+    """Import lines in order, those from one module as one line."""
+    plain = sorted(line for line in lines if line.startswith("import "))
+    wanted: dict[str, set[str]] = {}
+    for line in lines:
+        if line.startswith("from "):
+            source, names = line.removeprefix("from ").split(" import ")
+            wanted.setdefault(source, set()).update(name.strip() for name in names.split(","))
+    joined = [f"from {source} import {', '.join(sorted(names, key=_import_key))}" for source, names in sorted(wanted.items())]
+    return [*plain, *joined]
+
+
+def _import_key(name: str) -> tuple[bool, str]:
+    return name[0].islower(), name

@@ -1,0 +1,476 @@
+"""Measuring functions: how long is the frame that begins here, from as many bytes as are there.
+
+They read only what sizes depend on, compare only the constants a frame begins with, and say how many bytes they want at
+least, so that nobody has to ask for every single one.
+"""
+
+from __future__ import annotations
+
+from framekit.codec.python import forms
+from framekit.codec.python.describe import write_docstring
+from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.measuring import Finished, Measuring, Pairs
+from framekit.codec.python.module import Module
+from framekit.codec.python.nested import default_text, numbers_of
+from framekit.codec.python.places import Place, between, index
+from framekit.codec.python.shape import Fill, flat, leading, names_read, of_type, on_wire, value_names, without_when
+from framekit.codec.python.source import Source, bytes_literal, literal
+from framekit.definition.expression.emit import PRODUCT, SUM
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    Check,
+    Choose,
+    Const,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Value,
+    Wrap,
+)
+
+MOST = 65_536 + 1_024
+"""The longest frame where the definition gives none."""
+_HEADER = "data: bytes | bytearray, start: int, end: int, ctx: Context = DEFAULTS, seen: int = 0"
+Number = Field | Length | Count | Bits
+
+
+def write_measurer(module: Module, identifier: str, frame: Frame, segments: tuple[Segment, ...]) -> Source:
+    """The source of `measure_…` of a frame."""
+    writer = MeasureWriter(module, identifier, segments, MOST if frame.most is None else frame.most)
+    writer.write(frame)
+    return writer.function(f"How long the frame `{frame.name}` at data[start] is; see the top of the module.")
+
+
+class MeasureWriter(Measuring):
+    """Writes one measuring function."""
+
+    def __init__(self, module: Module, identifier: str, segments: tuple[Segment, ...], most: int) -> None:
+        super().__init__(module, segments, most)
+        self.identifier = identifier
+
+    def function(self, sentence: str) -> Source:
+        """The function around what was written."""
+        out = Source()
+        with out.block(f"def measure_{self.identifier}({_HEADER}) -> int:"):
+            write_docstring(out, sentence, "")
+            for context, local in self.hoisted.items():
+                out.add(f"{local} = {self.module.given(context)}")
+                state = self.module.protocol.state.get(context)
+                if state is not None and state.announced:
+                    with out.block(f"if {local} is None:"):
+                        out.add("return 0")
+            if self.may_fail:
+                with out.block("try:"):
+                    out.extend(self.out)
+                with out.block(f"except MISFITS:"):
+                    out.add("return LOST")
+            else:
+                out.extend(self.out)
+        return out
+
+    def write(self, frame: Frame | None) -> None:
+        scope = Scope()
+        self._compare_start()
+        try:
+            if frame is not None and frame.delimited and frame.tail:
+                self.list(self.pairs(frame.head, scope), ())
+                tail = self.pairs(frame.tail, scope)
+                self._to_tail(tail)
+                self.list(tail, ())
+            elif self.shapes.all(self.segments).fixed is not None and not self._inner_may_misfit():
+                self.place = Place("start", self.shapes.all(self.segments).least)
+            else:
+                self.list(self.pairs(self.segments, scope), ())
+            self.return_total()
+        except Finished:
+            return
+
+    def _compare_start(self) -> None:
+        constant = leading(self.shapes, self.segments)
+        if len(constant) == 1:
+            test = f"start < end and data[start] != {constant[0]:#04x}"
+        else:
+            begin = f"data[start : min(start + {len(constant)}, end)]"
+            test = f"{begin} != {bytes_literal(constant)}[: end - start]"
+        if constant:
+            with self.out.block(f"if {test}:"):
+                self.add("return 0")
+
+    def _inner_may_misfit(self) -> bool:
+        """Whether an inner frame begins with constants, so that it has to be looked at."""
+        return any(isinstance(segment, Inner) and self._begins(segment) for segment in flat(self.segments))
+
+    def _begins(self, inner: Inner) -> bool:
+        frames = (self.shapes.frames[name] for name in inner.frames)
+        return any(leading(self.shapes, self.shapes.segments(frame)) for frame in frames)
+
+    def _to_tail(self, tail: Pairs) -> None:
+        """A delimited body ends where the first byte of the tail stands."""
+        first = tail[0][0]
+        assert isinstance(first, Const)
+        self.want(0, tail)
+        place = self.place.text("")
+        self.add(f"at = data.find({first.data[0]:#04x}, max({place}, start + seen), end)")
+        with self.out.block("if at < 0:"):
+            self.not_found(self.least(tail))
+        self.place = Place("at", 0)
+
+    # ---- lists --------------------------------------------------------------------------------------------
+
+    def list(self, pairs: Pairs, after: Pairs) -> None:
+        """The segments in order. Raises Finished when the rest of the function is written."""
+        for place, (segment, scope) in enumerate(pairs):
+            behind = (*pairs[place + 1 :], *after)
+            if segment.when is not None:
+                self._conditional(segment, scope, behind)
+            else:
+                self._segment(segment, scope, behind)
+
+    def _branch(self, pairs: Pairs, after: Pairs) -> bool:
+        """Segments of which it is not sure that they are there; whether nothing behind matters any more."""
+        finished = False
+        try:
+            self.list(pairs, after)
+            self.settle()
+        except Finished:
+            finished = True
+        self.place = Place("at", 0)
+        return finished
+
+    def _conditional(self, segment: Segment, scope: Scope, behind: Pairs) -> None:
+        assert segment.when is not None
+        present = without_when(segment)
+        names = [name for name in value_names(segment) if name in self.needed]
+        if self.shapes.present(segment).fixed == 0 and not names:
+            return
+        condition = self.text(segment.when, scope)
+        self.settle()
+        with self.out.block(f"if {condition}:"):
+            self._branch(self.pairs((present,), scope), behind)
+        if not names or isinstance(segment, Record):
+            return
+        with self.out.block("else:"):
+            for name in names:
+                text = "None"
+                if isinstance(segment, Field) and segment.default is not None:
+                    text = default_text(self.text(segment.default, scope), segment)
+                else:
+                    self.maybe_absent.add(name)
+                self.add(f"{scope.entries[name].text} = {text}")
+
+    def _segment(self, segment: Segment, scope: Scope, after: Pairs) -> None:
+        match segment:
+            case Value(name=name, read=read):
+                if name in self.needed:
+                    self.set_value(name, scope, self.text(read, scope))
+            case Field() | Length() | Count() | Bits():
+                self._number(segment, scope, after)
+            case Data():
+                self._data(segment, scope, after)
+            case Repeat():
+                self._repeat(segment, scope, after)
+            case Choose():
+                self._choose(segment, scope, after)
+            case Wrap():
+                self._wrap(segment, scope, after)
+            case Inner():
+                self._inner(segment, scope, after)
+            case Optional():
+                self._rest(after)
+            case Fill(total=total):
+                self.place = Place("start", total)
+                self.return_total()
+                raise Finished
+            case _:
+                self.skip(str(self.shapes.present(segment).fixed or 0))
+
+    # ---- numbers and texts --------------------------------------------------------------------------------
+
+    def _number(self, segment: Number, scope: Scope, after: Pairs) -> None:
+        needed = any(name in self.needed for name in value_names(segment))
+        type_ = segment.type
+        if isinstance(segment, Field) and segment.long is not None:
+            self._long(segment, scope, after)
+        elif isinstance(type_.size, Expression):
+            size = self.size_text(type_.size, scope)
+            if needed:
+                self._take(size, after)
+                self._read(segment, scope, Place("at", 0), Place("stop", 0))
+                self.advance("stop")
+            else:
+                self.skip(size)
+        elif type_.size is None:
+            self._text(segment, scope, after, needed)
+        else:
+            if needed:
+                self.want(type_.size, after)
+                self._read(segment, scope, self.place, self.place.plus(type_.size))
+            self.skip(str(type_.size))
+
+    def _take(self, size: str, after: Pairs) -> None:
+        """Lets `stop` be the end of a segment that has to be read."""
+        self.settle()
+        self.add(f"stop = at + {size}")
+        self.want_until("stop", after)
+
+    def _read(self, segment: Number, scope: Scope, first: Place, last: Place) -> None:
+        wire = self._wire(segment.type, first, last)
+        if isinstance(segment, Bits):
+            whole = self.names.fresh("bits")
+            self.add(f"{whole} = {wire}")
+            for part in segment.parts:
+                if part.name in self.needed:
+                    mask = (1 << part.high - part.low + 1) - 1
+                    self.set_value(part.name, scope, f"{whole} >> {part.low} & {mask:#x}")
+            return
+        if segment.zero_means is not None:
+            wire = self.set_value(segment.name, scope, wire)
+        local = self.set_value(segment.name, scope, forms.value_of(segment, wire))
+        if segment.limits is not None and segment.refuse is None:
+            with self.out.block(f"if not {segment.limits[0]} <= {local} <= {segment.limits[1]}:"):
+                self.add("return LOST")
+
+    def _wire(self, type_: FieldType, first: Place, last: Place) -> str:
+        if type_.kind == "int" and type_.fixed_size == 1 and not type_.signed:
+            return index("data", first)
+        self.may_fail = self.may_fail or type_.kind in ("digits", "bcd")
+        return forms.parse(self.module, type_, between("data", first, last))
+
+    def _long(self, field: Field, scope: Scope, after: Pairs) -> None:
+        assert field.long is not None
+        short, longer = field.type.fixed_size or 1, field.long.type.fixed_size or 0
+        self.want(short, after)
+        local = self.set_value(field.name, scope, self._wire(field.type, self.place, self.place.plus(short)))
+        self.advance(self.place.plus(short).text(""))
+        with self.out.block(f"if {local} == {field.long.mark:#x}:"):
+            if field.name in self.needed:
+                self.want(longer, after)
+                wire = self._wire(field.long.type, self.place, self.place.plus(longer))
+                self.add(f"{local} = {wire}")
+            self.add(f"at += {longer}")
+        if field.name in self.needed and forms.changes_value(field):
+            self.add(f"{local} = {forms.value_of(field, local)}")
+
+    def _text(self, segment: Number, scope: Scope, after: Pairs, needed: bool) -> None:
+        """A text that its end marks, or that takes the rest."""
+        end = segment.type.end
+        if end is None:
+            self._rest(after)
+            return
+        self.settle()
+        resume = "start + seen" if len(end) == 1 else f"start + seen - {len(end) - 1}"
+        self.add(f"stop = data.find({bytes_literal(end)}, max(at, {resume}), end)")
+        with self.out.block("if stop < 0:"):
+            self.not_found(1 + self.least(after))
+        if needed and isinstance(segment, Field):
+            plain = FieldType("ascii", None, pad=segment.type.pad)
+            self.set_value(segment.name, scope, self._wire(plain, Place("at", 0), Place("stop", 0)))
+        self.advance(f"stop + {len(end)}")
+
+    def _data(self, data: Data, scope: Scope, after: Pairs) -> None:
+        if data.size == "rest":
+            self._rest(after)
+        elif isinstance(data.size, int):
+            size = str(on_wire(data, data.size))
+        elif data.convert is None:
+            size = self.size_text(data.size, scope)
+        else:
+            text = self.size_text(data.size, scope, PRODUCT + 1)
+            size = f"2 * {text}" if data.convert == "hex_to_ascii" else f"{text} // 2"
+        if data.name not in self.needed:
+            self.skip(size)
+            return
+        self._take(size, after)
+        self.may_fail = self.may_fail or data.convert is not None
+        self.set_value(data.name, scope, forms.memory_text(self.module, data, "data[at:stop]"))
+        self.advance("stop")
+
+    # ---- what ends by what follows ------------------------------------------------------------------------
+
+    def _rest(self, after: Pairs) -> None:
+        """Something that reaches up to the constant behind it where everything after that fits, else up to silence."""
+        first = after[0][0] if after else None
+        sizes = [self.shapes.present(segment).fixed for segment, _ in after]
+        if not isinstance(first, Const) or first.when is not None or None in sizes:
+            self._until_silence(after)
+        assert isinstance(first, Const)
+        self.settle()
+        self.add(f"behind = {self._size_of(after)}")
+        self.add("at = max(at, start + seen - behind)")
+        with self.out.block(f"while (at := data.find({bytes_literal(first.data)}, at, end)) >= 0:"):
+            self.add("size = at - start + behind")
+            with self.out.block(f"if size > {self.most}:"):
+                self.add("return LOST")
+            with self.out.block("if size > end - start:"):
+                self.add("return end - start - size")
+            if not any(isinstance(segment, Check) for segment, _ in after):
+                self.add("return size")
+            else:
+                ends_here = self.module.function("ends_here")
+                whole = "bytes(data[start : start + size])"
+                with self.out.block(f"if {ends_here}(decode_{self.identifier}, {whole}, ctx, at - start):"):
+                    self.add("return size")
+                self.add("at += 1")
+        self.not_found(1)
+        raise Finished
+
+    def _size_of(self, after: Pairs) -> str:
+        """Text of the bytes of segments that are of fixed size when they are there."""
+        fixed, texts = 0, []
+        for segment, scope in after:
+            size = self.shapes.present(segment).fixed or 0
+            if segment.when is None:
+                fixed += size
+            elif size:
+                texts.append(f"({size} if {self.text(segment.when, scope, SUM)} else 0)")
+        return " + ".join([str(fixed), *texts])
+
+    def _until_silence(self, after: Pairs) -> None:
+        """Nothing but silence ends it."""
+        self.settle()
+        behind = self.least(after)
+        shortest = f"at - start + {behind}" if behind else "at - start"
+        self.add(f"size = {shortest}")
+        with self.out.block("if end - start < size:"):
+            self.add("return end - start - size")
+        self.add(f"return QUIET if end - start <= {self.most} else LOST")
+        raise Finished
+
+    # ---- segments with others inside ----------------------------------------------------------------------
+
+    def _repeat(self, repeat: Repeat, scope: Scope, after: Pairs) -> None:
+        item = of_type(repeat.of) if isinstance(repeat.of, FieldType) else self.shapes.all(repeat.of)
+        if repeat.times == "rest":
+            self._rest(after)
+        times = str(repeat.times)
+        if isinstance(repeat.times, Expression):
+            times = self.size_text(repeat.times, scope, PRODUCT + 1)
+        if item.fixed is not None and repeat.name not in self.needed:
+            whole = str(int(times) * item.fixed) if times.isdigit() else f"{item.fixed} * {times}"
+            self.skip(times if item.fixed == 1 else whole)
+        elif isinstance(repeat.of, FieldType):
+            size = repeat.of.fixed_size or 0
+            self._take(f"{size} * {times}", after)
+            place = self.names.fresh("place")
+            one = self._wire(repeat.of, Place(place, 0), Place(place, size))
+            local = self.set_value(repeat.name, scope, f"[{one} for {place} in range(at, stop, {size})]")
+            scope.entries[repeat.name] = Entry(local, "list", Scope())
+            self.advance("stop")
+        else:
+            self._records(repeat, repeat.of, scope, times, after)
+
+    def _records(self, repeat: Repeat, of: tuple[Segment, ...], scope: Scope, times: str, after: Pairs) -> None:
+        """Items of different size are walked through; what the others take at least is wanted at once."""
+        least, behind = self.shapes.all(of).least, self.least(after)
+        if not times.isdigit():
+            with self.out.block(f"if {times} > {self.most}:"):
+                self.add("return LOST")
+        self.settle()
+        inside = Scope(scope)
+        found = self.set_value(repeat.name, scope, "[]") if repeat.name in self.needed else None
+        left = self.names.fresh("left")
+        before = self.needed
+        if found is not None:
+            self.needed = before | names_read(of) | {name for one in of for name in value_names(one)}
+        with self.out.block(f"for {left} in range({times}, 0, -1):"):
+            total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
+            if least:
+                with self.out.block(f"if end < at + {least}:"):
+                    self.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
+            if self._branch(self.pairs(of, inside), ()):
+                raise Finished
+            if found is not None:
+                fields = ", ".join(f'"{name}": {entry.text}' for name, entry in inside.entries.items())
+                self.add(f"{found}.append({{{fields}}})")
+        self.needed = before
+        if found is not None:
+            scope.entries[repeat.name] = Entry(found, "list", inside)
+
+    def _choose(self, choose: Choose, scope: Scope, after: Pairs) -> None:
+        numbers = numbers_of(choose.on, scope, self.by_name)
+        case = self.names.fresh("case")
+        self.add(f"{case} = {self.text(choose.on, scope)}")
+        self.settle()
+        finished = []
+        for place, (keys, of) in enumerate(choose.cases):
+            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
+            test = f"{case} == {literal(values[0])}" if len(values) == 1 else f"{case} in {literal(values)}"
+            with self.out.block(f"{'elif' if place else 'if'} {test}:"):
+                finished.append(self._branch(self.pairs(of, scope), after))
+        with self.out.block("else:"):
+            if choose.otherwise is None:
+                self.add("return LOST")
+            else:
+                finished.append(self._branch(self.pairs(choose.otherwise, scope), after))
+        if all(finished):
+            raise Finished
+
+    def _wrap(self, wrap: Wrap, scope: Scope, after: Pairs) -> None:
+        fixed = self.shapes.all(wrap.of).fixed
+        if wrap.how == "hex":
+            self._hex(wrap, fixed, after)
+            return
+        self.settle()
+        escape = f"{wrap.escape or 0:#04x}"
+        behind = self.least(after)
+        if fixed is not None:
+            with self.out.block("try:"):
+                self.add(f"at = {self.module.function('end_of_doubled')}(data, at, {escape}, {fixed}, end)")
+            with self.out.block("except IndexError:"):
+                self.add(f"return -{1 + behind}")
+            with self.out.block("except ValueError:"):
+                self.add("return LOST")
+            return
+        find = self.module.function("find_region_end")
+        self.add(f"at = {find}(data, at, end, {escape}, start + seen)")
+        with self.out.block("if at < 0:"):
+            self.not_found(max(behind - 1, 1))
+
+    def _hex(self, wrap: Wrap, fixed: int | None, after: Pairs) -> None:
+        if fixed is not None:
+            self.skip(str(2 * fixed))
+            return
+        if after and isinstance(after[0][0], Const):
+            self._rest(after)
+        inside = MeasureWriter(self.module, f"{self.identifier}_content", wrap.of, self.most)
+        inside.write(None)
+        self.module.extra.append(inside.function(f"How long the content of the wrap in `{self.identifier}` is."))
+        self.settle()
+        size = self.names.fresh("size")
+        measure = self.module.function("measure_hex")
+        self.add(f"{size} = {measure}(measure_{inside.identifier}, data, at, end, ctx)")
+        with self.out.block(f"if {size} <= 0:"):
+            self.add(f"return {size}")
+        self.skip(size)
+
+    def _inner(self, inner: Inner, scope: Scope, after: Pairs) -> None:
+        fixed = self.shapes.present(inner).fixed
+        if isinstance(inner.size, Expression):
+            self.skip(self.size_text(inner.size, scope))
+            return
+        if inner.size == "rest":
+            self._rest(after)
+        if fixed is not None and not self._begins(inner):
+            self.skip(str(fixed))
+            return
+        choice = self.module.choice(inner.frames, self.identifier, inner.name)
+        behind = self.least(after)
+        size = self.names.fresh(f"{inner.name}_size")
+        self.want(1, after)
+        place = self.place.text("")
+        offset = f"({place} - start)" if self.place.base == "at" else str(self.place.offset)
+        seen = f"max(seen - {offset}, 0)" if offset != "0" else "seen"
+        measure = self.module.function("measure_first")
+        self.add(f"{size} = {measure}({choice}, data, {place}, end, ctx, {seen})")
+        with self.out.block(f"if {size} <= 0:"):
+            self.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
+        self.skip(size)

@@ -1,0 +1,194 @@
+"""What measuring functions are written with: places that count from `start`, wants, texts of sizes."""
+
+from __future__ import annotations
+
+from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, may_be_negative, may_fail
+from framekit.codec.python.module import Module
+from framekit.codec.python.names import Names
+from framekit.codec.python.places import Place
+from framekit.codec.python.shape import everything
+from framekit.codec.python.source import Source
+from framekit.definition.expression.emit import SUM
+from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.model.segments import (
+    Bits,
+    Choose,
+    Count,
+    Data,
+    Field,
+    Inner,
+    Length,
+    Record,
+    Repeat,
+    Segment,
+    Value,
+)
+
+Pairs = tuple[tuple[Segment, Scope], ...]
+"""Segments with the scopes their names belong to."""
+
+
+class Finished(Exception):  # noqa: N818 - a way out, no error
+    """The rest of the function is written: nothing behind matters for the length, or it cannot be told."""
+
+
+class Measuring:
+    """State of a measuring function. `place` counts from `start` as long as that is fixed, then it is in `at`."""
+
+    def __init__(self, module: Module, segments: tuple[Segment, ...], most: int) -> None:
+        self.module = module
+        self.shapes = module.shapes
+        self.segments = segments
+        self.most = most
+        self.out = Source()
+        self.names = Names(module.words())
+        self.hoisted: dict[str, str] = {}
+        self.may_fail = False
+        self.place = Place("start", 0)
+        self.sure = 0
+        self.needed = needed_names(segments)
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.maybe_absent: set[str] = set()
+
+    def add(self, text: str) -> None:
+        self.out.add(text)
+
+    def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
+        """The segments with those of records."""
+        found: list[tuple[Segment, Scope]] = []
+        for segment in segments:
+            if isinstance(segment, Record) and segment.when is None:
+                inside = Scope(scope)
+                scope.entries[segment.name] = Entry(segment.name, "record", inside, direct=True)
+                found.extend(self.pairs(segment.of, inside))
+            else:
+                found.append((segment, scope))
+        return tuple(found)
+
+    # ---- texts --------------------------------------------------------------------------------------------
+
+    def context(self, name: str) -> str:
+        """The local that holds a context value; it is fetched once, before anything is read."""
+        if name not in self.hoisted:
+            self.module.context.add(name)
+            self.hoisted[name] = self.names.fresh(name)
+        return self.hoisted[name]
+
+    def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
+        """Text of an expression; if it can fail, the function will say that the end is lost then."""
+        if may_fail(expression.root) or names_in(expression.root) & self.maybe_absent:
+            self.may_fail = True
+        return ExpressionWriter(self.module, scope, self.context).text(expression, level)
+
+    def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
+        """Text of a size that is not negative."""
+        text = self.text(expression, scope, level)
+        if not may_be_negative(expression.root):
+            return text
+        local = self.names.fresh("length")
+        self.add(f"{local} = {self.text(expression, scope)}")
+        with self.out.block(f"if {local} < 0:"):
+            self.add("return LOST")
+        return local
+
+    def set_value(self, name: str, scope: Scope, text: str) -> str:
+        """Gives a name its value in a local."""
+        local = scope.entries[name].text if name in scope.entries else self.names.fresh(name)
+        scope.entries[name] = Entry(local)
+        self.add(f"{local} = {text}")
+        return local
+
+    # ---- places and wants ---------------------------------------------------------------------------------
+
+    def least(self, after: Pairs) -> int:
+        """The fewest bytes that segments take."""
+        return sum(self.shapes.of(segment).least for segment, _ in after)
+
+    def want(self, size: int, after: Pairs) -> None:
+        """Goes on only if `size` more bytes are there; else says how many are wanted at least."""
+        least = size + self.least(after)
+        if self.place.base == "start":
+            wanted = self.place.offset + size
+            if wanted > self.sure:
+                self.sure = wanted
+                with self.out.block(f"if end - start < {wanted}:"):
+                    self.add(f"return end - start - {self.place.offset + least}")
+            return
+        place = self.place.text("")
+        with self.out.block(f"if end < {place} + {size}:"):
+            self.add(f"return end - {place} - {least}" if " " not in place else f"return end - ({place}) - {least}")
+
+    def want_until(self, local: str, after: Pairs) -> None:
+        """Goes on only if the bytes up to the place `local` are there."""
+        least = self.least(after)
+        with self.out.block(f"if end < {local}:"):
+            self.add(f"return end - {local}{f' - {least}' if least else ''}")
+
+    def advance(self, text: str) -> None:
+        if text != "at":
+            further = text.removeprefix("at + ")
+            self.add(f"at = {text}" if further == text else f"at += {further}")
+        self.place = Place("at", 0)
+
+    def settle(self) -> None:
+        """Puts the place into its local."""
+        if self.place != Place("at", 0):
+            self.advance(self.place.text(""))
+
+    def skip(self, size: str) -> None:
+        """Moves on by a size that needs no look at the bytes."""
+        if size.isdigit():
+            self.place = self.place.plus(int(size))
+        else:
+            self.advance(f"{self.place.text('')} + {size}")
+
+    def not_found(self, least: int) -> None:
+        """What to say when an end is not there yet; `least` bytes come with it."""
+        self.add(f"return -{least} if end - start + {least} <= {self.most} else LOST")
+
+    def return_total(self) -> None:
+        """The frame ends at the present place."""
+        if self.place.base == "start":
+            total = str(self.place.offset)
+            self.add(f"return {total} if end - start >= {total} else end - start - {total}")
+            return
+        self.add(f"size = {self.place.text('')} - start")
+        longest = self.shapes.all(self.segments).most
+        if longest is None or longest > self.most:
+            with self.out.block(f"if size > {self.most}:"):
+                self.add("return LOST")
+        self.add("return size if size <= end - start else end - start - size")
+
+
+def needed_names(segments: tuple[Segment, ...]) -> set[str]:
+    """Names that sizes, counts and conditions depend on, and those these depend on."""
+    found: set[str] = set()
+    values: dict[str, set[str]] = {}
+    for segment in everything(segments):
+        if isinstance(segment, Value):
+            values[segment.name] = names_in(segment.read.root)
+        if isinstance(segment, Field) and segment.default is not None and segment.when is not None:
+            values[segment.name] = names_in(segment.default.root)
+        for expression in size_expressions(segment):
+            found |= names_in(expression.root)
+    known: set[str] = set()
+    while found - known:
+        name = min(found - known)
+        known.add(name)
+        found |= values.get(name, set())
+    return found
+
+
+def size_expressions(segment: Segment) -> list[Expression]:
+    """What decides about the size of a segment."""
+    found: list[object] = [segment.when]
+    match segment:
+        case Data(size=size) | Inner(size=size):
+            found.append(size)
+        case Field(type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
+            found.append(type_.size)
+        case Repeat(times=times):
+            found.append(times)
+        case Choose(on=on):
+            found.append(on)
+    return [expression for expression in found if isinstance(expression, Expression)]

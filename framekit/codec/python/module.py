@@ -1,0 +1,199 @@
+"""What the functions of one generated module share: pasted helpers, structs, tables, check codes, context names.
+
+Everything is registered when a function first asks for it, so that a module holds only what it uses. It knows no
+segments.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from framekit.codec import support
+from framekit.codec.checks import source_of
+from framekit.codec.python import examination, runtime
+from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
+from framekit.codec.python.names import Names
+from framekit.codec.python.shape import Shapes
+from framekit.codec.python.source import Source, literal
+from framekit.definition.expression.emit import BIT_AND
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.protocol import Protocol
+
+_ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
+_LONGEST_FORMAT_NAME = 30
+_PASTED = (support, runtime, examination)
+
+
+def pasted_names() -> set[str]:
+    """Every name that pasted code may bring into a module."""
+    return {name for module in _PASTED for name in vars(module) if not name.startswith("_")}
+
+
+class Module:
+    """The shared part of one module being generated."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        self.shapes = Shapes(protocol.frames)
+        self.names = Names(pasted_names())
+        self.functions: dict[str, None] = {}
+        self.imports: set[str] = set()
+        self.structs: dict[str, str] = {}
+        self.tables: dict[str, tuple[str, str]] = {}
+        self.late: dict[str, tuple[str, str]] = {}
+        self.folds: dict[str, tuple[str, CheckMethod]] = {}
+        self.context: set[str] = set()
+        self.rule_tables: dict[str, str] = {}
+        self.choices: dict[tuple[str, ...], str] = {}
+        self.extra: list[Source] = []
+
+    # ---- functions ----------------------------------------------------------------------------------------
+
+    def function(self, name: str) -> str:
+        """Has a helper pasted, with everything it needs; its name is its own."""
+        if name not in self.functions:
+            self.functions[name] = None
+            module = next(module for module in _PASTED if hasattr(module, name))
+            for other in module.NEEDS.get(name, ()):
+                self.function(other)
+            self.imports.update(module.IMPORTS.get(name, ()))
+        return name
+
+    def source_of(self, name: str) -> str:
+        """The source text of a pasted helper."""
+        found = next(getattr(module, name) for module in _PASTED if hasattr(module, name))
+        return inspect.getsource(found)
+
+    # ---- constants ----------------------------------------------------------------------------------------
+
+    def struct(self, codes: str, order: str, *hint: str) -> str:
+        """The module constant of a `struct` format."""
+        self.imports.add("from struct import Struct")
+        text = (order or ">") + codes if order or len(codes) > 1 else codes
+        if text not in self.structs:
+            name = f"{_ORDER_NAMES[order]}_{codes}"
+            wanted = (name,) if len(name) <= _LONGEST_FORMAT_NAME else hint
+            self.structs[text] = self.names.constant(*wanted)
+        return self.structs[text]
+
+    def table(self, name: str) -> str | None:
+        """The module constant of one of the definition's tables; None if there is no such table."""
+        table = self.protocol.tables.get(name)
+        if table is None:
+            return None
+        if name not in self.tables:
+            text = literal(dict(table.entries))
+            if table.ranges:
+                text = f"{self.function('RangeTable')}({text}, {literal(tuple(table.ranges))})"
+            self.tables[name] = self.names.constant(name), text
+        return self.tables[name][0]
+
+    def value_names(self, values: Mapping[int, str], hint: str) -> str:
+        """The module constant of a mapping number → name, the definition's table of that content if there is one."""
+        for name, table in self.protocol.tables.items():
+            if not table.ranges and dict(table.entries) == dict(values):
+                found = self.table(name)
+                assert found is not None
+                return found
+        text = literal(dict(values))
+        for known, there in self.tables.values():
+            if there == text:
+                return known
+        self.tables[f"names of {hint} {len(self.tables)}"] = self.names.constant(hint), text
+        return next(reversed(self.tables.values()))[0]
+
+    def numbers(self, values: Mapping[int, str], hint: str) -> str:
+        """The module constant of the reverse of `value_names`: name → number."""
+        names = self.value_names(values, hint)
+        key = f"numbers of {names}"
+        if key not in self.tables:
+            text = f"{{name: number for number, name in {names}.items()}}"
+            self.tables[key] = self.names.constant(names, "by_name"), text
+        return self.tables[key][0]
+
+    def rules(self, identifier: str, text: str) -> str:
+        """The module constant with the rules of a frame's values."""
+        name = self.names.constant(identifier, "values")
+        self.rule_tables[name] = text
+        return name
+
+    def choice(self, frames: tuple[str, ...], *name: str) -> str:
+        """The module constant of the frames that may stand at one place."""
+        self.function("Choice")
+        if frames not in self.choices:
+            self.choices[frames] = self.names.constant(*name)
+        return self.choices[frames]
+
+    # ---- check codes --------------------------------------------------------------------------------------
+
+    def check(self, method: CheckMethod, data: str) -> str:
+        """Text of the check code over the bytes `data` (a text), without parentheses around it."""
+        if method.kind == "fold":
+            if method.name not in self.folds:
+                self.folds[method.name] = self.names.fresh(f"{method.name}_code"), method
+            return f"{self.folds[method.name][0]}({data})"
+        source = source_of(method, data)
+        for function in (*source.functions, *source.makers):
+            self.function(function)
+        self.imports.update(source.imports)
+        for name, text in source.constants:
+            self.late[name] = text, method.name
+        return source.expression
+
+    def fold(self, name: str, method: CheckMethod) -> Source:
+        """The function of a check that the definition gives as an expression."""
+        assert method.expression is not None
+        mask = (1 << method.width) - 1
+        out = Source()
+        with out.block(f"def {name}(data: bytes) -> int:"):
+            out.add(f'"""The check code `{method.name}`: {method.expression}, from {method.initial:#x} on."""')
+            out.add(f"code = {method.initial:#x}")
+            table = _step_table(self, method, mask)
+            if table is not None:
+                self.late[f"{name.upper()}_STEPS"] = table, method.name
+            with out.block("for byte in data:"):
+                if table is not None:
+                    out.add(f"code = {name.upper()}_STEPS[code ^ byte]")
+                else:
+                    out.add(f"code = {_step(self, method, 'code', 'byte')} & {mask:#x}")
+            out.add(f"return {_finished(method, mask)}")
+        return out
+
+    def given(self, name: str) -> str:
+        """Text of a context value."""
+        self.context.add(name)
+        return f'ctx["{name}"]'
+
+    def words(self) -> Iterable[str]:
+        """Names that locals must not take."""
+        return [*pasted_names(), *(name for name, _ in self.folds.values())]
+
+
+def _finished(method: CheckMethod, mask: int) -> str:
+    text = {"ones": f"~code & {mask:#x}", "twos": f"-code & {mask:#x}", None: "code"}[method.complement]
+    return text if method.mask is None else f"({text}) & {method.mask:#x}"
+
+
+def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
+    """The table of a code of 8 bits whose next value depends on `acc ^ byte` alone: one look-up instead of a formula."""
+    if method.width != 8 or method.expression is None:
+        return None
+    names: dict[str, Any] = {name: getattr(support, name) for name in ("rotl8", "bit", "span")}
+    text = _step(module, method, "code", "byte")
+    try:
+        step = eval(f"lambda code, byte: {text} & {mask:#x}", names)
+        mixed = [step(0, byte) for byte in range(256)]
+        if not all(step(code, byte) == mixed[code ^ byte] for code in range(256) for byte in range(256)):
+            return None
+    except (NameError, TypeError, ValueError, ArithmeticError):
+        return None
+    return f"bytes({_step(module, method, '0', 'mixed')} & {mask:#x} for mixed in range(256))"
+
+
+def _step(module: Module, method: CheckMethod, acc: str, byte: str) -> str:
+    assert method.expression is not None
+    scope = Scope()
+    scope.entries = {"acc": Entry(acc), "byte": Entry(byte)}
+    return ExpressionWriter(module, scope, module.given).text(method.expression, BIT_AND)

@@ -1,0 +1,269 @@
+"""Facts about segments that hold for every frame of their kind: sizes, what can vary, constants a frame begins with.
+
+It reads the model and writes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    Check,
+    Choose,
+    Const,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Require,
+    Segment,
+    Skip,
+    Value,
+    Wrap,
+)
+from framekit.definition.model.visit import expressions_of
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Least and most bytes on the wire; `most` is None where there is no bound."""
+
+    least: int
+    most: int | None
+
+    @property
+    def fixed(self) -> int | None:
+        return self.least if self.least == self.most else None
+
+    def __add__(self, other: Sizes) -> Sizes:
+        most = None if self.most is None or other.most is None else self.most + other.most
+        return Sizes(self.least + other.least, most)
+
+    def times(self, least: int, most: int | None) -> Sizes:
+        bound = None if self.most is None or most is None else self.most * most
+        return Sizes(self.least * least, 0 if self.most == 0 else bound)
+
+
+NOTHING = Sizes(0, 0)
+ANY = Sizes(0, None)
+
+
+def either(sizes: Iterable[Sizes]) -> Sizes:
+    """The sizes of one of several possibilities."""
+    found = list(sizes)
+    if not found:
+        return NOTHING
+    most = [size.most for size in found]
+    return Sizes(min(size.least for size in found), None if None in most else max(m for m in most if m is not None))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fill(Segment):
+    """What a frame of fixed size leaves free between body and tail: `total` is the size of the whole frame."""
+
+    total: int
+    byte: int
+
+
+class Shapes:
+    """Sizes of segments; frames are needed for those inside others."""
+
+    def __init__(self, frames: Mapping[str, Frame]) -> None:
+        self.frames = frames
+        self._known: dict[str, Sizes] = {}
+
+    def frame(self, name: str) -> Sizes:
+        """Sizes of a frame; a frame that holds itself has no bound."""
+        if name not in self._known:
+            self._known[name] = ANY
+            self._known[name] = self.all(self.segments(self.frames[name]))
+        return self._known[name]
+
+    def segments(self, frame: Frame) -> tuple[Segment, ...]:
+        """Head, body and tail, with a skip or `Fill` for what a frame of fixed size leaves free."""
+        if frame.size is None:
+            return frame.segments
+        fixed = self.all(frame.segments).fixed
+        if fixed is None:
+            room: Segment = Fill(at=frame.at, name="_fill", total=frame.size, byte=frame.fill)
+        elif frame.size > fixed:
+            room = Skip(at=frame.at, name="_fill", size=frame.size - fixed, fill=bytes((frame.fill,)))
+        else:
+            return frame.segments
+        return (*frame.head, *frame.body, room, *frame.tail)
+
+    def all(self, segments: Iterable[Segment]) -> Sizes:
+        segments = tuple(segments)
+        total = NOTHING
+        for segment in segments:
+            if isinstance(segment, Fill):
+                return Sizes(segment.total, segment.total)
+            total += self.of(segment)
+        return total
+
+    def of(self, segment: Segment) -> Sizes:
+        """Sizes of a segment that may be absent."""
+        sizes = self.present(segment)
+        return sizes if segment.when is None else Sizes(0, sizes.most)
+
+    def present(self, segment: Segment) -> Sizes:
+        """Sizes of a segment that is there."""
+        match segment:
+            case Const(data=data):
+                return Sizes(len(data), len(data))
+            case Skip(size=size) | Check(size=size):
+                return Sizes(size, size)
+            case Field(type=type_, long=long):
+                sizes = of_type(type_)
+                return sizes if long is None else Sizes(sizes.least, (sizes + of_type(long.type)).most)
+            case Bits(type=type_) | Length(type=type_) | Count(type=type_):
+                return of_type(type_)
+            case Data():
+                return _of_data(segment)
+            case Value() | Require():
+                return NOTHING
+            case Record(of=of):
+                return self.all(of)
+            case Optional(of=of):
+                return Sizes(0, self.all(of).most)
+            case Repeat(times=times, of=of):
+                item = of_type(of) if isinstance(of, FieldType) else self.all(of)
+                return item.times(times, times) if isinstance(times, int) else item.times(0, None)
+        return self._with_others(segment)
+
+    def _with_others(self, segment: Segment) -> Sizes:
+        match segment:
+            case Choose(cases=cases, otherwise=otherwise):
+                lists = [of for _, of in cases] + ([] if otherwise is None else [otherwise])
+                return either(self.all(of) for of in lists)
+            case Wrap(how=how, of=of):
+                content = self.all(of)
+                return content.times(2, 2) if how == "hex" else Sizes(content.least, content.times(1, 2).most)
+            case Inner(size=int(size)):
+                return Sizes(size, size)
+            case Inner(size=None, frames=names):
+                return either(self.frame(name) for name in names)
+        return ANY
+
+    def is_variable(self, segment: Segment) -> bool:
+        """Whether its size depends on more than whether it is there."""
+        return self.present(segment).fixed is None
+
+    def split(self, segments: tuple[Segment, ...]) -> tuple[tuple[Segment, ...], tuple[Segment, ...]]:
+        """The segments up to the last of variable size, and the others behind it (all, if none is variable: none)."""
+        last = max((place for place, segment in enumerate(segments) if self.is_variable(segment)), default=-1)
+        return (segments, ()) if last < 0 else (segments[: last + 1], segments[last + 1 :])
+
+
+def of_type(type_: FieldType) -> Sizes:
+    size = type_.fixed_size
+    if size is not None:
+        return Sizes(size, size)
+    return (
+        Sizes(len(type_.end), None) if type_.kind == "ascii" and type_.end is not None and type_.size is None else ANY
+    )
+
+
+def on_wire(data: Data, size: int) -> int:
+    """Bytes on the wire for so many in memory."""
+    return size * 2 if data.convert == "hex_to_ascii" else size // 2 if data.convert == "ascii_to_hex" else size
+
+
+def _of_data(data: Data) -> Sizes:
+    if isinstance(data.size, int):
+        return Sizes(on_wire(data, data.size), on_wire(data, data.size))
+    return Sizes(on_wire(data, data.least), None)
+
+
+def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """Every segment whose fields belong to the frame itself: also those in wraps, choices and optional parts."""
+    for segment in segments:
+        yield segment
+        if isinstance(segment, (Wrap, Optional)):
+            yield from flat(segment.of)
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                yield from flat(case)
+            yield from flat(segment.otherwise or ())
+
+
+def everything(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """Every segment, also those in records and repeats."""
+    for segment in flat(segments):
+        yield segment
+        if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
+            yield from everything(segment.of)
+
+
+def value_names(segment: Segment) -> tuple[str, ...]:
+    """The names of the values a segment itself holds."""
+    if isinstance(segment, Bits):
+        return tuple(part.name for part in segment.parts)
+    if isinstance(segment, (Field, Data, Length, Count, Repeat, Record, Inner, Value)):
+        return (segment.name,)
+    return ()
+
+
+def names_read(segments: Iterable[Segment]) -> set[str]:
+    """Every name that an expression in these segments reads."""
+    return {name for expression in expressions_of(tuple(segments)) for name in names_in(expression.root)}
+
+
+def without_when(segment: Segment) -> Segment:
+    return replace(segment, when=None)
+
+
+def leading(shapes: Shapes, segments: tuple[Segment, ...]) -> bytes:
+    """The constant bytes that every such frame begins with, also those inside wraps, as they stand on the wire."""
+    return _leading(segments)[0]
+
+
+def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
+    """The constants at the start, and whether all segments were constants."""
+    found = b""
+    for segment in segments:
+        if segment.when is not None:
+            return found, False
+        if isinstance(segment, Const):
+            found += segment.data
+        elif isinstance(segment, (Record, Wrap)):
+            inner, whole = _leading(segment.of)
+            if isinstance(segment, Wrap):
+                inner = wrapped(segment, inner)
+            found += inner
+            if not whole:
+                return found, False
+        elif not isinstance(segment, (Value, Require)):
+            return found, False
+    return found, True
+
+
+def wrapped(wrap: Wrap, plain: bytes) -> bytes:
+    """Plain content as it stands on the wire."""
+    if wrap.how == "hex":
+        return plain.hex().upper().encode()
+    single = bytes((wrap.escape or 0,))
+    return plain.replace(single, single * 2)
+
+
+def is_plain_name(expression: object, name: str) -> bool:
+    """Whether a size or number is nothing but the value of that name."""
+    return isinstance(expression, Expression) and isinstance(expression.root, Name) and expression.root.name == name
+
+
+def follows_its_length(length: Length, target: Segment) -> bool:
+    """Whether the target's size is read from this very length, so that the two cannot disagree."""
+    if length.of != (target.name,) or length.plus or length.unit != 1:
+        return False
+    if isinstance(target, Data):
+        return is_plain_name(target.size, length.name) and (length.plain or target.convert is None)
+    return isinstance(target, Field) and is_plain_name(target.type.size, length.name) and target.long is None

@@ -1,0 +1,173 @@
+"""Python source being written: lines with indentation, long ones broken at brackets, literals as people write them.
+
+It knows Python's layout and nothing of protocols.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+WIDTH = 110
+INDENT = "    "
+_OPENING, _CLOSING = "([{", ")]}"
+
+
+class Source:
+    """Lines of a module or a function; `block` indents what is added inside it."""
+
+    def __init__(self, depth: int = 0) -> None:
+        self.lines: list[str] = []
+        self.depth = depth
+
+    def add(self, text: str = "") -> None:
+        """One statement; it is broken over several lines if it is too long."""
+        self.lines.extend(broken(INDENT * self.depth + text) if text else [""])
+
+    def extend(self, other: Source) -> None:
+        """The lines of another source, as deep as this one stands now."""
+        self.lines.extend(INDENT * self.depth + line if line else "" for line in other.lines)
+
+    @contextmanager
+    def block(self, header: str) -> Iterator[None]:
+        self.add(header)
+        before = len(self.lines)
+        self.depth += 1
+        try:
+            yield
+            if len(self.lines) == before:
+                self.add("pass")
+        finally:
+            self.depth -= 1
+
+    def text(self) -> str:
+        return "\n".join(self.lines) + "\n"
+
+
+def broken(line: str) -> list[str]:
+    """The line as it is, or with the contents of its last outermost brackets on lines of their own."""
+    if len(line) <= WIDTH:
+        return [line]
+    if (start := re.match(r"(\s*)(if|elif|while) (.*):$", line)) and not start[3].startswith("("):
+        parts = _split(start[3], " or ")
+        if len(parts) > 1:
+            inner = [f"{start[1]}{INDENT}{'' if not place else 'or '}{part}" for place, part in enumerate(parts)]
+            return [f"{start[1]}{start[2]} (", *inner, f"{start[1]}):"]
+    if (logic := re.match(r"(\s*)((?:lambda n: |return |\w+ = )?)(.*?)(,?)$", line)) is not None:
+        word = next((word for word in (" or ", " and ") if len(_split(logic[3], word)) > 1), None)
+        if word is not None:
+            first, *others = _split(logic[3], word)
+            inner = [f"{logic[1]}{INDENT}{first}", *(f"{logic[1]}{INDENT}{word.strip()} {part}" for part in others)]
+            return [f"{logic[1]}{logic[2]}(", *inner, f"{logic[1]}){logic[4]}"]
+    if (targets := re.match(r"(\s*)((?:\w+, )+\w+)( = .*)$", line)) is not None and len(targets[2]) > WIDTH // 2:
+        rows = _packed(targets[2].split(", "), targets[1])
+        return [f"{targets[1]}(", *rows, *broken(f"{targets[1]}){targets[3]}")]
+    brackets = _outermost(line)
+    if brackets is None:
+        return [line]
+    opening, closing = brackets
+    indent = line[: len(line) - len(line.lstrip())]
+    items = [item.strip() for item in _split(line[opening + 1 : closing], ",")]
+    is_tuple = len(items) > 1 or line[opening + 1 : closing].rstrip().endswith(",")
+    if len(items) > 12 and all(re.fullmatch(r"[\w.\"']+", item) for item in items):
+        inner = _packed(items, indent)
+    else:
+        inner = [row for item in items for row in broken(f"{indent}{INDENT}{item}{',' if is_tuple else ''}")]
+    return [line[: opening + 1], *inner, indent + line[closing:]]
+
+
+def _packed(items: list[str], indent: str) -> list[str]:
+    rows, row = [], indent + INDENT
+    for item in items:
+        if len(row) + len(item) > WIDTH and row.strip():
+            rows.append(row.rstrip())
+            row = indent + INDENT
+        row += f"{item.strip()}, "
+    rows.append(row.rstrip())
+    return rows
+
+
+def _outermost(line: str) -> tuple[int, int] | None:
+    """The places of the bracket pair in no other that holds most; of calls in a sum, so, the largest is broken."""
+    found, stack, quote, place = None, [], "", 0
+    while place < len(line):
+        sign = line[place]
+        if quote:
+            place += sign == "\\"
+            quote = "" if sign == quote else quote
+        elif sign in "\"'":
+            quote = sign
+        elif sign == "#":
+            break
+        elif sign in _OPENING:
+            stack.append(place)
+        elif sign in _CLOSING and stack:
+            opening = stack.pop()
+            if not stack and place - opening > 1 and (found is None or place - opening >= found[1] - found[0]):
+                found = opening, place
+        place += 1
+    return found
+
+
+def _split(text: str, separator: str) -> list[str]:
+    """`text` cut where `separator` stands outside brackets and quotes."""
+    parts, depth, quote, start, place = [], 0, "", 0, 0
+    while place < len(text):
+        sign = text[place]
+        if quote:
+            place += sign == "\\"
+            quote = "" if sign == quote else quote
+        elif sign in "\"'":
+            quote = sign
+        elif sign in _OPENING:
+            depth += 1
+        elif sign in _CLOSING:
+            depth -= 1
+        elif depth == 0 and text.startswith(separator, place):
+            parts.append(text[start:place])
+            place += len(separator)
+            start = place
+            continue
+        place += 1
+    parts.append(text[start:])
+    return [part for part in parts if part.strip()]
+
+
+def literal(value: Any) -> str:
+    """A value as it is written in generated source; strings in double quotes."""
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, (bytes, bytearray)):
+        return bytes_literal(bytes(value))
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{literal(key)}: {literal(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(literal(item) for item in value) + ("," if len(value) == 1 else "") + ")"
+    if isinstance(value, list):
+        return "[" + ", ".join(literal(item) for item in value) + "]"
+    return repr(value)
+
+
+def quoted(text: str) -> str:
+    """The text in double quotes, whatever it holds."""
+    return '"' + repr("'" + text)[2:-1].replace("\\'", "'").replace('"', '\\"') + '"'
+
+
+def bytes_literal(data: bytes) -> str:
+    """Bytes in double quotes: letters as they are, all others as \\xNN; long runs of one byte as a product."""
+    if len(data) > 8 and len(set(data)) == 1:
+        return f"{bytes_literal(data[:1])} * {len(data)}"
+    shown = "".join(chr(byte) if 0x20 <= byte < 0x7F and byte not in b'"\\' else f"\\x{byte:02x}" for byte in data)
+    return f'b"{shown}"'
+
+
+def number_list(values: Iterable[int]) -> str:
+    """Numbers with commas between, as a docstring shows them."""
+    return ", ".join(str(value) for value in values)
+
+
+def grouped(value: int) -> str:
+    """A number with an underscore at every thousand."""
+    return f"{value:_}" if abs(value) >= 100_000 else str(value)

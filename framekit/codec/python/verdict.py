@@ -1,0 +1,142 @@
+"""What must hold for values that were read: limits, constants, names, bits, check codes, as conditions of a decoder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from framekit.codec.python import forms
+from framekit.codec.python.codes import code_text
+from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.function import span_names
+from framekit.codec.python.places import between
+from framekit.codec.python.reader import START, BufferReader, Item
+from framekit.codec.python.source import literal
+from framekit.definition.expression.emit import BIT_OR
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Segment
+
+_FEW = 6
+"""Up to so many allowed values are written into the condition."""
+
+
+class JudgingReader(BufferReader):
+    """Turns what a definition demands of values into conditions."""
+
+    def judge_field(self, item: Item, field: Field, local: str) -> None:
+        self._judge_value(item.scope, field.is_, field.constants, local)
+        if field.only and field.values is not None and field.constants is None:
+            self._judge_among(local, tuple(field.values), field)
+        self.judge_limits(field, local)
+
+    def _judge_value(
+        self,
+        scope: Scope,
+        is_: Expression | None,
+        constants: tuple[int | str | bytes, ...] | None,
+        local: str,
+    ) -> None:
+        if constants is not None:
+            if len(constants) == 1:
+                self.function.misfit_if(f"{local} != {literal(constants[0])}")
+            else:
+                self.function.misfit_if(f"{local} not in {literal(constants)}")
+        if is_ is not None:
+            number = constant_of(is_)
+
+            def compare() -> None:
+                text = self.function.writer(scope).text(is_, BIT_OR)
+                self.function.misfit_if(f"{local} != {text if number is None else number}")
+
+            self.when_known(is_, scope, compare)
+
+    def _judge_among(self, local: str, allowed: tuple[int, ...], field: Field) -> None:
+        if len(allowed) <= _FEW:
+            self.function.misfit_if(f"{local} not in {literal(allowed)}")
+        elif field.values is not None:
+            names = self.module.value_names(field.values, f"{self.function.title} {field.name}")
+            self.function.misfit_if(f"{local} not in {names}")
+
+    def judge_limits(self, number: Field | Length | Count, local: str) -> None:
+        """Limits that the type does not keep by itself."""
+        if number.limits is None:
+            return
+        least, most = number.limits
+        free = forms.value_range(_without_limits(number))
+        low = free.least is None or least > free.least
+        high = free.most is None or most < free.most
+        if low and high:
+            self.function.misfit_if(f"not {least} <= {local} <= {most}")
+        elif low:
+            self.function.misfit_if(f"{local} < {least}")
+        elif high:
+            self.function.misfit_if(f"{local} > {most}")
+
+    def read_bits(self, item: Item, bits: Bits, whole: str) -> None:
+        """Cuts a number into its named bits."""
+        width = 8 * (bits.type.fixed_size or 0) // (2 if bits.type.kind == "digits" else 1)
+        for part in bits.parts:
+            local = self.function.local(part.name, item.scope)
+            self.function.add(f"{local} = {bits_text(part, whole, width)}")
+            self.declare(item, part.name, local)
+            self._judge_value(item.scope, part.is_, part.constants, local)
+        if bits.name is not None:
+            item.scope.entries[bits.name] = Entry(whole, sized=False, wire=str(bits.type.fixed_size))
+
+    # ---- check codes --------------------------------------------------------------------------------------
+
+    def judge_check(self, check: Check, local: str, is_slice: bool) -> None:
+        """Compares a check code that was read into `local` with that of its range."""
+        code = code_text(self.module, check, self.range_text(check))
+        found = self._code_of(check, local) if is_slice else local
+        self.function.misfit_if(f"{found} != {code}")
+
+    def _code_of(self, check: Check, local: str) -> str:
+        """Text of the number behind a check code's bytes."""
+        little = "_little" if check.order == "little" else ""
+        if check.form == "raw":
+            return f'int.from_bytes({local}, "{check.order}")'
+        if check.form == "dec":
+            return f"{self.module.function(f'parse_dec{little}')}({local})"
+        if check.form == "nibbles":
+            return f"{self.module.function('parse_nibbles')}({local})"
+        if check.size == 2:
+            self.module.imports.add("from binascii import unhexlify")
+            return f"unhexlify({local})[0]"
+        return f"{self.module.function(f'parse_hex{little}')}({local})"
+
+    def range_text(self, check: Check) -> str:
+        """Text of the bytes a check covers; the check itself begins at the present place."""
+        if check.over is not None:
+            return self.function.bytes_between(check.over)
+        if check.span is not None:
+            names = [name for name in span_names(check, self.function.segments) if name in self.function.bounds]
+            first = self.function.bounds[names[0]]
+            last = self.function.bounds[names[-1]]
+            if first.buffer == last.buffer == self.buffer and check.span[1] == "here":
+                return between(self.buffer, first.first, self.place)
+            if first.buffer == last.buffer:
+                return between(first.buffer, first.first, last.last)
+            return self.function.bytes_between(names)
+        return between(self.buffer, START, self.place)
+
+    # ---- room ---------------------------------------------------------------------------------------------
+
+    def room_text(self, length: Length, targets: Iterable[Segment]) -> str:
+        """Text of what a length counts, when everything is read."""
+        total = self.function.room(targets, plain=length.plain)
+        if length.unit != 1:
+            total = f"{total} // {length.unit}" if total.isalnum() else f"({total}) // {length.unit}"
+        if length.plus:
+            total = f"{total} + {length.plus}" if length.plus > 0 else f"{total} - {-length.plus}"
+        return total
+
+
+def bits_text(part: BitsPart, whole: str, width: int) -> str:
+    """Text of some bits of the number `whole`, which has `width` bits."""
+    text = f"{whole} >> {part.low}" if part.low else whole
+    return text if part.high >= width - 1 else f"{text} & {(1 << part.high - part.low + 1) - 1:#x}"
+
+
+def _without_limits(number: Field | Length | Count) -> Field | Length | Count:
+    return replace(number, limits=None)
