@@ -107,14 +107,13 @@ def measure_first(choice: Choice, data: bytes | bytearray, start: int, end: int,
     """How long the frame is that stands here: the first that is complete and fits, else what is wanted at least."""
     want, quiet, lost = 0, False, False
     candidates = choice.frames(data, start, end)
-    for frame in candidates or choice.everything:
+    for frame in candidates:
         size = frame.measure(data, start, end, ctx, seen)
-        if not candidates:
-            lost = lost or size != 0
-        elif size > 0:
+        if size > 0:
             if fits(frame, bytes(data[start : start + size]), ctx):
                 return size
-            lost = True
+        elif size == 0:
+            continue
         elif size > QUIET:
             want = max(want, size) if want else size
         else:
