@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.check.names import field_names, flat
+from framekit.definition.check.segments import check_segment, least_size
 from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.load.references import fixed_size
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -16,7 +18,6 @@ from framekit.definition.model.segments import (
     Count,
     Data,
     Field,
-    FieldType,
     Inner,
     Length,
     Optional,
@@ -28,7 +29,8 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.problems import Position, Problem
+from framekit.definition.model.visit import parts_of
+from framekit.definition.problems import Problem, did_you_mean
 
 
 def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
@@ -36,10 +38,61 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found = list(_level(frame.segments))
     found += _order_of_sizes(frame.segments, set())
     found += _ends(frame)
+    found += _spans(frame)
     if frame.delimited:
         found += _delimited(frame)
     found += _whole_size(frame)
+    found += _keys(protocol, frame)
+    found += _inner(protocol, frame)
     return found
+
+
+def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
+    """Keys of a frame that need another one, or something elsewhere."""
+    if not frame.segments and not frame.inner:
+        yield Problem(frame.at, f"'{frame.name}' has no bytes", "add segments to body, or a group with a head")
+    if frame.surplus is not None and not frame.delimited:
+        yield Problem(frame.at, f"surplus of '{frame.name}' has no meaning", "add delimited: yes, or leave it out")
+    for name, expression in frame.announces.items():
+        if name not in protocol.state:
+            hint = did_you_mean(name, protocol.state) or f"add {name}: to state"
+            yield Problem(expression.at, f"there is no variable '{name}' to announce", hint)
+
+
+def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
+    """Frames inside this one: never itself, and small enough for their place."""
+    for inner in parts_of(frame.segments, Inner):
+        if frame.name in _within(protocol, inner):
+            what = f"'{frame.name}' may stand inside itself"
+            yield Problem(inner.at, what, "leave it out of the group, or take data: for what is inside")
+        sizes = [least_size(protocol.frames[name].segments) for name in inner.frames if name in protocol.frames]
+        if isinstance(inner.size, int) and sizes and min(sizes) > inner.size:
+            what = f"every frame for '{inner.name}' has at least {min(sizes)} bytes, its size is {inner.size}"
+            yield Problem(inner.at, what, "correct size")
+
+
+def _within(protocol: Protocol, inner: Inner) -> set[str]:
+    """All frames that may stand in a place, however deep."""
+    found: set[str] = set()
+    ahead = list(inner.frames)
+    while ahead:
+        name = ahead.pop()
+        if name not in found and name in protocol.frames:
+            found.add(name)
+            ahead += [deeper for part in parts_of(protocol.frames[name].segments, Inner) for deeper in part.frames]
+    return found
+
+
+def _spans(frame: Frame) -> Iterator[Problem]:
+    """What a check covers `from..to` is written in the order of the frame."""
+    order = [segment.name for segment in flat(frame.segments)]
+    for check in parts_of(frame.segments, Check):
+        if check.span is None or not set(check.span) <= {*order, "here"}:
+            continue
+        first, last = check.span
+        end = check.name if last == "here" else last
+        if end in order and order.index(first) > order.index(end):
+            yield Problem(check.at, f"'{first}' stands behind '{last}'", f"write over: {last}..{first}")
 
 
 def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
@@ -51,7 +104,9 @@ def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
             if other is not None and other.when is None and segment.when is None and not _in_choice(segments, name):
                 yield Problem(segment.at, f"there are two fields '{name}'", "give one of them another name")
             seen[name] = segment
-        yield from _one(segment, segments)
+        yield from check_segment(segment)
+        if isinstance(segment, Data) and isinstance(segment.size, Expression):
+            yield from _computed(segment, segments)
         if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
             yield from _level(segment.of)
 
@@ -69,77 +124,6 @@ def _in_choice(segments: tuple[Segment, ...], name: str) -> bool:
         isinstance(segment, Choose) and any(name in field_names(case) for _, case in segment.cases)
         for segment in segments
     )
-
-
-def _one(segment: Segment, level: tuple[Segment, ...]) -> Iterator[Problem]:
-    """Problems of one segment by itself."""
-    if isinstance(segment, Field):
-        yield from _field(segment)
-    elif isinstance(segment, Bits):
-        yield from _bits(segment)
-    elif isinstance(segment, (Length, Count)):
-        yield from _limits(segment.type, segment.limits, segment.at)
-    elif isinstance(segment, Data) and isinstance(segment.size, Expression):
-        yield from _computed(segment, level)
-    elif isinstance(segment, Inner) and not segment.frames:
-        yield Problem(segment.at, f"'{segment.name}' can hold no frame", "name a group that has frames")
-
-
-def _field(field: Field) -> Iterator[Problem]:
-    yield from _limits(field.type, field.limits if field.unit is None else None, field.at)
-    bounds = bounds_of(field.type)
-    if bounds is None:
-        return
-    for constant in field.constants or ():
-        if isinstance(constant, int) and not bounds[0] <= constant + field.plus <= bounds[1]:
-            yield _too_large(constant, field.type, field.at)
-    for number in field.values or ():
-        if not bounds[0] <= number + field.plus <= bounds[1]:
-            yield _too_large(number, field.type, field.at)
-    if field.only and field.long is not None:
-        yield Problem(field.at, "only: values cannot go with long:", "leave one of them out")
-
-
-def _limits(type_: FieldType, limits: tuple[int, int] | None, at: Position) -> Iterator[Problem]:
-    bounds = bounds_of(type_)
-    if bounds is not None and limits is not None:
-        for number in limits:
-            if not bounds[0] <= number <= bounds[1]:
-                yield _too_large(number, type_, at)
-                return
-
-
-def _too_large(number: int, type_: FieldType, at: Position) -> Problem:
-    bounds = bounds_of(type_)
-    assert bounds is not None
-    return Problem(at, f"{number} does not fit: the field holds {bounds[0]} to {bounds[1]}", "use a wider type")
-
-
-def bounds_of(type_: FieldType) -> tuple[int, int] | None:
-    """Least and greatest number of a type; None when it holds no whole numbers or its size is computed."""
-    size = type_.fixed_size
-    if size is None:
-        return None
-    if type_.kind == "int":
-        bits = size * 8
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
-    if type_.kind == "digits":
-        return 0, type_.base**size - 1
-    return (0, 100**size - 1) if type_.kind == "bcd" else None
-
-
-def _bits(bits: Bits) -> Iterator[Problem]:
-    size = bits.type.fixed_size
-    width = 0 if size is None else size * (4 if bits.type.kind == "digits" else 8)
-    taken: dict[int, str] = {}
-    for part in bits.parts:
-        if size is not None and part.high >= width:
-            yield Problem(part.at, f"bit {part.high} is beyond the {width} bits there are", "use a wider type")
-        for place in range(part.low, part.high + 1):
-            if place in taken:
-                yield Problem(part.at, f"bit {place} belongs to '{taken[place]}' already", "give each bit one name")
-                break
-            taken[place] = part.name
 
 
 def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
@@ -217,8 +201,6 @@ def takes_rest(segment: Segment) -> bool:
 
 
 def _fixed(segment: Segment) -> bool:
-    from framekit.definition.load.references import fixed_size
-
     return fixed_size(segment) is not None or isinstance(segment, (Bits, Field, Length, Count))
 
 
@@ -251,9 +233,7 @@ def _may_hold(segment: Segment, byte: int) -> bool:
 
 
 def _whole_size(frame: Frame) -> Iterator[Problem]:
-    from framekit.definition.load.references import fixed_size
-
-    least = sum(fixed_size(segment) or 0 for segment in frame.segments)
+    least = least_size(frame.segments)
     for limit, key in ((frame.size, "size"), (frame.most, "max")):
         if limit is not None and least > limit:
             yield Problem(

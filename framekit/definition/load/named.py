@@ -12,6 +12,7 @@ from typing import Any
 
 from framekit.definition.expression.syntax import Attribute, Compare, Expression, List, Name, Node, Number, Text
 from framekit.definition.load.reader import Reader
+from framekit.definition.model.segments import Choose
 from framekit.definition.problems import did_you_mean
 
 NumbersOf = Callable[[Node], "Mapping[str, int] | None"]
@@ -29,8 +30,25 @@ def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
     if isinstance(value, dict):
         return {key: resolve_names(reader, item, numbers_of) for key, item in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
+        if isinstance(value, Choose):
+            value = _cases(reader, value, numbers_of)
         return _changed(value, lambda part: resolve_names(reader, part, numbers_of))
     return value
+
+
+def _cases(reader: Reader, choose: Choose, numbers_of: NumbersOf) -> Choose:
+    """A choice by a field whose numbers have names: its cases may be written with these names."""
+    numbers = _numbers(choose.on.root, numbers_of)
+    if numbers is None:
+        return choose
+
+    def number(key: int | str) -> int | str:
+        if isinstance(key, str) and key not in numbers:
+            what = f"'{key}' is not a name of this field's values"
+            reader.note(choose.at, what, did_you_mean(key, numbers))
+        return numbers.get(key, key) if isinstance(key, str) else key
+
+    return replace(choose, cases=tuple((tuple(map(number, keys)), segments) for keys, segments in choose.cases))
 
 
 def _changed(value: Any, change: Callable[[Any], Any]) -> Any:

@@ -1,0 +1,302 @@
+"""Single segments: numbers that fit their types, keys that go together, texts and bytes that have their size.
+
+What several segments say together (ends, orders, lengths) is checked elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
+from framekit.definition.load.references import fixed_size
+from framekit.definition.model.segments import (
+    Bits,
+    BitsPart,
+    Check,
+    Choose,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Record,
+    Repeat,
+    Segment,
+    Wrap,
+)
+from framekit.definition.problems import Position, Problem
+
+NUMBERS = ("int", "digits", "bcd")
+
+
+def check_segment(segment: Segment) -> Iterator[Problem]:
+    """Problems of one segment by itself."""
+    match segment:
+        case Field():
+            yield from _field(segment)
+        case Bits():
+            yield from _bits(segment)
+        case Length() | Count():
+            yield from _counting(segment)
+        case Data():
+            yield from _data(segment)
+        case Repeat():
+            yield from _repeat(segment)
+        case Inner():
+            if not segment.frames:
+                yield Problem(segment.at, f"'{segment.name}' can hold no frame", "name a group that has frames")
+        case Wrap():
+            yield from _wrap(segment)
+        case Check():
+            yield from _check(segment)
+        case Choose():
+            yield from _choose(segment)
+
+
+def bounds_of(type_: FieldType) -> tuple[int, int] | None:
+    """Least and greatest number of a type; None when it holds no whole numbers or its size is computed."""
+    size = type_.fixed_size
+    if size is None:
+        return None
+    if type_.kind == "int":
+        bits = size * 8
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
+    if type_.kind == "digits":
+        return 0, type_.base**size - 1
+    return (0, 100**size - 1) if type_.kind == "bcd" else None
+
+
+# ---- numbers ------------------------------------------------------------------------------------------------
+
+
+def _field(field: Field) -> Iterator[Problem]:
+    yield from _contradictions(field)
+    if field.type.kind not in NUMBERS:
+        yield from _no_number(field)
+        return
+    if field.type.kind == "digits" and isinstance(field.type.size, int) and field.type.size > 32:
+        yield Problem(field.at, f"a number of {field.type.size} digits is too long", "use data: for it")
+    if field.only and field.long is not None:
+        yield Problem(field.at, "only: values cannot go with long:", "leave one of them out")
+    bounds = bounds_of(field.type)
+    if bounds is not None and field.long is None:
+        yield from _numbers(field, bounds)
+
+
+def _contradictions(field: Field) -> Iterator[Problem]:
+    given = [key for key, value in (("build", field.build), ("default", field.default)) if value is not None]
+    if field.is_ is not None and given:
+        yield Problem(
+            field.at, f"is: computes '{field.name}' always, {given[0]}: has no effect", "leave one of them out"
+        )
+    if field.is_ is not None and field.constants is not None:
+        yield Problem(field.at, f"'{field.name}' is computed by is: and fixed by where:", "leave one of them out")
+    names: dict[str, int] = {}
+    for number, name in (field.values or {}).items():
+        if name in names:
+            what = f"the name '{name}' stands for {names[name]} and for {number}"
+            yield Problem(field.at, what, "give each number its own name", warning=True)
+        names[name] = number
+
+
+def _no_number(field: Field) -> Iterator[Problem]:
+    """Keys that only numbers have; constants as long as the field."""
+    kind = {"ascii": "text", "bytes": "bytes", "float": "a number with a fraction"}[field.type.kind]
+    keys = {
+        "range": field.limits is not None and field.type.kind != "float",
+        "plus": field.plus != 0,
+        "unit": field.unit is not None,
+        "long": field.long is not None,
+        "zero_means": field.zero_means is not None,
+        "values": field.values is not None,
+    }
+    for key, there in keys.items():
+        if there:
+            yield Problem(field.at, f"{key}: belongs to whole numbers, '{field.name}' is {kind}", f"leave {key} out")
+    size = field.type.fixed_size
+    for constant in field.constants or ():
+        yield from _size_of_constant(field, constant, size)
+    root = None if field.is_ is None else field.is_.root
+    if isinstance(root, (Text, Bytes)):
+        yield from _size_of_constant(field, root.value, size)
+
+
+def _size_of_constant(field: Field, constant: int | str | bytes, size: int | None) -> Iterator[Problem]:
+    if size is None or isinstance(constant, int):
+        return
+    fits = len(constant) <= size if field.type.pad is not None else len(constant) == size
+    if not fits:
+        shown = f"'{constant}'" if isinstance(constant, str) else constant.hex(" ").upper()
+        what = f"{shown} has {len(constant)} bytes, '{field.name}' has {size}"
+        yield Problem(
+            field.at, what, "correct one of them" if field.type.pad is not None else "correct it, or add pad:"
+        )
+
+
+def _numbers(field: Field, bounds: tuple[int, int]) -> Iterator[Problem]:
+    """Numbers that the field would have to carry: constants, names, limits, and constant expressions."""
+    if field.unit is None:
+        yield from _limits(field.type, field.limits, field.at, field.plus)
+    for number in (*(field.constants or ()), *(field.values or ())):
+        if isinstance(number, int) and not bounds[0] <= number + field.plus <= bounds[1]:
+            yield _too_large(number, bounds, field.at)
+    for number in field.constants or ():
+        yield from _allowed(field, number, field.at)
+    for expression in (field.is_, field.build, field.default):
+        number = constant_number(expression)
+        if expression is None or number is None or field.unit is not None:
+            continue
+        if not bounds[0] <= number + field.plus <= bounds[1]:
+            yield _too_large(number, bounds, expression.at)
+        else:
+            yield from _allowed(field, number, expression.at)
+
+
+def _allowed(field: Field, number: int | str | bytes, at: Position) -> Iterator[Problem]:
+    """Whether a constant respects what the field says about its values."""
+    if not isinstance(number, int):
+        return
+    if field.limits is not None and field.unit is None and not field.limits[0] <= number <= field.limits[1]:
+        low, high = field.limits
+        yield Problem(at, f"{number} is not in {low}..{high}, the range of '{field.name}'", "correct one of them")
+    if field.only and field.values is not None and number not in field.values:
+        yield Problem(at, f"{number} has no name in the values of '{field.name}'", "add it there, or correct it")
+
+
+def constant_number(expression: Expression | None) -> int | None:
+    """The number, if the expression is just one."""
+    root = None if expression is None else expression.root
+    return root.value if isinstance(root, Number) and not root.is_time else None
+
+
+def _limits(type_: FieldType, limits: tuple[int, int] | None, at: Position, plus: int = 0) -> Iterator[Problem]:
+    bounds = bounds_of(type_)
+    if bounds is not None and limits is not None:
+        for number in limits:
+            if not bounds[0] <= number + plus <= bounds[1]:
+                yield _too_large(number, bounds, at)
+                return
+
+
+def _too_large(number: int, bounds: tuple[int, int], at: Position) -> Problem:
+    return Problem(at, f"{number} does not fit: the field holds {bounds[0]} to {bounds[1]}", "use a wider type")
+
+
+def _counting(segment: Length | Count) -> Iterator[Problem]:
+    kind = "a length" if isinstance(segment, Length) else "a count"
+    if segment.type.kind not in NUMBERS:
+        what = f"{kind} is a whole number, '{segment.name}' is of another type"
+        yield Problem(segment.at, what, "use u8, u16, hex, dec or bcd")
+        return
+    yield from _limits(segment.type, segment.limits, segment.at)
+    if isinstance(segment, Length) and segment.unit < 1:
+        yield Problem(segment.at, f"a unit of {segment.unit} bytes counts nothing", "give 1 or more")
+
+
+def _bits(bits: Bits) -> Iterator[Problem]:
+    if bits.type.kind not in NUMBERS:
+        yield Problem(bits.at, "bits are taken from a whole number", "use of: u8, u16, hex, …")
+        return
+    size = bits.type.fixed_size
+    width = 0 if size is None else size * (4 if bits.type.kind == "digits" else 8)
+    taken: dict[int, str] = {}
+    for part in bits.parts:
+        if size is not None and part.high >= width:
+            yield Problem(part.at, f"bit {part.high} is beyond the {width} bits there are", "use a wider type")
+        for place in range(part.low, min(part.high, 1024) + 1):
+            if place in taken:
+                yield Problem(part.at, f"bit {place} belongs to '{taken[place]}' already", "give each bit one name")
+                break
+            taken[place] = part.name
+        yield from _bits_part(part)
+
+
+def _bits_part(part: BitsPart) -> Iterator[Problem]:
+    """Constants of bits fit into them."""
+    most = (1 << part.high - part.low + 1) - 1 if part.high < 1024 else None
+    constants = [(number, part.at) for number in (*(part.constants or ()), *(part.values or ()))]
+    constants += [
+        (number, expression.at)
+        for expression in (part.is_, part.build)
+        if expression is not None and (number := constant_number(expression)) is not None
+    ]
+    for number, at in constants:
+        if most is not None and not 0 <= number <= most:
+            yield Problem(at, f"{number} does not fit: '{part.name}' holds 0 to {most}", "give it more bits")
+
+
+# ---- data and regions ---------------------------------------------------------------------------------------
+
+
+def _data(data: Data) -> Iterator[Problem]:
+    if isinstance(data.size, int):
+        if data.least > data.size:
+            what = f"'{data.name}' has {data.size} bytes and wants at least {data.least}"
+            yield Problem(data.at, what, "leave min out")
+        if data.convert == "ascii_to_hex" and data.size % 2:
+            what = f"'{data.name}' has {data.size} digits in memory, two of them make one byte"
+            yield Problem(data.at, what, "give an even size")
+    elif data.size == "rest" and data.pad is not None:
+        yield Problem(data.at, f"'{data.name}' takes the rest: nothing is filled up", "leave pad out, or give a size")
+
+
+def _repeat(repeat: Repeat) -> Iterator[Problem]:
+    if isinstance(repeat.of, FieldType):
+        return
+    if not repeat.of:
+        yield Problem(repeat.at, f"an item of '{repeat.name}' is empty", "add segments to of")
+    elif all(fixed_size(segment) == 0 for segment in repeat.of):
+        yield Problem(repeat.at, f"an item of '{repeat.name}' takes no bytes", "add a segment that takes some")
+
+
+def _wrap(wrap: Wrap) -> Iterator[Problem]:
+    least = least_size(wrap.of)
+    if isinstance(wrap.most, int):
+        if wrap.least > wrap.most:
+            yield Problem(wrap.at, f"min {wrap.least} is more than max {wrap.most}", "exchange them")
+        elif least > wrap.most:
+            yield Problem(wrap.at, f"the content takes at least {least} bytes, max says {wrap.most}", "correct max")
+    if not wrap.of:
+        yield Problem(wrap.at, "there is nothing in this wrap", "add segments to of")
+
+
+def _check(check: Check) -> Iterator[Problem]:
+    """A code has the places its digits need."""
+    bits = {"raw": 8, "hex": 4, "HEX": 4, "nibbles": 4}.get(check.form)
+    if bits is not None and check.size * bits < check.method.width:
+        what = f"a code of {check.method.width} bits does not fit into {check.size} bytes"
+        todo = "leave size out" if check.form == "raw" else "each digit holds 4 bits: leave size out"
+        yield Problem(check.at, what, todo)
+    if check.form == "dec" and 10**check.size <= (1 << check.method.width) - 1:
+        what = f"a code of {check.method.width} bits does not fit into {check.size} decimal digits"
+        yield Problem(check.at, what, "leave size out")
+    if check.over is not None and check.name in check.over:
+        yield Problem(check.at, "a check code cannot cover itself", "leave its name out of over")
+
+
+def _choose(choose: Choose) -> Iterator[Problem]:
+    seen: set[int | str] = set()
+    for keys, _ in choose.cases:
+        for key in keys:
+            if key in seen:
+                yield Problem(choose.at, f"there are two cases {key}", "join them")
+            seen.add(key)
+
+
+def least_size(segments: tuple[Segment, ...]) -> int:
+    """Bytes that segments take at least."""
+    return sum(_least(segment) for segment in segments)
+
+
+def _least(segment: Segment) -> int:
+    if segment.when is not None:
+        return 0
+    match segment:
+        case Record(of=of):
+            return least_size(of)
+        case Wrap(of=of, how=how):
+            return least_size(of) * (2 if how == "hex" else 1)
+        case Data(size="rest", least=least, convert=convert):
+            return least * 2 if convert == "hex_to_ascii" else least // 2 if convert else least
+    return fixed_size(segment) or 0
