@@ -107,7 +107,7 @@ def _leaf(expression: Expression, numbers: Mapping[str, int], padded: bool) -> M
         constant = compile_expression(expression)(Names())
         if isinstance(constant, str):
             constant = numbers.get(constant, constant)
-        return _constant(constant)
+        return _beginning(constant) if padded and isinstance(constant, bytes) else _constant(constant)
     name = bare_name(expression)
     if name is not None:
         return passed_over if name in NOT_COMPARED else _name(name, padded)
@@ -118,6 +118,16 @@ def _leaf(expression: Expression, numbers: Mapping[str, int], padded: bool) -> M
 def _constant(constant: Any) -> Match:
     def match(actual: Any, binding: Binding, names: Names) -> None:
         if actual != constant:
+            raise MismatchError(repr(constant))
+
+    return match
+
+
+def _beginning(constant: bytes) -> Match:
+    """Bytes that padding follows."""
+
+    def match(actual: Any, binding: Binding, names: Names) -> None:
+        if not isinstance(actual, bytes) or not actual.startswith(constant):
             raise MismatchError(repr(constant))
 
     return match

@@ -120,7 +120,7 @@ def test_a_read_that_fails_gives_nothing() -> None:
     loop.outcomes = []
     loop.memory.write("D", "word", 0, range(100))
     first = loop.serve
-    loop.serve = lambda *a, **k: first(*a, **k) if len(loop.log) < 1 else first(FrameValue("x", {}), b"")  # type: ignore[method-assign]
+    loop.serve = lambda *a, **k: first(*a, **k) if len(loop.log) < 1 else first(FrameValue("x", {"station": 1}), b"")  # type: ignore[method-assign]
     result = loop.do("read", "D0", count=6)
     assert not result.ok and result.values == [] and result.data == b"" and result.exchanges == 2
     assert result.code == 4 and result.meaning == "no such service"
