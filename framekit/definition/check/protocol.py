@@ -8,6 +8,7 @@ from framekit.definition.check.frames import check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
 from framekit.definition.check.profiles import check_profile
+from framekit.definition.check.sections import check_sections
 from framekit.definition.check.services import check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.model.protocol import Protocol
@@ -24,6 +25,7 @@ def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
         problems += check_frame(protocol, frame)
     return [
         *problems,
+        *check_sections(protocol),
         *check_profile(protocol),
         *check_procedure(protocol, broken),
         *check_services(protocol, broken),

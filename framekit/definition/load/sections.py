@@ -147,6 +147,7 @@ def load_line(reader: Reader, node: Node | None) -> Line:
         turnaround=reader.maybe(reader.expression, keys.get("turnaround")),
         key_delay=reader.maybe(reader.expression, keys.get("key_delay")),
         tcp=reader.maybe(reader.number, keys.get("tcp")),
+        at=keys.at,
     )
 
 

@@ -12,7 +12,7 @@ from framekit.definition.model.frames import Frame, Group, Layout
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.services import AddressForm, Area, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
-from framekit.definition.problems import Position, Problem
+from framekit.definition.problems import NOWHERE, Position, Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +27,7 @@ class Line:
     turnaround: Expression | None = None
     key_delay: Expression | None = None
     tcp: int | None = None
+    at: Position = NOWHERE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
