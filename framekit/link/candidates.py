@@ -34,21 +34,24 @@ class Bad:
 
 
 class Wants:
-    """Asked for `need` bytes from its start; `seen` of them are looked through already."""
+    """Asked for `need` bytes from its start when there were `had`; in the first `seen` its end does not stand.
 
-    __slots__ = ("need", "seen")
+    It may have found its end already and lack only what follows, so what it had at the call before is what is certain.
+    """
 
-    def __init__(self, need: int, seen: int) -> None:
-        self.need, self.seen = need, seen
+    __slots__ = ("had", "need", "seen")
+
+    def __init__(self, need: int, had: int, seen: int) -> None:
+        self.need, self.had, self.seen = need, had, seen
 
 
 class Silent:
-    """Fits so far, but only silence ends it."""
+    """Fits so far, but only silence ends it; `had` and `seen` as for `Wants`."""
 
-    __slots__ = ("seen",)
+    __slots__ = ("had", "seen")
 
-    def __init__(self, seen: int) -> None:
-        self.seen = seen
+    def __init__(self, had: int, seen: int) -> None:
+        self.had, self.seen = had, seen
 
 
 class _No:
@@ -83,16 +86,13 @@ class Candidates:
         said = self._said.get(info.name)
         stream = self._stream
         position = stream.position
-        seen = 0
+        seen = before = 0
         if said is not None:
-            if isinstance(said, (Wants, Silent)):
-                if isinstance(said, Wants) and end - position < said.need:
-                    return said
-                seen = said.seen
-                if seen >= end - position:
-                    return said
-            else:
+            if not isinstance(said, (Wants, Silent)):
                 return said
+            if end - position < (said.need if isinstance(said, Wants) else said.had + 1):
+                return said
+            seen, before = said.seen, said.had
         try:
             length = info.measure(stream.buffer, position, end, self._context, seen)
         except EVALUATION_ERRORS as error:
@@ -103,11 +103,11 @@ class Candidates:
         elif length == 0:
             result = NO
         elif length == self._quiet:
-            result = Silent(end - position)
+            result = Silent(end - position, before)
         elif length == self._lost:
             result = self._without_end(info, position, end)
         else:
-            result = Wants(end - position - length, end - position)
+            result = Wants(end - position - length, end - position, before)
         self._said[info.name] = result
         return result
 

@@ -40,7 +40,7 @@ class Dispatcher:
                 dealing = activation.dealing
                 dealing.raw = raw
                 if not dealing.checks_echo:
-                    dealing.answering = value
+                    dealing.last_taken = value
                 run.cause = ""
                 self._do(run, activation, row)
                 return True

@@ -61,6 +61,8 @@ class EffectCompiler:
         if target.key is not None:
             return _set_entry(name, compile_expression(target.key), name in self.own)
         if name in self.own or not self._is_shared(name):
+            if name == "request":
+                return _set_request
             fit = fit_of(self.own.get(name, ""))
 
             def set_own(machine: Environment, activation: Activation, value: Any) -> None:
@@ -128,6 +130,11 @@ def _setting(setter: Set, compute: Compute) -> Effect:
         setter(machine, activation, compute(activation.names))
 
     return setting
+
+
+def _set_request(machine: Environment, activation: Activation, value: Any) -> None:
+    activation.names["request"] = value
+    activation.dealing.answers(value)
 
 
 def _set_field(name: str, field: str) -> Set:

@@ -61,7 +61,7 @@ class Environment:
             raise TypeError(f"{value!r} is no frame and cannot be sent")
         dealing = activation.dealing
         if not dealing.checks_echo:
-            self.table.fill_echo(value, dealing.answering)
+            self.table.fill_echo(value, dealing.answering, dealing.last_taken)
         data = self.table.encode(value, activation.names)
         self.announce(value)
         dealing.last_sent = value
@@ -148,10 +148,10 @@ class Environment:
             raise TypeError("only a frame can be served")
         served = self.server.serve(request, buffer, station, check_only, activation.names)
         dealing = activation.dealing
-        dealing.answering = request
         dealing.names.update(reply=served.reply, reply_buffer=served.reply_buffer, refusal=served.refusal)
+        dealing.answers(request)
         if not check_only:
-            dealing.names.update(request=request, buffer=served.reply_buffer)
+            dealing.names["buffer"] = served.reply_buffer
 
     def set_session(self, new: bool) -> None:
         self.session.end()

@@ -197,17 +197,22 @@ class FrameTable:
         except EVALUATION_ERRORS:
             return {}
 
-    def fill_echo(self, reply: FrameValue, request: FrameValue | None) -> None:
-        """Building a reply copies what it repeats of the request, where nothing else was given."""
+    def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
+        """Building a reply, or a frame that carries one, copies what it repeats of the first request that has it."""
         info = self.infos.get(reply.frame)
-        if info is None or request is None:
+        if info is None:
             return
         for field, plain_name, evaluate in info.echo:
-            if field not in reply.fields:
-                try:
-                    reply.fields[field] = echoed(plain_name, evaluate, request)
-                except EVALUATION_ERRORS:
-                    continue
+            for request in requests:
+                if field not in reply.fields and request is not None:
+                    try:
+                        reply.fields[field] = echoed(plain_name, evaluate, request)
+                    except EVALUATION_ERRORS:
+                        continue
+        for kind, name, _ in info.shape:
+            inner = reply.fields.get(name) if kind == "inner" else None
+            if type(inner) is FrameValue and inner.raw is None:
+                self.fill_echo(inner, *requests)
 
     def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Names) -> bool:
         """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too."""

@@ -239,13 +239,13 @@ class Receiver(Recovery):
         value = self.table.received_as(good.info, good.fields, good.raw, good.refusal)
         started = stream.time_of(position)
         ended = stream.time_of(position + size - 1)
-        return FrameArrived(value, good.raw, stream.base + position + stream.removed, started, ended, other)
+        return FrameArrived(value, good.raw, stream.offset, started, ended, other)
 
     def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
         """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
         stream = self.stream
         raw = bytes(stream.buffer[start:end])
-        offset = stream.base + start + stream.removed
+        offset = stream.offset + start - stream.position
         times = stream.time_of(start), stream.time_of(end - 1)
         stream.remove(start, end)
         self._candidates.forget()

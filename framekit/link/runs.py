@@ -32,11 +32,13 @@ class State(enum.Enum):
 class Dealing:
     """What belongs to one exchange, or to a run without one; its sequences share it.
 
-    `request` and `last_sent` are what replies have to repeat; `answering` is what this side answers. `checks_echo`:
-    this is the side that asked.
+    `request` and `last_sent` are what replies have to repeat; `answering` and `last_taken` are what this side answers.
+    `checks_echo`: this is the side that asked.
     """
 
-    __slots__ = ("answering", "checks_echo", "exchange", "expected", "last_sent", "names", "raw", "request")
+    __slots__ = (
+        "answering", "checks_echo", "exchange", "expected", "last_sent", "last_taken", "names", "raw", "request",
+    )  # fmt: skip
 
     def __init__(self, scope: Names, exchange: Exchange | None, checks_echo: bool, station: Any = None) -> None:
         self.exchange = exchange
@@ -45,6 +47,7 @@ class Dealing:
         self.request: FrameValue | None = None
         self.last_sent: FrameValue | None = None
         self.answering: FrameValue | None = None
+        self.last_taken: FrameValue | None = None
         self.raw = b""
         self.names = Names({"buffer": b"", "expected": ()}, scope)
         if station is not None:
@@ -56,6 +59,12 @@ class Dealing:
             self.names.update(buffer=exchange.buffer, expected=exchange.expected, request=self.request)
             if exchange.station is not None:
                 self.names["station"] = exchange.station
+
+    def answers(self, request: Any) -> None:
+        """`request` is what this side answers now; the sequences it calls see it too."""
+        self.names["request"] = request
+        if not self.checks_echo and type(request) is FrameValue:
+            self.answering = request
 
     def echo_sources(self) -> tuple[FrameValue, ...]:
         """Where a reply's echo is looked for: the request first, then the frame sent last."""

@@ -18,13 +18,14 @@ MOVE_AT = 4096
 class Stream:
     """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them."""
 
-    __slots__ = ("_ends", "_faults", "_times", "base", "buffer", "last", "pauses", "position", "removed", "silences")
+    __slots__ = ("_ends", "_faults", "_removed", "_times", "base", "buffer", "last", "pauses", "position", "removed", "silences")
 
     def __init__(self) -> None:
         self.buffer = bytearray()
         self.position = 0
         self.base = 0
         self.removed = 0
+        self._removed: list[tuple[int, int]] = []
         self.last = 0
         self._ends: list[int] = []
         self._times: list[int] = []
@@ -35,7 +36,10 @@ class Stream:
     @property
     def offset(self) -> int:
         """The stream offset of the current position, frames taken out of the middle of others included."""
-        return self.base + self.position + self.removed
+        place = self.base + self.position
+        while self._removed and self._removed[0][0] <= place:
+            self.removed += self._removed.pop(0)[1]
+        return place + self.removed
 
     def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
         """More bytes, the last of which came at `now`; `tidy` before."""
@@ -94,6 +98,7 @@ class Stream:
         """Takes `buffer[start:end]` out of the middle; what lies behind moves up."""
         low, count = self.base + start, end - start
         del self.buffer[start:end]
+        self._removed.append((low + 1, count))
         self._ends = [place - count if place > low else place for place in self._ends]
         self._faults = [
             (place - count if place >= low + count else place, fault)

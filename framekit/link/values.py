@@ -51,6 +51,10 @@ class FrameValue:
         self.fields[name] = value
         self.raw = self.pending = self._computed = None
 
+    def language_attribute(self, name: str) -> Any:
+        """`value.name` for those who know only the protocol of attributes, generated codecs for one."""
+        return attribute(self, name)
+
     def copy(self) -> FrameValue:
         """The same frame with fields of its own, to be changed and sent."""
         return FrameValue(self.frame, dict(self.fields), self.raw, self.refusal)

@@ -38,9 +38,11 @@ def compiled(text: str) -> tuple[Protocol, Any]:
     try:
         from framekit.codec.codec import compile_protocol
     except ImportError:
-        from link.tiny_codec import TinyCodec
-
-        return protocol, TinyCodec(protocol)
+        from types import SimpleNamespace
+        from framekit.codec.python.generate import generate_source
+        names: dict[str, Any] = {}
+        exec(generate_source(protocol), names)
+        return protocol, SimpleNamespace(frames=names["FRAMES"], layouts=names["LAYOUTS"], QUIET=names["QUIET"], LOST=names["LOST"])
     return protocol, compile_protocol(protocol)
 
 

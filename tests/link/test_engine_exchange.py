@@ -349,14 +349,14 @@ receiver: {resync: never}
 sequences:
   exchange:
     takes: [request]
-    gives: {reply: answer}
-    local: {answer: frame}
+    gives: {reply: found}
+    local: {found: frame}
     steps:
       - step: ask
         set: {number: number + 1, request.number: number}
         send: request
         receive:
-          - {frame: expected, set: {answer: it}, then: end}
+          - {frame: expected, set: {found: it}, then: end}
         within: 1 s
         on_timeout: {fail: no_reply}
 roles:

@@ -63,14 +63,14 @@ sequences:
           - {send: ack, put: {inbox: {packet: packet}}, then: end}
   command:
     takes: [request]
-    gives: {reply: answer}
-    local: {answer: frame}
+    gives: {reply: found}
+    local: {found: frame}
     steps:
       - step: ask
         set: {number: number + 1, request.number: number}
         put: {outbox: {packet: request}}
         receive:
-          - {frame: reply, set: {answer: it}, then: end}
+          - {frame: reply, set: {found: it}, then: end}
         within: reply_time
         on_timeout: {fail: no_reply}
   executor:
@@ -287,14 +287,14 @@ sequences:
         send: bye
   work:
     takes: [request]
-    gives: {reply: answer}
-    local: {answer: frame}
+    gives: {reply: found}
+    local: {found: frame}
     steps:
       - step: ask
         send: {ask: {x: request.x, token: token}}
         receive:
-          - {frame: answer, set: {answer: it}, then: end}
-          - {frame: refused, set: {answer: it}, then: end}
+          - {frame: answer, set: {found: it}, then: end}
+          - {frame: refused, set: {found: it}, then: end}
         within: 100 ms
         on_timeout: {fail: no_reply}
   plain:
