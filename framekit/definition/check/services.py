@@ -4,31 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
+from framekit.definition.check.backwards import check_backwards
 from framekit.definition.check.names import field_names
+from framekit.definition.check.segments import constant_number
+from framekit.definition.expression.syntax import Text, names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import UNIT_BITS, ServiceRow
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean
+
+
+_PLAINLY_NAMED = frozenset({"station", "own", "area", "start", "count", "bytes", "data", "bits", "code"})
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
     """Everything wrong with services, areas and errors; and with constructors anywhere."""
-    found = list(_constructors(protocol))
+    found = list(_constructors(protocol, broken))
     for rows in protocol.services.values():
         for row in rows:
-            found += _row(protocol, row)
-    found += _codes(protocol)
-    if protocol.errors is not None:
-        for name in protocol.errors.names:
-            if name not in protocol.tables:
-                found.append(
-                    Problem(protocol.errors.at, f"there is no table '{name}'", did_you_mean(name, protocol.tables))
-                )
-    return found
+            found += _row(protocol, row, broken)
+            found += _sides(protocol, row)
+            found += _amounts(row)
+            found += check_backwards(protocol, row)
+        found += _dead(rows)
+    return [*found, *_areas(protocol), *_codes(protocol), *_errors(protocol, broken)]
 
 
-def _constructors(protocol: Protocol) -> Iterator[Problem]:
+def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
     """`{frame: {field: …}}` may only name fields of that frame."""
     holders = [protocol.sequences, protocol.services, protocol.errors]
     for made in parts_of(holders, FrameOf):
@@ -39,19 +42,19 @@ def _constructors(protocol: Protocol) -> Iterator[Problem]:
         if layout.layout in protocol.layouts:
             yield from _fields(layout, "layout", layout.layout, field_names(protocol.layouts[layout.layout].segments))
     for read in parts_of(holders, ReadAs):
-        if read.layout not in protocol.layouts:
+        if read.layout not in protocol.layouts and read.layout not in broken:
             yield Problem(read.at, f"there is no layout '{read.layout}'", did_you_mean(read.layout, protocol.layouts))
 
 
 def _fields(made: FrameOf | LayoutOf, kind: str, name: str, known: set[str]) -> Iterator[Problem]:
-    for field in made.fields:
+    for field, value in made.fields.items():
         if field not in known:
-            yield Problem(made.at, f"{kind} '{name}' has no field '{field}'", did_you_mean(field, known))
+            yield Problem(value.at, f"{kind} '{name}' has no field '{field}'", did_you_mean(field, known))
 
 
-def _row(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterator[Problem]:
     for area in row.areas:
-        if area not in protocol.areas:
+        if area not in protocol.areas and area not in broken:
             yield Problem(row.at, f"there is no area '{area}'", did_you_mean(area, protocol.areas))
     for unit in row.units:
         if unit not in UNIT_BITS and not any(unit == area.unit for area in protocol.areas.values()):
@@ -60,6 +63,104 @@ def _row(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
         yield Problem(row.reply[-1].at, "the last reply has a condition", "a server must have a reply for every case")
     if row.service in ("read", "write") and row.request is None and row.run is None:
         yield Problem(row.at, f"a row of {row.service} has no request", "add request: {frame: {…}}")
+    yield from _data(row)
+    sequences = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
+    if row.run is not None and isinstance(row.run.root, Text) and sequences and row.run.root.value not in sequences:
+        what = f"'{row.run.root.value}' is no exchange of any role"
+        yield Problem(row.run.at, what, did_you_mean(row.run.root.value, sequences))
+
+
+def _data(row: ServiceRow) -> Iterator[Problem]:
+    """What is read comes in the reply, what is written goes with the request."""
+    if row.run is not None or row.request is None:
+        return
+    holder = [row.reply, row.gives] if row.service == "read" else [row.request, row.buffer]
+    named = {name for expression in expressions_of(holder) for name in names_in(expression.root)}
+    if row.service == "read" and "data" not in named and not row.gives:
+        yield Problem(row.at, "nothing says where the data of the reply stand", "add reply: {frame: {field: data}}")
+    if row.service == "write" and not named & {"data", "bits"}:
+        yield Problem(row.at, "nothing of what is written goes with the request", "give a field of it: data")
+
+
+def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """Requests are frames of the client, replies of the server."""
+    made = [(row.request, "server", "request")] + [(reply.frame, "client", "reply") for reply in row.reply]
+    for frame_of, wrong, what in made:
+        frame = protocol.frames.get(frame_of.frame) if frame_of is not None else None
+        if frame is not None and frame_of is not None and frame.side == wrong:
+            yield Problem(frame_of.at, f"'{frame.name}' comes from the {wrong}, it is no {what}", "take another frame")
+
+
+def _amounts(row: ServiceRow) -> Iterator[Problem]:
+    """Limits that let something through."""
+    for expression in (row.limit.count, row.limit.bytes):
+        number = constant_number(expression)
+        if number is not None and number < 1 and expression is not None:
+            yield Problem(expression.at, f"a limit of {number} lets nothing through", "give 1 or more, or leave it out")
+    if row.align_bits < 1:
+        yield Problem(row.at, f"nothing can be aligned to {row.align_bits} bits", "give 8, 16, …")
+    for argument in row.takes:
+        number = constant_number(argument.default)
+        if number is None or argument.limits is None or argument.default is None:
+            continue
+        if not argument.limits[0] <= number <= argument.limits[1]:
+            low, high = argument.limits
+            what = f"the default {number} of '{argument.name}' is not in {low}..{high}"
+            yield Problem(argument.default.at, what, "correct one of them")
+
+
+def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
+    """A row that takes everything a later one could get."""
+    for place, row in enumerate(rows):
+        for earlier in rows[:place]:
+            plain = earlier.when is None and earlier.align_bits == 1 and earlier.request is not None
+            areas = not earlier.areas or (row.areas and set(row.areas) <= set(earlier.areas))
+            units = not earlier.units or (row.units and set(row.units) <= set(earlier.units))
+            alike = bool(earlier.most_variables) == bool(row.most_variables) and earlier.client_only == row.client_only
+            if plain and areas and units and alike and row.service in ("read", "write") and _names_places(earlier):
+                what = f"this row of {row.service} is never reached: one above takes all its areas and units"
+                yield Problem(row.at, what, "move it up, or add when:")
+                break
+
+
+def _names_places(row: ServiceRow) -> bool:
+    """Whether a row speaks of places by numbers alone; with text or parts of addresses it may not take every one."""
+    named = {name for expression in expressions_of(row.request) for name in names_in(expression.root)}
+    return "start" in named and not named - {
+        "station",
+        "own",
+        "area",
+        "start",
+        "count",
+        "bytes",
+        "data",
+        "bits",
+        "code",
+    }
+
+
+def _areas(protocol: Protocol) -> Iterator[Problem]:
+    for area in protocol.areas.values():
+        if area.size < 1:
+            yield Problem(area.at, f"area '{area.name}' has no places", "give size: 1 or more")
+        for unit in area.codes:
+            if unit not in UNIT_BITS and unit != area.unit:
+                what = f"'{unit}' in the codes of area '{area.name}' is not a unit"
+                yield Problem(area.at, what, did_you_mean(unit, UNIT_BITS))
+    if protocol.areas and not protocol.addresses and {"read", "write"} & protocol.services.keys():
+        what = "there are areas, but no form of address to name places in them"
+        yield Problem(protocol.at, what, 'add addresses: [{form: "{area}{start:dec}"}]')
+
+
+def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
+    errors = protocol.errors
+    if errors is None:
+        return
+    for name in errors.names:
+        if name not in protocol.tables and name not in broken:
+            yield Problem(errors.at, f"there is no table '{name}'", did_you_mean(name, protocol.tables))
+    if errors.frame is not None and errors.code is None:
+        yield Problem(errors.at, f"nothing says where the code stands in '{errors.frame}'", "add code: FIELD")
 
 
 def _codes(protocol: Protocol) -> Iterator[Problem]:
