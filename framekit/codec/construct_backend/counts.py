@@ -10,7 +10,7 @@ from construct import Container
 from framekit.codec.construct_backend.base import ValueSegment
 from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import MISSING, Absent, Circular, Filling
-from framekit.codec.construct_backend.state import Reading, mark_of
+from framekit.codec.construct_backend.state import Reading, is_marked, mark_of
 from framekit.codec.construct_backend.values import DAMAGED, read_wire, write_wire
 from framekit.definition.model.segments import Count, Length
 
@@ -105,4 +105,6 @@ class CountConstruct(Computed):
 
     def measured(self, context: Container) -> int | None:
         items = context._values.get(self.segment.of)
-        return None if items is None else len(items) + self.segment.plus
+        if items is None or (context._state.stopped and not is_marked(context, self.segment.of)):
+            return None
+        return len(items) + self.segment.plus

@@ -57,7 +57,7 @@ class DataConstruct(ValueSegment):
     """Bytes, converted and swapped between wire and memory.
 
     Parses as many as `size` says, up to the end of the region for `rest`; notes `digits` for what is no hex and `short`
-    for fewer than `least`. Builds bytes of just that size, shorter ones filled with `pad`; none at all when not given.
+    for fewer than `least`. Builds bytes of just that size, shorter ones (also none at all) filled with `pad`.
     """
 
     segment: Data
@@ -68,7 +68,7 @@ class DataConstruct(ValueSegment):
         try:
             memory = self.to_memory(wire)
         except ValueError:
-            reading.leaf(wire)
+            reading.leaf(wire, len(wire) // 2)
             reading.note(place, "digits", "hex digits", wire)
             return
         reading.leaf(wire, len(memory))
@@ -106,8 +106,10 @@ class DataConstruct(ValueSegment):
         if given is MISSING:
             if not filling.is_there(name):
                 raise Absent(name)
-            echo = filling.echo_of(name)
-            given = b"" if echo is MISSING else echo
+            given = filling.echo_of(name)
+            if given is MISSING and self.segment.pad is None:
+                raise filling.error(name, f"'{name}' is missing")
+            given = b"" if given is MISSING else given
         if not isinstance(given, (bytes, bytearray)):
             raise filling.error(name, f"'{name}' is bytes, not {given!r}")
         data, size = bytes(given), self._size(filling)
@@ -135,8 +137,7 @@ class DataConstruct(ValueSegment):
         if not context._state.measuring:
             size = self._size(filling)
             if size is not None and size != len(data):
-                given = "is missing" if filling.given_of(name) is MISSING else f"has {size} bytes, not {len(data)}"
-                raise filling.error(name, f"'{name}' {given}")
+                raise filling.error(name, f"'{name}' has {size} bytes, not {len(data)}")
         try:
             wire = self.to_wire(data)
         except ValueError as error:

@@ -1,0 +1,222 @@
+"""The two compilers against each other: every frame of every shipped definition, built and read, whole and damaged.
+
+Both must make the same bytes of the same values, read the same values from the same bytes, and where bytes are damaged
+find the same fault with the same refusal. Damaged bytes are cut to one frame first, as a receiver does it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from strategies import FrameValues
+
+from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import EncodeError, FrameError
+from framekit.definition.load import load_protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.shipped import shipped_folder
+
+EXAMPLES = settings(
+    max_examples=int(os.environ.get("FRAMEKIT_EXAMPLES", "5")),
+    deadline=None,
+    database=None,
+    derandomize=True,
+    phases=[Phase.generate, Phase.shrink],
+    suppress_health_check=list(HealthCheck),
+)
+"""A few examples of every frame by default; with FRAMEKIT_EXAMPLES=200 the comparison takes minutes."""
+
+
+class Pair:
+    """One protocol compiled both ways."""
+
+    def __init__(self, name: str) -> None:
+        self.protocol = loaded(name)
+        self.made = FrameValues(self.protocol)
+        self.reference = self.made.codec
+        self.compiled = compile_protocol(self.protocol)
+
+    def build(self, frame: str, values: dict[str, Any], context: dict[str, Any]) -> tuple[Any, Any]:
+        return (
+            built(lambda: self.reference.encode(frame, values, context)),
+            built(lambda: self.compiled.frames[frame].encode(values, context)),
+        )
+
+    def read(self, frame: str, data: bytes, context: dict[str, Any]) -> tuple[Any, Any]:
+        return (
+            read(lambda: self.reference.decode(frame, data, context)),
+            read(lambda: self.compiled.frames[frame].decode(data, context)),
+        )
+
+    def cut(self, frame: str, data: bytes, context: dict[str, Any]) -> bytes | None:
+        """The bytes of the first frame, as far as its end can be found."""
+        size = self.compiled.frames[frame].measure(data, 0, len(data), context)
+        return data[:size] if size > 0 else None
+
+
+def built(encode: Any) -> Any:
+    try:
+        return encode()
+    except EncodeError:
+        return EncodeError
+
+
+def read(decode: Any) -> Any:
+    try:
+        return decode()
+    except FrameError as error:
+        return error.cause, error.refuse
+
+
+@cache
+def loaded(name: str) -> Protocol:
+    return load_protocol(name)
+
+
+@cache
+def pair(name: str) -> Pair:
+    return Pair(name)
+
+
+def shipped() -> Iterator[Any]:
+    """Every frame of every shipped definition; those of an application count there, not again in its protocols."""
+    for path in sorted(shipped_folder("frames").glob("*.yaml")):
+        text = path.read_text(encoding="utf-8")
+        kind = next((line for line in text.splitlines() if line and not line.startswith("#")), "")
+        if kind.startswith(("protocol:", "application:")) and "\nframes:" in text:
+            for frame in loaded(path.stem).frames.values():
+                if not frame.inner or kind.startswith("application:"):
+                    yield pytest.param(path.stem, frame.name, id=f"{path.stem}-{frame.name}")
+
+
+def test_there_are_frames() -> None:
+    assert list(shipped())
+
+
+@pytest.mark.parametrize(("name", "frame"), shipped())
+def test_both_compilers_agree(name: str, frame: str) -> None:
+    both = pair(name)
+
+    @EXAMPLES
+    @given(both.made.frame(frame), st.data())
+    def compare(made: tuple[dict[str, Any], dict[str, Any]], more: st.DataObject) -> None:
+        values, context = made
+        data = same_bytes_and_values(both, frame, values, context)
+        same_fault(both, frame, more.draw(damage(data), label="damaged"), context)
+        reference, compiled = both.build(frame, more.draw(spoil(values), label="spoilt"), context)
+        assert compiled == reference
+
+    compare()
+
+
+def same_bytes_and_values(both: Pair, frame: str, values: dict[str, Any], context: dict[str, Any]) -> bytes:
+    """Valid values make the same bytes, and are read back from them."""
+    reference, compiled = both.build(frame, values, context)
+    assert isinstance(reference, bytes)
+    assert compiled == reference
+    one, other = both.read(frame, reference, context)
+    assert other == one
+    if isinstance(one, dict) and same_frames(one, values):
+        assert has(one, values)
+        assert both.build(frame, one, context) == (reference, reference)
+    return reference
+
+
+def same_fault(both: Pair, frame: str, damaged: bytes, context: dict[str, Any]) -> None:
+    """Bytes read as the same values, or have the same fault; where no frame ends, both find some fault."""
+    one_frame = both.cut(frame, damaged, context)
+    one, other = both.read(frame, damaged if one_frame is None else one_frame, context)
+    if one_frame is None:
+        assert isinstance(one, tuple) == isinstance(other, tuple)
+    else:
+        assert other == one
+
+
+# ---- damage -------------------------------------------------------------------------------------------------
+
+
+def damage(data: bytes) -> st.SearchStrategy[bytes]:
+    """The bytes with one to three bytes changed, left out or put in."""
+
+    @st.composite
+    def damaged(draw: Any) -> bytes:
+        changed = bytearray(data)
+        for _ in range(draw(st.integers(1, 3))):
+            place = draw(st.integers(0, max(len(changed) - 1, 0)))
+            kind = draw(st.sampled_from(("flip", "set", "set", "leave out", "put in", "cut", "append")))
+            if kind == "append":
+                changed += draw(st.binary(min_size=1, max_size=3))
+            elif kind == "put in":
+                changed.insert(place, draw(st.integers(0, 255)))
+            elif kind == "cut":
+                del changed[place:]
+            elif changed:
+                _change(draw, changed, place, kind)
+        return bytes(changed)
+
+    return damaged()
+
+
+def _change(draw: Any, data: bytearray, place: int, kind: str) -> None:
+    if kind == "flip":
+        data[place] ^= 1 << draw(st.integers(0, 7))
+    elif kind == "set":
+        data[place] = draw(st.integers(0, 255) | st.sampled_from(list(b"0123456789ABCDEF%\x00\xff\x10\x03\x04\x17")))
+    else:
+        del data[place]
+
+
+def spoil(values: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
+    """The values with one left out, added or exchanged, somewhere inside."""
+    return st.composite(_spoilt)(values)
+
+
+STRANGE = st.one_of(st.integers(-5, 300), st.just(1 << 40), st.text(max_size=3), st.binary(max_size=3))
+
+
+def _spoilt(draw: Any, values: dict[str, Any]) -> dict[str, Any]:
+    result = dict(values)
+    if not result or draw(st.integers(0, 9)) == 0:
+        return result | {"no_such_field": 1}
+    name = draw(st.sampled_from(sorted(result)))
+    value = result[name]
+    if isinstance(value, dict) and value and draw(st.booleans()):
+        result[name] = _spoilt(draw, value)
+    elif isinstance(value, list) and value and isinstance(value[0], dict) and draw(st.booleans()):
+        result[name] = [_spoilt(draw, value[0]), *value[1:]]
+    elif draw(st.booleans()):
+        del result[name]
+    else:
+        result[name] = draw(STRANGE)
+    return result
+
+
+# ---- comparing ----------------------------------------------------------------------------------------------
+
+
+def has(found: Any, wanted: Any) -> bool:
+    """Whether what was read has everything that was given: names stand for numbers, padding may be added."""
+    if isinstance(wanted, Mapping):
+        return all(name in found and has(found[name], value) for name, value in wanted.items())
+    if isinstance(wanted, list):
+        return len(found) == len(wanted) and all(map(has, found, wanted))
+    if isinstance(wanted, bytes):
+        return isinstance(found, bytes) and found.startswith(wanted)
+    return bool(found == wanted) or (isinstance(wanted, str) and isinstance(found, int))
+
+
+def same_frames(found: Any, wanted: Any) -> bool:
+    """Whether inner frames were read as the same frames; some bytes fit an earlier candidate, too."""
+    if isinstance(wanted, Mapping):
+        common = [name for name in wanted if name in found]
+        single = len(wanted) == 1 and not common and isinstance(next(iter(wanted.values())), Mapping)
+        return not single and all(same_frames(found[name], wanted[name]) for name in common)
+    if isinstance(wanted, list) and isinstance(found, list):
+        return all(map(same_frames, found, wanted))
+    return True
