@@ -48,6 +48,7 @@ class _Lane:
         self.pause = pause
         self.waiting: list[tuple[int, int, int, BlockState]] = []
         self.busy = False
+        self.open = True
         self.free_from = 0
 
 
@@ -117,6 +118,12 @@ class Scheduler:
             if state.memory_triggers is not None:
                 state.memory_triggers.cancel()
 
+    def set_open(self, channel: int, is_open: bool) -> None:
+        """Blocks of a channel that is not open wait until it is."""
+        self._lanes[channel].open = is_open
+        if is_open:
+            self._wake()
+
     # ---- becoming due -------------------------------------------------------------------------------------
 
     def fire(self, number: int, now: int) -> None:
@@ -150,7 +157,7 @@ class Scheduler:
         if self._fired:
             return 0
         times = [self._timers[0][0]] if self._timers else []
-        times += [lane.free_from for lane in self._lanes.values() if lane.waiting and not lane.busy]
+        times += [lane.free_from for lane in self._lanes.values() if lane.waiting and lane.open and not lane.busy]
         return min(times, default=NEVER)
 
     def tick(self, now: int) -> None:
@@ -168,7 +175,7 @@ class Scheduler:
             self._start_next(lane, now)
 
     def _start_next(self, lane: _Lane, now: int) -> None:
-        if lane.busy or not lane.waiting or now < lane.free_from:
+        if lane.busy or not lane.open or not lane.waiting or now < lane.free_from:
             return
         *_, state = heapq.heappop(lane.waiting)
         lane.busy = True

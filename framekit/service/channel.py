@@ -25,7 +25,7 @@ Arrived = Callable[[int, bool, str], None]
 
 
 class ChannelService:
-    """Runs blocks on one channel. `arrived` is told of frames that RECEIVE blocks take."""
+    """Runs blocks on one channel. `arrived` is told of frames that RECEIVE blocks take, `opened` of the port's state."""
 
     def __init__(
         self,
@@ -35,10 +35,12 @@ class ChannelService:
         memory: DeviceMemory,
         receiving: list[Block],
         arrived: Arrived,
+        opened: Callable[[bool], None],
         monitor: Monitor | None = None,
     ) -> None:
         self.channel = channel
         self.arrived = arrived
+        self.opened = opened
         self.receiving: dict[str, list[Block]] = {}
         for block in receiving:
             self.receiving.setdefault(block.frame or "", []).append(block)
@@ -65,6 +67,7 @@ class ChannelService:
         self.state = state
         if state != "open":
             self.transfers.closed("closed")
+        self.opened(state == "open")
 
     def start(self) -> None:
         self.driver.start()
@@ -74,9 +77,6 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended) -> None:
         """Begins the exchange of a block; `ended` is called exactly once."""
-        if not self.driver.is_open:
-            ended(False, "port_closed")
-            return
 
         def begin(now: int) -> list[Command]:
             return self.transfers.start(block, now, ended)

@@ -43,7 +43,14 @@ class RunService:
             self.devices += devices
             receiving = [block for block in run.blocks if block.channel == number and block.instruction == "receive"]
             self.channels[number] = ChannelService(
-                channel, port, clock, self.memory, receiving, self._arrived, self._watcher(number, monitor)
+                channel,
+                port,
+                clock,
+                self.memory,
+                receiving,
+                self._arrived,
+                self._opener(number),
+                self._watcher(number, monitor),
             )
         pauses = {number: channel.pause for number, channel in run.channels.items()}
         self.scheduler = Scheduler(run.blocks, self.memory, self.resolve, pauses, self._start_block, self._wake)
@@ -51,6 +58,9 @@ class RunService:
         self._timer: Handle | None = None
         self._woken = False
         self.running = False
+
+    def _opener(self, number: int) -> Callable[[bool], None]:
+        return lambda is_open: self.scheduler.set_open(number, is_open)
 
     @staticmethod
     def _watcher(number: int, monitor: RunMonitor | None) -> Callable[[Seen], None] | None:
@@ -83,6 +93,8 @@ class RunService:
         """Opens the ports and arms the triggers."""
         self.running = True
         now = self.clock.now()
+        for number in self.channels:
+            self.scheduler.set_open(number, False)
         for device in self.devices:
             device.start()
         for channel in self.channels.values():
