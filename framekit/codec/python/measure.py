@@ -119,7 +119,7 @@ class MeasureWriter(Measuring):
         assert isinstance(first, Const)
         self.want(0, tail)
         place = self.place.text("")
-        self.add(f"at = data.find({first.data[0]:#04x}, max({place}, start + seen), end)")
+        self.add(f"at = {self.search(f'{first.data[0]:#04x}', place, tail)}")
         with self.out.block("if at < 0:"):
             self.not_found(self.least(tail))
         self.place = Place("at", 0)
@@ -267,8 +267,7 @@ class MeasureWriter(Measuring):
             self._rest(after)
             return
         self.settle()
-        resume = "start + seen" if len(end) == 1 else f"start + seen - {len(end) - 1}"
-        self.add(f"stop = data.find({bytes_literal(end)}, max(at, {resume}), end)")
+        self.add(f"stop = {self.search(bytes_literal(end), 'at', after, len(end))}")
         with self.out.block("if stop < 0:"):
             self.not_found(1 + self.least(after))
         if needed and isinstance(segment, Field):
@@ -431,7 +430,8 @@ class MeasureWriter(Measuring):
                 self.add("return LOST")
             return
         find = self.module.function("find_region_end")
-        self.add(f"at = {find}(data, at, end, {escape}, start + seen)")
+        resume = self.resume(after)
+        self.add(f"at = {find}(data, at, end, {escape}{'' if resume is None else f', {resume}'})")
         with self.out.block("if at < 0:"):
             self.not_found(max(behind - 1, 1))
 
@@ -467,10 +467,13 @@ class MeasureWriter(Measuring):
         size = self.names.fresh(f"{inner.name}_size")
         self.want(1, after)
         place = self.place.text("")
-        offset = f"({place} - start)" if self.place.base == "at" else str(self.place.offset)
-        seen = f"max(seen - {offset}, 0)" if offset != "0" else "seen"
+        most = self.shapes.all(segment for segment, _ in after).most
         measure = self.module.function("measure_first")
-        self.add(f"{size} = {measure}({choice}, data, {place}, end, ctx, {seen})")
+        seen = ""
+        if most is not None:
+            offset = f"({place} - start) - {most}" if self.place.base == "at" else str(self.place.offset + most)
+            seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
+        self.add(f"{size} = {measure}({choice}, data, {place}, end, ctx{seen})")
         with self.out.block(f"if {size} <= 0:"):
             self.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         self.skip(size)

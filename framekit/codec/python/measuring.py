@@ -142,6 +142,21 @@ class Measuring:
         else:
             self.advance(f"{self.place.text('')} + {size}")
 
+    def resume(self, after: Pairs, overlap: int = 0) -> str | None:
+        """Text of the place a search goes on at; None if it must begin anew.
+
+        An earlier call may have found the end and wanted what follows it, so that much is looked through again.
+        """
+        most = self.shapes.all(segment for segment, _ in after).most
+        if most is None:
+            return None
+        return f"start + seen - {most + overlap}" if most + overlap else "start + seen"
+
+    def search(self, what: str, place: str, after: Pairs, overlap: int = 0) -> str:
+        """Text of the place of some bytes from `place` on, -1 if they are not there."""
+        resume = self.resume(after, overlap)
+        return f"data.find({what}, {place if resume is None else f'max({place}, {resume})'}, end)"
+
     def not_found(self, least: int) -> None:
         """What to say when an end is not there yet; `least` bytes come with it."""
         self.add(f"return -{least} if end - start + {least} <= {self.most} else LOST")

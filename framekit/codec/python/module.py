@@ -122,6 +122,7 @@ class Module:
     def choice(self, frames: tuple[str, ...], *name: str) -> str:
         """The module constant of the frames that may stand at one place."""
         self.function("Choice")
+        frames = tuple(sorted(frames, key=lambda frame: self.protocol.frames[frame].refuse is not None))
         if frames not in self.choices:
             self.choices[frames] = self.names.constant(*name)
         return self.choices[frames]

@@ -34,8 +34,11 @@ class Reader(SizedReader):
 
     def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, after: tuple[Item, ...] = ()) -> None:
         """Reads the segments; `after` is what follows them in the buffer."""
-        self.read_items(self.items(segments, scope, fields), after)
+        items = self.items(segments, scope, fields)
+        self.read_items(items, after)
         self.finish_deferred()
+        for item in items:
+            item.fields.attach()
 
     def read_items(self, items: list[Item], after: tuple[Item, ...]) -> None:
         place = 0
@@ -93,6 +96,7 @@ class Reader(SizedReader):
         function = self.function
         for _, items in branches:
             for item in items:
+                item.fields.attach()
                 item.fields.open(function.out)
         function.flush()
         self.settle()

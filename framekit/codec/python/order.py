@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 class Task:
     """One thing to write: the names it gives, those it waits for, and how it is written.
 
-    `write(missing)` gets the names that are not there yet because of a circle; they are read from the given values.
+    In a circle a task with `may_be_given` is taken first, one with `prefer` before all. `write(missing)` gets the names that are not there yet because of a circle; they are read from the given values.
     """
 
     gives: tuple[str, ...]
     waits_for: set[str]
     write: Callable[[set[str]], None]
     may_be_given: bool = False
+    prefer: bool = False
     done: bool = field(default=False, init=False)
 
 
@@ -30,7 +31,8 @@ def run_in_order(tasks: list[Task]) -> None:
     while pending := [task for task in tasks if not task.done]:
         ready = next((task for task in pending if not _open(task, givers)), None)
         if ready is None:
-            ready = next((task for task in pending if task.may_be_given), pending[0])
+            given = [task for task in pending if task.may_be_given]
+            ready = next((task for task in given if task.prefer), (given or pending)[0])
         ready.done = True
         ready.write(_open(ready, givers))
 

@@ -40,6 +40,8 @@ from framekit.definition.model.segments import (
 )
 
 _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+_MOST_PLUSES = 4
+"""More pieces than so many are joined."""
 Placed = tuple[Segment, Scope]
 Number = Field | Length | Count | Bits
 
@@ -101,11 +103,11 @@ class PieceWriter(ValueWriter):
                 count = self._length_of_run(placed[place:])
                 texts.append(self._kept(placed[place : place + count], self._run(placed[place : place + count])))
             place += count
-        return " + ".join(_merged(texts)) or 'b""'
+        return _sum(texts)
 
     def _gather(self, texts: list[str], buffer: str) -> str:
         """Puts everything so far into the buffer's local."""
-        text = " + ".join(_merged(texts)) or 'b""'
+        text = _sum(texts)
         if text != buffer:
             self.add(f"{buffer} = {text}")
         return buffer
@@ -144,7 +146,7 @@ class PieceWriter(ValueWriter):
     def _check(self, check: Check, scope: Scope, buffer: str) -> str:
         covered = buffer
         if check.name not in self.coverage.whole:
-            covered = " + ".join(_merged(self._parts_of(self.coverage.names(check) or []))) or 'b""'
+            covered = _sum(self._parts_of(self.coverage.names(check) or []))
         return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered), 'b""')
 
     def _parts_of(self, names: list[str]) -> list[str]:
@@ -350,6 +352,14 @@ def _byte_order(type_: FieldType) -> str:
 
 def _operand(text: str) -> str:
     return text if text.isidentifier() or text.isdigit() else f"({text})"
+
+
+def _sum(texts: list[str]) -> str:
+    """Text of all these bytes one behind the other."""
+    merged = _merged(texts)
+    if len(merged) > _MOST_PLUSES:
+        return f'b"".join(({", ".join(merged)}))'
+    return " + ".join(merged) or 'b""'
 
 
 def _merged(texts: list[str]) -> list[str]:

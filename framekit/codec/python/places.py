@@ -60,12 +60,20 @@ def _bound(buffer: str, place: Place) -> str:
 class Fields:
     """A dictionary of values in generated code: a literal as long as possible, then a variable that grows."""
 
-    def __init__(self, variable: str) -> None:
+    def __init__(self, variable: str, outer: tuple[Fields, str] | None = None) -> None:
         self.variable = variable
+        self.outer = outer
         self.entries: list[tuple[str, str | Fields]] = []
         self.is_open = False
 
+    def attach(self) -> None:
+        """Becomes a value of the dictionary around it, when its first value is read."""
+        if self.outer is not None:
+            (fields, name), self.outer = self.outer, None
+            fields.add(name, self)
+
     def add(self, name: str, value: str | Fields) -> None:
+        self.attach()
         self.entries.append((name, value))
 
     def text(self, out: Source) -> str:

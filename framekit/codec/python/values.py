@@ -78,7 +78,7 @@ class ValueWriter(Building):
     def _tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
         match segment:
             case Field():
-                tasks.append(self._field_task(segment, scope, given))
+                tasks.extend(self._field_tasks(segment, scope, given))
             case Bits(parts=parts):
                 for part in parts:
                     tasks.append(self._bits_task(part, scope, given))
@@ -103,13 +103,17 @@ class ValueWriter(Building):
 
     # ---- fields -------------------------------------------------------------------------------------------
 
-    def _field_task(self, item: Field, scope: Scope, given: Given) -> Task:
+    def _field_tasks(self, item: Field, scope: Scope, given: Given) -> list[Task]:
         needed = item.build is None and item.default is None and item.is_ is None and item.constants is None
         waits = self.waits(item.is_ or item.build or item.default)
         if needed and item.when is not None:
             waits |= self.waits(item.when)
         may_be_given = not needed and item.is_ is None
-        return Task((item.name,), waits, lambda missing: self._field(item, scope, given, needed, missing), may_be_given)
+        first = Task((item.name,), waits, lambda missing: self._field(item, scope, given, needed, missing), may_be_given)
+        if item.is_ is not None or (item.constants is not None and len(item.constants) == 1):
+            return [first]
+        waits = self.waits(item.when) | {item.name}
+        return [first, Task((), waits, lambda _: self._judge(item, scope, scope.entries[item.name].text))]
 
     def _field(self, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:
         local = self.names.fresh(item.name)
@@ -122,9 +126,12 @@ class ValueWriter(Building):
             entry.text = self._computed(item.name, item.is_, local, scope, given)
         else:
             self.add(f"{local} = {self._given(item, scope, given, needed, missing)}")
-            self._judge(item, scope, local)
+            if item.values is not None:
+                numbers = self.module.numbers(item.values, f"{self.title} {item.name}")
+                self.add(f"{local} = {numbers}.get({local}, {local})")
         scope.entries[item.name] = entry
-        entry.wire = self.room((item.name,), scope)
+        if not sized and item.when is None:
+            entry.wire = self.room((item.name,), scope)
 
     def _computed(self, name: str, expression: Expression, local: str, scope: Scope, given: Given) -> str:
         number = constant_of(expression)
@@ -161,11 +168,8 @@ class ValueWriter(Building):
 
     def _judge(self, item: Field, scope: Scope, local: str) -> None:
         """What must hold for a value that was given or built."""
-        if item.values is not None:
-            numbers = self.module.numbers(item.values, f"{self.title} {item.name}")
-            self.add(f"{local} = {numbers}.get({local}, {local})")
-            if item.only and item.constants is None:
-                self._refuse(item, scope, f"{local} not in {self.module.value_names(item.values, item.name)}")
+        if item.values is not None and item.only and item.constants is None:
+            self._refuse(item, scope, f"{local} not in {self.module.value_names(item.values, item.name)}")
         if item.constants is not None:
             self._refuse_others(item.name, local, item.constants)
         limits = forms.value_range(item)
@@ -307,6 +311,7 @@ class ValueWriter(Building):
     def _value_tasks(self, value: Value, scope: Scope, given: Given) -> list[Task]:
         waits = self.waits(value.build or value.read)
         tasks = [Task((value.name,), waits, lambda missing: self._value(value, scope, given, missing), True)]
+        tasks[0].prefer = value.build is None
         agree = self.waits(value.read) | {value.name}
         return [*tasks, Task((), agree, lambda _: self._agree(value, scope, given))]
 
