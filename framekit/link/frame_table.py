@@ -6,6 +6,7 @@ Made once when an engine starts. It knows the codec only by the contract below, 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Protocol
 
 from framekit.definition.expression.syntax import Name
@@ -187,6 +188,10 @@ class FrameTable:
         data = info.encode(value.fields if info.flat else plain(value.fields), names)
         value.raw = data
         value.pending = lambda: self._read_back(info, data, names)
+        for kind, name, _ in info.shape:
+            inner = value.fields.get(name) if kind == "inner" else None
+            if type(inner) is FrameValue and inner.raw is None:
+                inner.pending = partial(value.computed_inside, name)
         if info.announces:
             value.complete()
         return data

@@ -36,6 +36,12 @@ class FrameValue:
             self._computed = read()
         return self.fields if self._computed is None else {**self._computed, **self.fields}
 
+    def computed_inside(self, name: str) -> dict[str, Any]:
+        """The fields of the frame `name` inside this one, as they were sent."""
+        self.complete()
+        inner = (self._computed or {}).get(name)
+        return inner.fields if type(inner) is FrameValue else {}
+
     def field(self, name: str) -> Any:
         """A field by name. Raises KeyError."""
         if name in self.fields:
@@ -96,9 +102,10 @@ def with_frames(fields: dict[str, Any], inner: tuple[str, ...]) -> dict[str, Any
 
 
 def plain(value: Any) -> Any:
-    """The value as codecs take it: frame values inside become `{frame: fields}`."""
+    """The value as codecs take it: frame values inside become `{frame: fields}`, as sent if they have been sent."""
     if type(value) is FrameValue:
-        return {value.frame: {name: plain(item) for name, item in value.fields.items()}}
+        fields = value.fields if value.raw is None else value.complete()
+        return {value.frame: {name: plain(item) for name, item in fields.items()}}
     if type(value) is dict:
         return {name: plain(item) for name, item in value.items()}
     if type(value) is list:

@@ -171,9 +171,9 @@ class RangeTable(dict[Any, Any]):
 
     __slots__ = ("ranges",)
 
-    def __init__(self, table: Table) -> None:
-        super().__init__(table.entries)
-        self.ranges = table.ranges
+    def __init__(self, entries: Mapping[Any, Any], ranges: tuple[tuple[int, int, Any], ...]) -> None:
+        super().__init__(entries)
+        self.ranges = ranges
 
     def __missing__(self, key: Any) -> Any:
         if isinstance(key, int):
@@ -195,5 +195,17 @@ class RangeTable(dict[Any, Any]):
 
 
 def table_values(table: Table) -> dict[Any, Any]:
-    """A definition's table as expressions read it."""
-    return RangeTable(table) if table.ranges else dict(table.entries)
+    """A definition's table as expressions read it. A column that a row leaves out is there empty: 0, '' or no bytes."""
+    columns: dict[str, Any] = {}
+    for value in (*table.entries.values(), *(value for _, _, value in table.ranges)):
+        if isinstance(value, Mapping):
+            for name, constant in value.items():
+                columns.setdefault(name, type(constant)())
+    entries = {key: _filled(value, columns) for key, value in table.entries.items()}
+    if not table.ranges:
+        return entries
+    return RangeTable(entries, tuple((low, high, _filled(value, columns)) for low, high, value in table.ranges))
+
+
+def _filled(value: Any, columns: Mapping[str, Any]) -> Any:
+    return {**columns, **value} if isinstance(value, Mapping) else value
