@@ -6,10 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.codec.codec import compile_protocol
-
-from benchmarks import by_hand
+from benchmarks.by_hand import (
+    decode_individual,
+    decode_registers,
+    decode_request,
+    decode_write,
+    encode_individual,
+    encode_registers,
+    encode_request,
+    encode_write,
+)
 from benchmarks.measure import compare
+from framekit.codec.codec import compile_protocol
 from framekit.codec.construct_backend import compile_construct
 from framekit.definition.load import load_protocol
 
@@ -34,19 +42,18 @@ def registers(count: int) -> Fields:
 
 
 VARIABLES = [{"data": bytes([number, 0x34])} for number in range(4)]
+REQUEST = {"station": 17, "pdu": {"read_holding": {"address": 107, "count": 3}}}
+INDIVIDUAL = {"station": 32, "command": "r", "values": VARIABLES}
+WRITE = {"payload": bytes(range(44))}
+TEN, MANY = registers(10), registers(125)
+
 CASES = (
-    Case("read reply, 10 registers", "modbus-rtu", "reply_adu", registers(10), by_hand.encode_registers, by_hand.decode_registers, True),
-    Case("read reply, 125 registers", "modbus-rtu", "reply_adu", registers(125), by_hand.encode_registers, by_hand.decode_registers, True),
-    Case(
-        "read request", "modbus-rtu", "request_adu", {"station": 17, "pdu": {"read_holding": {"address": 107, "count": 3}}},
-        by_hand.encode_request, by_hand.decode_request,
-    ),
-    Case(
-        "individual read reply, 4 variables", "mldp", "read_individual_reply",
-        {"station": 32, "command": "r", "values": VARIABLES}, by_hand.encode_individual, by_hand.decode_individual,
-    ),
-    Case("WR.REQ", "third-party-plc", "WR.REQ", {"payload": bytes(range(44))}, by_hand.encode_write, by_hand.decode_write),
-)  # fmt: skip
+    Case("read reply, 10 registers", "modbus-rtu", "reply_adu", TEN, encode_registers, decode_registers, True),
+    Case("read reply, 125 registers", "modbus-rtu", "reply_adu", MANY, encode_registers, decode_registers, True),
+    Case("read request", "modbus-rtu", "request_adu", REQUEST, encode_request, decode_request),
+    Case("read reply, 4 variables", "mldp", "read_individual_reply", INDIVIDUAL, encode_individual, decode_individual),
+    Case("WR.REQ", "third-party-plc", "WR.REQ", WRITE, encode_write, decode_write),
+)
 
 
 def run(rounds: int) -> list[dict[str, Any]]:

@@ -154,9 +154,9 @@ class BlockLoader:
         values = keys.get("values")
         places = self.places(own)
         if not places and values is None:
-            word = "into" if instruction == "read" else "from"
-            raise reader.broken(keys.at, f"the block does not say where its data {'go' if word == 'into' else 'come from'}",
-                                f"add {word}: with an address of the own memory")  # fmt: skip
+            word, does = ("into", "go") if instruction == "read" else ("from", "come from")
+            what = f"the block does not say where its data {does}"
+            raise reader.broken(keys.at, what, f"add {word}: with an address of the own memory")
         if places and len(places) != len(nodes):
             raise reader.broken(
                 keys.at, f"{len(nodes)} addresses of the other side stand against {len(places)} own ones",

@@ -25,7 +25,7 @@ Arrived = Callable[[int, bool, str], None]
 
 
 class ChannelService:
-    """Runs blocks on one channel. `arrived` is told of frames that RECEIVE blocks take, `opened` of the port's state."""
+    """Runs blocks on one channel. `arrived` is told of frames of RECEIVE blocks, `opened` whether the port is open."""
 
     def __init__(
         self,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from framekit.blocks.device import memory_of
-from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.codec import compile_protocol
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.scalars import parse_number
 from framekit.definition.load.vectors import load_vectors
@@ -20,6 +20,7 @@ from framekit.link.conversation import Asked, TestedSide, run_conversation
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Ask
+from framekit.link.frame_table import Codec
 from framekit.link.frame_vectors import run_frame_vector
 from framekit.link.serving import MemoryServer
 from framekit.memory.memory import DeviceMemory
