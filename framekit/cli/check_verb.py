@@ -91,9 +91,23 @@ def _run(path: Path) -> tuple[str, list[Problem]]:
 
 
 def _vectors(path: Path) -> tuple[str, list[Problem]]:
+    from framekit.definition.check.vectors import check_vectors
+    from framekit.definition.load import load_protocol
+    from framekit.definition.load.library import definition_path
     from framekit.definition.load.vectors import load_vectors
+    from framekit.definition.problems import DefinitionError, Problem
 
     vectors = load_vectors(path)
+    try:
+        protocol = load_protocol(definition_path(vectors.protocol, path.parent))
+    except DefinitionError as error:
+        if error.problems[0].at.file == vectors.protocol:
+            what, todo = error.problems[0].what, error.problems[0].todo
+        else:
+            what, todo = f"the definition of '{vectors.protocol}' is not right", f"framekit check {vectors.protocol}"
+        raise DefinitionError([Problem(vectors.protocol_at, what, todo)]) from None
+    if problems := check_vectors(vectors, protocol):
+        raise DefinitionError(problems)
     return (
         f"vectors of {vectors.protocol}, {len(vectors.frames)} frames, {len(vectors.conversations)} conversations",
         [],

@@ -14,7 +14,6 @@ from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean
 
-
 _PLAINLY_NAMED = frozenset({"station", "own", "area", "start", "count", "bytes", "data", "bits", "code"})
 
 

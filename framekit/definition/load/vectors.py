@@ -12,7 +12,7 @@ from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.vectors import Conversation, FrameVector, Result, ScriptLine, Vectors, Wire
 from framekit.definition.nodes import Mapping, Node, Scalar
-from framekit.definition.problems import DefinitionError
+from framekit.definition.problems import DefinitionError, Position
 
 KINDS = ("send", "receive", "break", "silence", "wait", "line")
 FAULTS = {"parity": "parity", "framing": "framing", "overrun": "overrun"}
@@ -64,6 +64,15 @@ def plain_of(node: Node | None) -> Any:
     return [plain_of(item) for item in node.items]
 
 
+def _places_of(keys: Mapping) -> dict[str, Position]:
+    """Where every value stands, and every name in one that is a mapping."""
+    places = {entry.key.text: entry.value.at for entry in keys.entries}
+    for entry in keys.entries:
+        if isinstance(entry.value, Mapping):
+            places |= {f"{entry.key.text}.{inner.key.text}": inner.key.at for inner in entry.value.entries}
+    return places
+
+
 class _VectorsLoader:
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
@@ -83,6 +92,7 @@ class _VectorsLoader:
             frames=tuple(frames),
             conversations=tuple(conversations),
             at=root.at,
+            protocol_at=reader.scalar(root.get("vectors")).at,
         )
 
     def _text(self, keys: Mapping, key: str) -> str:
@@ -118,6 +128,7 @@ class _VectorsLoader:
             expect=None if expect is None else self._expectation(reader.mapping(expect)),
             source=self._text(keys, "source"),
             second_source=self._text(keys, "second_source"),
+            places=_places_of(keys),
         )
 
     def _expectation(self, keys: Mapping) -> tuple[Literal["bad", "refused", "noise"], str | int]:
@@ -149,6 +160,7 @@ class _VectorsLoader:
             result=Result() if result is None else self._result(reader.mapping(result)),
             source=self._text(keys, "source"),
             second_source=self._text(keys, "second_source"),
+            places=_places_of(keys),
         )
 
     def _line(self, keys: Mapping) -> ScriptLine:

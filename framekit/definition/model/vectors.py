@@ -49,7 +49,10 @@ def _words(wanted: tuple[int | None, ...]) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameVector:
-    """A frame both ways, or bytes and what becomes of them (`expect`: bad, refused or noise; the cause or number)."""
+    """A frame both ways, or bytes and what becomes of them (`expect`: bad, refused or noise; the cause or number).
+
+    `places`: where the value of a key stands, and the name of an entry under `KEY.NAME`; for messages.
+    """
 
     at: Position
     name: str
@@ -63,6 +66,7 @@ class FrameVector:
     expect: tuple[Literal["bad", "refused", "noise"], str | int] | None = None
     source: str = ""
     second_source: str = ""
+    places: Mapping[str, Position] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +95,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conversation:
-    """One side, what it starts with, what it is asked to do, and what goes over the line."""
+    """One side, what it starts with, what it is asked to do, and what goes over the line. `places` as in frame cases."""
 
     at: Position
     name: str
@@ -106,6 +110,7 @@ class Conversation:
     result: Result
     source: str = ""
     second_source: str = ""
+    places: Mapping[str, Position] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,3 +122,4 @@ class Vectors:
     frames: tuple[FrameVector, ...]
     conversations: tuple[Conversation, ...]
     at: Position
+    protocol_at: Position
