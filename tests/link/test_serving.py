@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.service_loop import Loop
 
+from framekit.codec.errors import FrameError
 from framekit.link.addresses import Address
 from framekit.link.values import FrameValue
 from framekit.memory.area import Area
@@ -419,3 +420,33 @@ def there_and_back(name: str, area: str, unit: str, data: st.DataObject) -> None
     touched = sum(int.from_bytes(part).bit_count() for part in loop.memory.snapshot().values())
     assert touched == sum(value.bit_count() for value in values)
     assert loop.troubles == []
+
+
+# ---- anything from the wire ------------------------------------------------------------------------------------------
+
+SEEDS = {
+    "mldp": [with_check(text) for _, text in MALFORMED],
+    "modbus-rtu": [
+        bytes.fromhex(t) for t in ("0300000001", "10000000020400010002", "0F000003010500", "1600000000FFFF")
+    ],
+    "rack.yaml": [
+        bytes.fromhex(t) for t in ("0101000003", "0201000001" + "00" * 8, "0B03", "0C03", "0E00010001", "0F52370000")
+    ],
+}
+
+
+@given(st.sampled_from(sorted(SEEDS)), st.data())
+@settings(max_examples=150, deadline=None)
+def test_no_request_gets_an_exception_out_of_a_server(name: str, data: st.DataObject) -> None:
+    loop = loop_of(name)
+    raw = bytearray(data.draw(st.sampled_from(SEEDS[name])))
+    for _ in range(data.draw(st.integers(0, 4))):
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    for frame_name in loop.protocol.frames_of("request"):
+        try:
+            request = loop.arrived(frame_name, bytes(raw))
+        except FrameError:
+            continue
+        served = loop.serve(request, data.draw(st.binary(max_size=12)), check=data.draw(st.booleans()))
+        assert served.refusal >= 0
+        assert served.refusal == 0 or served.reply is not None
