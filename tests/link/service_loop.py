@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from framekit.blocks.device import memory_of
+from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
@@ -36,26 +37,7 @@ def codec_of(protocol_key: str) -> tuple[Protocol, Any]:
     else:
         file = DATA / protocol_key
         protocol = load_protocol(file if file.is_file() else protocol_key, FRAMES)
-    try:
-        from framekit.codec.codec import compile_protocol
-    except ImportError:
-        return protocol, _construct_codec(protocol)
     return protocol, compile_protocol(protocol)
-
-
-def _construct_codec(protocol: Protocol) -> Any:
-    from framekit.codec.construct_backend import compile_construct
-
-    codec = compile_construct(protocol)
-
-    def pair(name: str, encode: Any, decode: Any) -> Any:
-        return (lambda v, ctx=None: encode(name, v, ctx)), (lambda d, ctx=None: decode(name, d, ctx))
-
-    frames = {name: pair(name, codec.encode, codec.decode) for name in protocol.frames}
-    return SimpleNamespace(
-        frames={n: SimpleNamespace(encode=e, decode=d, measure=None) for n, (e, d) in frames.items()},
-        layouts={name: pair(name, codec.encode_layout, codec.decode_layout) for name in protocol.layouts},
-    )
 
 
 class Loop:
