@@ -97,7 +97,13 @@ def fitting(
                 fits.append(Fit(name, error.fields, error.refuse))
             faults.append((name, error))
     whole = [fit for fit in fits if fit.refusal is None]
-    return whole or fits, faults
+    known = [fit for fit in whole if not holds_unknown(fit.fields)]
+    return known or whole or fits, faults
+
+
+def holds_unknown(fields: dict[str, Any]) -> bool:
+    """Whether a frame inside is none that the protocol knows."""
+    return any(isinstance(value, dict) and ("unknown" in value or holds_unknown(value)) for value in fields.values())
 
 
 def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:

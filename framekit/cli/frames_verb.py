@@ -64,11 +64,11 @@ def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:
 
 def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str, str]]:
     """Name and form of every field, those of records and repeats indented below them."""
-    from framekit.definition.load.references import named_segments
     from framekit.definition.model.segments import Bits, Inner, Record, Repeat
+    from framekit.definition.model.sizes import flat
 
     found: list[tuple[str, str]] = []
-    for segment in named_segments(segments):
+    for segment in flat(segments):
         if isinstance(segment, Bits):
             found += [(indent + part.name, _places(part.low, part.high)) for part in segment.parts]
         elif isinstance(segment, (Record, Repeat)):
