@@ -1,7 +1,7 @@
 """Runs conversation vectors on virtual time: one engine, and a script in place of the other side and the line.
 
 Bytes take the time they take on the line. What is sent is held against the script, with its times (language reference,
-section 15). It knows how a client is asked and a server is made only by what `TestedSide` has.
+section 15). It knows how a client is asked and a server is made only by what `SideUnderTest` has.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Asked = Callable[[Any], None]
 
 
 @dataclass(slots=True)
-class TestedSide:
+class SideUnderTest:
     """What the tested side consists of besides its engine.
 
     `start` begins what the case asks for: engine, the case's `do`, its station, the time, what to call with the result;
@@ -42,7 +42,7 @@ class TestedSide:
     read_memory: Callable[[str, int], list[int]] | None = None
 
 
-MakeSide = Callable[[Conversation, Protocol, Codec], TestedSide]
+MakeSide = Callable[[Conversation, Protocol, Codec], SideUnderTest]
 
 
 @dataclass(slots=True)

@@ -164,10 +164,13 @@ class Engine:
         deadline = self.lanes.deadline
         if self.reception.interest is not None:
             deadline = min(deadline, self.receiver.deadline)
-        session = self.machine.session
-        if session.is_open and self.output.outgoing is None and not any(lane.running for lane in self.lanes.lanes):
-            deadline = min(deadline, session.keep_alive_at(self.output.quiet_since))
-        return deadline
+        return min(deadline, self._keep_alive_at())
+
+    def _keep_alive_at(self) -> int:
+        """When the session has to be kept alive; never while there is other traffic under way."""
+        if not self.machine.session.is_open or self.output.outgoing is not None or not self.lanes.is_free:
+            return NEVER
+        return self.machine.session.keep_alive_at(self.output.quiet_since)
 
     # ---- what is asked of it ------------------------------------------------------------------------------
 
@@ -286,10 +289,7 @@ class Engine:
         if due is not None:
             self._time_up(due)
             return True
-        session = self.machine.session
-        if self.deadline <= now and session.keep_alive_at(self.output.quiet_since) <= now:
-            return self._keep_alive()
-        return False
+        return self._keep_alive_at() <= now and self._keep_alive()
 
     def _time_up(self, run: Any) -> None:
         """A frame that is arriving is broken off first; a good one may still be found in what has come of it."""

@@ -115,7 +115,7 @@ class Lanes:
     def begin_sequence(self, kind: str, name: str, station: Any) -> Run | None:
         """Runs a sequence of the session in the first lane for exchanges: keeping alive, or closing."""
         lane = self.lane_for(None)
-        if lane is None or lane.running or not (lane.listener is None or lane.listener.gives_way):
+        if lane is None or not self.is_free:
             return None
         self._give_way(lane)
         run = Run(lane, kind)
@@ -215,6 +215,14 @@ class Lanes:
     def _reorder(self) -> None:
         self.order = tuple(run for lane in self.lanes for run in lane.runs())
         self.machine.changed = self.machine.stirred = True
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the lane for exchanges could begin something of the session's own now."""
+        lane = self.lane_for(None)
+        if lane is None or lane.running or lane.waiting or not self.is_open:
+            return False
+        return lane.listener is None or lane.listener.gives_way
 
     @property
     def listens(self) -> bool:

@@ -19,6 +19,9 @@ from framekit.link.values import FrameValue
 
 OnFrame = Callable[[FrameValue], None]
 
+MOST_HELD = 262_144
+"""So many bytes are kept for those who will wait later but do not wait yet."""
+
 
 class Reception:
     """`interest` are the names of frames expected and of others; None while those who will wait do not wait yet.
@@ -47,6 +50,8 @@ class Reception:
         if self.machine.changed:
             self._work_out_interest()
         if self.interest is None:
+            if len(self.receiver.stream.buffer) > MOST_HELD:
+                self.drop_stale()
             return False
         event = self.receiver.next(*self.interest)
         if event is None:

@@ -18,7 +18,9 @@ MOVE_AT = 4096
 class Stream:
     """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them."""
 
-    __slots__ = ("_ends", "_faults", "_removed", "_times", "base", "buffer", "last", "pauses", "position", "removed", "silences")
+    __slots__ = (
+        "_ends", "_faults", "_removed", "_times", "base", "buffer", "last", "pauses", "position", "removed", "silences",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.buffer = bytearray()

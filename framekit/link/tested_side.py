@@ -14,7 +14,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation
 from framekit.link.addresses import AddressGrammar
 from framekit.link.client import Client
-from framekit.link.conversation import Asked, TestedSide, station_of
+from framekit.link.conversation import Asked, SideUnderTest, station_of
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome
@@ -25,12 +25,12 @@ from framekit.memory.area import Area
 from framekit.memory.memory import DeviceMemory
 
 
-def make_tested_side(case: Conversation, protocol: Protocol, codec: Codec) -> TestedSide:
+def make_tested_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnderTest:
     """Client, server and memory of a protocol. Raises ValueError for a case that cannot be set up."""
     memory = ConversationMemory(protocol)
     for address, values in case.memory.items():
         memory.put(address, [parse_number(item) for item in (values if isinstance(values, list) else [values])])
-    return TestedSide(
+    return SideUnderTest(
         server=MemoryServer(protocol, codec, memory.device) if protocol.services else None,
         memory=memory,
         ask=lambda engine: Client(protocol, codec, engine).ask,
@@ -92,7 +92,7 @@ class Starter:
                 return client.read_variables(address, station=station, unit=unit, now=now, on_done=on_done)
             return client.read(address, station=station, unit=unit, count=count, now=now, on_done=on_done)
         if "write" in given:
-            return self._write(client, given["write"], station, unit, now, on_done)
+            return self._write(client, given["write"], given.get("values"), station, unit, now, on_done)
         ((service, arguments),) = given.items()
         plain = dict(arguments) if isinstance(arguments, Mapping) else {}
         addresses = plain.pop("addresses", [])
@@ -102,17 +102,19 @@ class Starter:
         )  # fmt: skip
 
     def _write(
-        self, client: Client, what: Any, station: Any, unit: str | None, now: int, on_done: Asked
+        self, client: Client, where: Any, values: Any, station: Any, unit: str | None, now: int, on_done: Asked
     ) -> list[Command]:
-        """`{ADDRESS: value}`, `{ADDRESS: [values]}`, or several addresses with one value each."""
-        if not isinstance(what, Mapping) or not what:
-            raise ValueError("write takes {ADDRESS: value}")
-        if len(what) > 1:
-            values = [parse_number(value) for value in what.values()]
-            return client.write_variables(list(what), values, station=station, unit=unit, now=now, on_done=on_done)
-        ((address, value),) = what.items()
-        numbers = [parse_number(item) for item in (value if isinstance(value, list) else [value])]
-        return client.write(address, numbers, station=station, unit=unit, now=now, on_done=on_done)
+        """`write: ADDRESS, values: [...]` for consecutive places, `write: [ADDRESSES], values: [...]` for one each."""
+        if isinstance(where, Mapping):
+            where, values = list(where), list(where.values())
+            if len(where) == 1:
+                where, values = where[0], values[0]
+        if values is None:
+            raise ValueError("write needs values: write: ADDRESS, values: [...]")
+        numbers = [parse_number(item) for item in (values if isinstance(values, list) else [values])]
+        if isinstance(where, list):
+            return client.write_variables(where, numbers, station=station, unit=unit, now=now, on_done=on_done)
+        return client.write(where, numbers, station=station, unit=unit, now=now, on_done=on_done)
 
     def _send(self, engine: Engine, what: Any, now: int, on_done: Asked) -> list[Command]:
         """A frame by itself; done when it has left."""

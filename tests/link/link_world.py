@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat
@@ -35,14 +37,6 @@ def load(text: str) -> Protocol:
 def compiled(text: str) -> tuple[Protocol, Any]:
     """The protocol and its codec."""
     protocol = load(text)
-    try:
-        from framekit.codec.codec import compile_protocol
-    except ImportError:
-        from types import SimpleNamespace
-        from framekit.codec.python.generate import generate_source
-        names: dict[str, Any] = {}
-        exec(generate_source(protocol), names)
-        return protocol, SimpleNamespace(frames=names["FRAMES"], layouts=names["LAYOUTS"], QUIET=names["QUIET"], LOST=names["LOST"])
     return protocol, compile_protocol(protocol)
 
 
@@ -90,7 +84,7 @@ def feed(
 def cut_at(data: bytes, places: Sequence[int]) -> list[bytes]:
     """`data` in pieces, cut at these places."""
     edges = [0, *sorted({place % (len(data) + 1) for place in places}), len(data)]
-    return [data[start:end] for start, end in zip(edges, edges[1:], strict=False) if start < end]
+    return [data[start:end] for start, end in pairwise(edges) if start < end]
 
 
 class Echoing:

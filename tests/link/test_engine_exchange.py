@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - definitions in YAML
 """Question and answer of the standard procedure, both roles, on virtual time: replies, repeats, time limits, late replies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - definitions in YAML
 """Lanes side by side, queues, delivered frames, sessions, asked services, frames inside others; and what does not listen."""
 
 from __future__ import annotations

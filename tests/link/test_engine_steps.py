@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - definitions in YAML
 """Steps, words, handlers, calls, parts, counters and time limits on small made-up protocols."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - definitions in YAML
 """The receiver: what it finds does not depend on how a stream is cut, nothing raises, valid frames are found again."""
 
 from __future__ import annotations
@@ -74,10 +75,20 @@ def test_offsets_and_times_are_those_of_the_stream() -> None:
 
 
 def test_a_fault_with_a_code_makes_a_frame_to_be_refused() -> None:
-    wrong = checked(TOO_MUCH[:-2])
-    longer = checked(SET[:-3] + b"xyz\x03")
-    found = feed(receiver_of(LETTERS), [wrong, longer], ALL)
-    assert [(item[0], item[1], item[4]) for item in found] == [("frame", "set", 9), ("frame", "set", 7)]
+    found = feed(receiver_of(LETTERS), [checked(TOO_MUCH[:-2])], ALL)
+    assert [(item[0], item[1], item[4]) for item in found] == [("frame", "set", 9)]
+
+
+def test_surplus_in_a_delimited_frame_is_refused() -> None:
+    text = """
+protocol: surplus
+groups:
+  command: {delimited: yes, surplus: 7, max: 32, head: [{const: STX}], tail: [{const: ETX}]}
+frames:
+  put: {group: command, body: [{text: P}, {field: x, type: dec, size: 2}]}
+"""
+    found = feed(receiver_of(text), [b"\x02P12345\x03\x02P12\x03"], ("put",))
+    assert [(item[0], item[4]) for item in found] == [("frame", 7), ("frame", None)]
 
 
 def test_a_wrong_check_outweighs_a_fault_with_a_code() -> None:
@@ -313,13 +324,16 @@ def test_a_frame_behind_noise_is_found_once_a_pause_has_shown_false_starts(noise
     assert found[-1][:2] == ("frame", name)
 
 
-def test_a_megabyte_byte_by_byte_asks_each_candidate_a_bounded_number_of_times() -> None:
-    """Linear: what is looked through is never looked through again. Counted, not timed."""
-    protocol, codec = compiled(LETTERS)
-    receiver = receiver_of(LETTERS)
-    looked = 0
-    info = receiver.table.infos["set"]
-    measure = info.measure
+LONG = LETTERS.replace("max: 64", "max: 60000").replace("{text: G}", "{text: G}, {data: rest, size: rest, convert: hex_to_ascii}")
+
+
+@pytest.mark.parametrize("size", [8, 25_000])
+def test_byte_by_byte_each_byte_is_looked_at_a_bounded_number_of_times(size: int) -> None:
+    """Linear, whatever the length of the frames: what has been looked through is not looked through again."""
+    frame = built(LONG, "get", station=1, rest=b"x" * size)
+    receiver = receiver_of(LONG)
+    info = receiver.table.infos["get"]
+    measure, looked, total = info.measure, 0, 0
 
     def counting(data: Any, start: int, end: int, context: Any = None, seen: int = 0) -> int:
         nonlocal looked
@@ -328,15 +342,14 @@ def test_a_megabyte_byte_by_byte_asks_each_candidate_a_bounded_number_of_times()
         return result
 
     info.measure = counting
-    total = 0
-    while total < 20_000:
-        for byte in SET:
+    while total < 60_000:
+        for byte in frame:
             receiver.append(bytes([byte]), 0)
-            event = receiver.next(("set",))
-            total += 1
-        assert isinstance(event, FrameArrived)
-    assert looked <= 4 * total
-    assert len(receiver.stream.buffer) < 10_000
+            event = receiver.next(("get",))
+        total += len(frame)
+        assert isinstance(event, FrameArrived) and event.raw == frame
+    assert looked <= 8 * total
+    assert len(receiver.stream.buffer) <= 2 * max(len(frame), 4096)
 
 
 def test_the_deadline_is_never_in_the_past() -> None:

@@ -1,0 +1,204 @@
+"""Vectors: how their files are read, that the shipped ones hold, and that a wrong one is found out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from link.link_world import compiled
+
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.load.vectors import load_vectors, parse_wire
+from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
+from framekit.definition.problems import DefinitionError
+from framekit.link.conversation import SideUnderTest, run_conversation
+from framekit.link.frame_vectors import run_frame_vector
+from framekit.link.tested_side import make_tested_side
+
+FRAMES = Path(__file__).parents[2] / "frames"
+SHIPPED = sorted(FRAMES.glob("*.vectors.yaml"))
+
+
+def read(tmp_path: Path, text: str) -> Vectors:
+    file = tmp_path / "some.vectors.yaml"
+    file.write_text(text)
+    return load_vectors(file)
+
+
+# ---- files ---------------------------------------------------------------------------------------------------
+
+
+def test_bytes_of_a_case() -> None:
+    wire = parse_wire("STX 41*3 xx 0D0A check 03")
+    assert wire.head == (2, 0x41, 0x41, 0x41, None, 13, 10) and wire.tail == (3,)
+    assert wire.exact is None and parse_wire("01 02").exact == b"\x01\x02"
+    assert wire.matches(b"\x02AAAz\r\n99\x03") and wire.matches(b"\x02AAAz\r\n9\x03")
+    assert not wire.matches(b"\x02AAAz\r\n\x03") and not wire.matches(b"\x02AABz\r\n9\x03")
+    assert str(wire) == "02 41 41 41 xx 0D 0A check 03"
+
+
+@pytest.mark.parametrize("text", ["0", "check check", "01 zz", "00*99999999", "01*x"])
+def test_bytes_that_are_none(text: str) -> None:
+    with pytest.raises(ValueError):
+        parse_wire(text)
+
+
+def test_a_file_with_everything(tmp_path: Path) -> None:
+    vectors = read(
+        tmp_path,
+        """
+vectors: some
+frames:
+  - {frame: a, values: {x: 010}, bytes: 01 10, source: "manual, page 3"}
+  - {bytes: 01 10 11, expect: {noise: 3}}
+  - {bytes: 01, expect: {refused: 0x11}}
+conversations:
+  - name: asks
+    role: client
+    params: {retries: 2}
+    do: {read: M1, count: 2}
+    script:
+      - {send: 01 xx, not_before: 3 chars, within: 50 ms}
+      - {line: parity}
+      - {receive: 02}
+      - {silence: 1 s}
+    result: {values: [1, 2], state: {n: 1}}
+""",
+    )
+    first, second, third = vectors.frames
+    assert (first.frame, first.values, first.source) == ("a", {"x": "010"}, "manual, page 3")
+    assert (second.expect, third.expect) == (("noise", 3), ("refused", 0x11))
+    (conversation,) = vectors.conversations
+    assert [line.kind for line in conversation.script] == ["send", "line", "receive", "silence"]
+    assert conversation.do == {"read": "M1", "count": "2"} and conversation.result.values == ["1", "2"]
+
+
+def test_problems_have_their_place(tmp_path: Path) -> None:
+    text = "vectors: some\nframes:\n  - {frame: a, bytes: 01 0}\n  - {bytes: 01}\n"
+    with pytest.raises(DefinitionError) as caught:
+        read(tmp_path, text)
+    assert {problem.at.line for problem in caught.value.problems} == {3, 4}
+
+
+# ---- the shipped ones ------------------------------------------------------------------------------------------
+
+
+def cases() -> list[Any]:
+    found = []
+    for file in SHIPPED:
+        vectors = load_vectors(file)
+        for case in (*vectors.frames, *vectors.conversations):
+            found.append(pytest.param(vectors.protocol, case, id=f"{vectors.protocol}:{case.at.line}"))
+    return found
+
+
+@pytest.mark.parametrize(("name", "case"), cases())
+def test_a_shipped_case_holds(name: str, case: FrameVector | Conversation) -> None:
+    protocol = _protocol(name)
+    codec = compile_protocol(protocol)
+    if isinstance(case, FrameVector):
+        assert run_frame_vector(case, protocol, codec) == []
+    else:
+        assert run_conversation(case, protocol, codec, make_tested_side) == []
+
+
+_LOADED: dict[str, Any] = {}
+
+
+def _protocol(name: str) -> Any:
+    if name not in _LOADED:
+        _LOADED[name] = load_protocol(FRAMES / f"{name}.yaml")
+    return _LOADED[name]
+
+
+# ---- wrong ones are found out -------------------------------------------------------------------------------------
+
+MADE_UP = """
+protocol: made_up
+state: {n: {type: u8}}
+frames:
+  ask: {from: client, body: [{const: 01}, {field: x, type: u8}, {check: sum8}]}
+  yes: {from: server, body: [{const: 02}, {field: x, type: u8}]}
+receiver: {quiet: 3 chars}
+sequences:
+  main:
+    takes: [request]
+    steps:
+      - step: one
+        wait: 10 ms
+        set: {n: n + 1}
+        send: request
+        receive: [{frame: 'yes', then: end}]
+        within: 100 ms
+        on_bad: {fail: damaged}
+roles: {client: {lanes: {main: {exchange: main}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ("{frame: ask, values: {x: 5}, bytes: 01 05 06}", []),
+        ("{frame: ask, values: {x: 5}, bytes: 01 05 check}", []),
+        ("{frame: ask, values: {x: 5}, bytes: 01 06 07}", ["built as 01 05 06", "x = 6, not 5"]),
+        ("{frame: ask, values: {x: 5, y: 1}, bytes: 01 05 06}", ["cannot be built"]),
+        ("{frame: nothing, values: {}, bytes: 01}", ["no frame 'nothing'"]),
+        ("{bytes: 01 05 07, expect: {bad: check}}", []),
+        ("{bytes: 01 05 07, expect: {bad: range}}", ["bad ask (check at byte 2)"]),
+        ("{bytes: 01 05, expect: {bad: cut}}", []),
+        ("{bytes: FF FF 02 01, expect: {noise: 2}}", []),
+        ("{bytes: FF 02 01, expect: {noise: 2}}", ["1 bytes are noise, not 2"]),
+    ],
+)
+def test_frame_cases(tmp_path: Path, case: str, words: list[str]) -> None:
+    protocol, codec = compiled(MADE_UP)
+    (vector,) = read(tmp_path, f"vectors: made_up\nframes:\n  - {case}\n").frames
+    problems = run_frame_vector(vector, protocol, codec)
+    assert len(problems) == len(words), problems
+    assert all(word in problem for word, problem in zip(words, problems, strict=True))
+
+
+GOOD = [
+    "{send: 01 05 06, not_before: 10 ms, within: 10 ms}",
+    "{wait: 20 ms}",
+    "{receive: 02 05}",
+]
+
+
+@pytest.mark.parametrize(
+    ("script", "more", "words"),
+    [
+        (GOOD, "result: {state: {n: 1}}", ""),
+        (GOOD, "result: {state: {n: 2}}", "n is 1 afterwards, expected 2"),
+        (["{send: 01 05 07}"], "", "sent 01 05 06, expected 01 05 07"),
+        (["{send: 01 05 06, not_before: 11 ms}"], "", "sent after 10 ms, not before 11 ms"),
+        (["{send: 01 05 06, within: 9 ms}"], "", "sent after 10 ms, not within 9 ms"),
+        (["{silence: 10 ms}", *GOOD[1:]], "", "nobody expected"),
+        (["{silence: 11 ms}"], "", "sent 01 05 06 at 10 ms, which nobody expected"),
+        (GOOD[:1], "", "it failed: outcome 'timeout'"),
+        (GOOD[:1], "result: {outcome: timeout}", ""),
+        ([GOOD[0], "{line: framing}", "{receive: 02 05}"], "result: {outcome: damaged}", ""),
+        ([*GOOD, "{send: 03}"], "", "nothing was sent, expected 03"),
+    ],
+)
+def test_conversations(tmp_path: Path, script: list[str], more: str, words: str) -> None:
+    protocol, codec = compiled(MADE_UP)
+    lines = "\n".join(f"      - {line}" for line in script)
+    text = (
+        "vectors: made_up\nconversations:\n  - name: one\n    role: client\n"
+        "    do: {exchange: {ask: {x: 5}}, expected: ['yes']}\n"
+        f"    script:\n{lines}\n    {more}\n"
+    )
+    (case,) = read(tmp_path, text).conversations
+    problems = run_conversation(case, protocol, codec, make_tested_side)
+    assert problems == [] if not words else len(problems) >= 1 and words in problems[0], problems
+
+
+def test_a_side_that_runs_nothing(tmp_path: Path) -> None:
+    protocol, codec = compiled(MADE_UP)
+    text = "vectors: made_up\nconversations:\n  - {name: one, role: client, do: {read: M1}, script: [{wait: 1 s}]}\n"
+    (case,) = read(tmp_path, text).conversations
+    problems = run_conversation(case, protocol, codec, lambda *_: SideUnderTest())
+    assert "nobody runs services" in problems[0]
