@@ -29,7 +29,10 @@ UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
 
 
 class MemoryTriggers:
-    """The memory triggers of one block; `active` conditions are evaluated when a word they read changes."""
+    """The memory triggers of one block: looked at when a word they read changes, and once at the start.
+
+    A condition that holds already when the run starts counts as having just come true.
+    """
 
     def __init__(self, block: Block, memory: DeviceMemory, resolve: Resolve, fire: Fire) -> None:
         self.block = block
@@ -46,7 +49,7 @@ class MemoryTriggers:
     def _watch_condition(self, condition: Condition, level: bool) -> None:
         if level:
             self.levels.append(condition)
-        before = condition.holds(self.memory)
+        before = False
 
         def look(*_: object) -> None:
             nonlocal before
@@ -57,6 +60,7 @@ class MemoryTriggers:
 
         for address in condition.addresses.values():
             self._watch(address, 1, look)
+        look()
 
     def _watch(self, address: Address, count: int, look: Callable[..., None]) -> None:
         first, words = words_of(address, UNIT_BITS[address.unit], count)
