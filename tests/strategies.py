@@ -17,6 +17,7 @@ from strategy_values import Draw
 from framekit.codec.construct_backend import ConstructCodec, compile_construct
 from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
 from framekit.codec.construct_backend.names import Names, known_names
+from framekit.codec.errors import EncodeError
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.model.visit import expressions_of
@@ -71,12 +72,20 @@ class FrameValues:
             for effort in range(TRIES):
                 maker = Maker(draw, self.protocol, self.codec, context, small=effort > TRIES // 2)
                 values = maker.frame(name)
-                if values is not None:
+                if values is not None and not self._too_long(name, values, context):
                     return values, context
             assume(False)
             raise AssertionError
 
         return made()
+
+    def _too_long(self, name: str, values: dict[str, Any], context: dict[str, Any]) -> bool:
+        """Whether a frame with a greatest length is longer; what else may be wrong is not judged here."""
+        most = self.protocol.frames[name].most
+        try:
+            return most is not None and len(self.codec.encode(name, values, context)) > most
+        except EncodeError as error:
+            return "at most" in str(error)
 
     def _context(self, draw: Draw, frame: str) -> dict[str, Any]:
         """The context with sizes that earlier frames have announced."""

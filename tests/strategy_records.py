@@ -276,7 +276,19 @@ class _Record:
         if data.convert == "ascii_to_hex":
             digits = self.draw(st.text("0123456789ABCDEF", min_size=least, max_size=most))
             return digits[: len(digits) // 2 * 2].encode()
-        return self.maker.bytes(self.draw(st.integers(-(-least // unit), most // unit)) * unit)
+        found = self.maker.bytes(self.draw(st.integers(-(-least // unit), most // unit)) * unit)
+        return self._suiting(data, found)
+
+    def _suiting(self, data: model.Data, found: bytes) -> Any:
+        """Bytes of the size that follows from giving `found`, where the size depends on what is given."""
+        for _ in range(TRIES if isinstance(data.size, Expression) else 0):
+            self.given[data.name] = found
+            wanted = self.evaluate(data.size.root) if isinstance(data.size, Expression) else UNKNOWN
+            del self.given[data.name]
+            if not isinstance(wanted, int) or wanted == len(found):
+                return found
+            found = self.maker.bytes(max(wanted, 0))
+        return found
 
     def _wanted_length(self, size: Expression) -> Any:
         """The size that a computed length must have because a condition compares it with something known."""

@@ -44,8 +44,11 @@ def test_the_context_comes_as_keywords() -> None:
     nested = construct.Struct("f" / construct.FixedSized(1, frame))
     assert nested.build({"f": {}}, buffer=b"") == b"\x03"
     assert codec.encode("f", {}, {"buffer": b"", "level": 9}) == b"\x09"
-    with pytest.raises(MissingName, match="buffer"):
+    with pytest.raises(EncodeError, match="'a' stands on 'buffer'"):
         frame.build({})
+    reading = small_codec("[{data: d, size: len(buffer)}]").frames["f"]
+    with pytest.raises(MissingName, match="buffer"):
+        reading.parse(b"12")
 
 
 def test_sizes_that_never_vary_are_known() -> None:

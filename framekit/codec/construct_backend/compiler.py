@@ -10,7 +10,7 @@ from framekit.codec.construct_backend.codec import ConstructCodec
 from framekit.codec.construct_backend.counts import CountConstruct, LengthConstruct
 from framekit.codec.construct_backend.fields import BitsConstruct, FieldConstruct
 from framekit.codec.construct_backend.filling import Condition, Filling, Part, Plan
-from framekit.codec.construct_backend.frame import FrameConstruct, InnerConstruct
+from framekit.codec.construct_backend.frame import FrameConstruct
 from framekit.codec.construct_backend.holders import (
     ChooseConstruct,
     Fields,
@@ -19,6 +19,7 @@ from framekit.codec.construct_backend.holders import (
     RepeatConstruct,
     Segments,
 )
+from framekit.codec.construct_backend.inner import InnerConstruct
 from framekit.codec.construct_backend.names import Names, known_names
 from framekit.codec.construct_backend.pieces import (
     ConstantConstruct,
@@ -73,6 +74,7 @@ def _as_frame(layout: Layout) -> Frame:
 
 class _Compiler:
     def __init__(self, protocol: Protocol) -> None:
+        self.models = protocol.frames
         self.sizes = KnownSizes(protocol.frames)
         self.known = known_names(protocol)
         self.frames: dict[str, FrameConstruct] = {}
@@ -114,7 +116,7 @@ class _Compiler:
             case model.Wrap():
                 return self._wrap(segment, plan, conditions)
             case model.Inner():
-                return InnerConstruct(segment, self.frames)
+                return InnerConstruct(segment, self.frames, self.models)
         return _PLAIN[type(segment)](segment)
 
     def _fields(self, segments: tuple[model.Segment, ...]) -> Fields:

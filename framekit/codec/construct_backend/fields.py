@@ -134,6 +134,8 @@ class FieldConstruct(ValueSegment):
             raise filling.error(name, f"'{name}' has no value {value!r}")
         if field.limits is not None and not field.limits[0] <= value <= field.limits[1]:
             raise filling.error(name, f"'{name}' is from {field.limits[0]} to {field.limits[1]}, not {value!r}")
+        if field.unit is not None and value % field.unit:
+            raise filling.error(name, f"'{name}' counts steps of {field.unit} ns, {value} is between two")
         wire = self.to_wire(value)
         if field.zero_means is not None and wire == 0 and value != field.zero_means:
             raise filling.error(name, f"'{name}' cannot be {value!r}: 0 on the wire means {field.zero_means}")

@@ -192,6 +192,8 @@ class Filling(Mapping[str, Any]):
             return self.evaluate(expression, own)
         except ConstructEncodeError:
             raise
+        except MissingName as error:
+            raise self.error(own, f"'{own}' stands on '{error.name}', which the context does not have") from None
         except EVALUATION_ERRORS as error:
             raise self.error(own, f"'{own}' cannot be computed from '{expression}': {error}") from None
 

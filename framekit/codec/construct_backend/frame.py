@@ -1,4 +1,4 @@
-"""Whole frames and layouts as constructs, and frames inside frames."""
+"""Whole frames and layouts as constructs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from construct import Construct, Container, SizeofError, stream_read_entire, stream_write
 
-from framekit.codec.construct_backend.base import ValueSegment
+from framekit.codec.construct_backend.expressions import MissingName
 from framekit.codec.construct_backend.faults import (
     ConstructEncodeError,
     ConstructFrameError,
@@ -17,18 +17,13 @@ from framekit.codec.construct_backend.faults import (
     Place,
     Stop,
 )
-from framekit.codec.construct_backend.filling import MISSING, Absent, Circular, Filling, Plan
+from framekit.codec.construct_backend.filling import Circular, Filling, Plan
 from framekit.codec.construct_backend.holders import Segments, open_context
 from framekit.codec.construct_backend.names import Names
 from framekit.codec.construct_backend.sizes import KnownSizes
 from framekit.codec.construct_backend.state import Reading, Region, Writing
-from framekit.codec.construct_backend.values import evaluated_size
-from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.segments import Const, Inner
-
-UNKNOWN = "unknown"
-"""The name under which the bytes of an inner region stand that no frame fits."""
+from framekit.definition.model.segments import Const
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +49,8 @@ class FrameConstruct(Construct):
     out. Parameters, state, `request` and whatever else its expressions read are keyword arguments of `parse` and
     `build`; constant defaults are known. `sizeof` gives the size of frames that never vary.
 
-    Raises ConstructFrameError (a FrameError) when parsing, ConstructEncodeError (an EncodeError) when building, and
-    MissingName for a name that is needed and nobody gave.
+    Raises ConstructFrameError (a FrameError) when parsing, ConstructEncodeError (an EncodeError) when building. A name
+    that parsing needs and nobody gave is a MissingName.
     """
 
     def __init__(
@@ -168,6 +163,8 @@ class FrameConstruct(Construct):
         place = reading.place(stream, "frame", self.frame.surplus)
         if reading.region.exact and stream.tell() < size:
             reading.note(place, "surplus", "", stream.getvalue()[stream.tell() :])
+        if self.frame.size is not None and stream.tell() < self.frame.size:
+            reading.note(place, "short", f"{self.frame.size} bytes", size)
         if self.frame.most is not None and stream.tell() > self.frame.most:
             reading.note(Place(place.order, 0, "frame", None), "too_long", f"{self.frame.most} bytes", size)
 
@@ -187,6 +184,8 @@ class FrameConstruct(Construct):
             filling.refuse_absent()
         except Circular as error:
             raise ConstructEncodeError(error.name, f"'{error.name}' is missing", path) from None
+        except MissingName as error:
+            raise ConstructEncodeError(prefix.rstrip("."), str(error), path) from None
         data = stream.getvalue()
         if self.frame.most is not None and len(data) > self.frame.most:
             raise ConstructEncodeError(
@@ -208,85 +207,3 @@ class FrameConstruct(Construct):
             stream.write(fill)
             context._state.leaf(fill)
         self.tail._build(filling, stream, context, path)
-
-
-class InnerConstruct(ValueSegment):
-    """A frame inside a frame: one of several candidates.
-
-    Parses to a Container with one entry, the frame's name and its values, from the first candidate that fits or is to
-    be refused; to `unknown` with the bytes if none fits but the region is known. Builds from such a mapping. Raises
-    Stop (parsing) when none fits and where it ends is not known.
-    """
-
-    segment: Inner
-
-    def __init__(self, segment: Inner, frames: Mapping[str, FrameConstruct]) -> None:
-        super().__init__(segment)
-        self.frames = frames
-
-    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
-        reading: Reading = context._state
-        data, exact = self._region(stream, reading, context, place)
-        for name in self.segment.frames:
-            outcome = self.frames[name].read(data, reading.names, context, f"{path} -> {name}", exact)
-            if outcome.is_usable:
-                break
-        else:
-            if not exact:
-                raise reading.stop(place, "value", "one of its frames", data)
-            name, outcome = UNKNOWN, Outcome(Container(data=data), len(data), None, None)
-        size = len(data) if exact else outcome.size
-        stream.seek(stream.tell() + size)
-        reading.leaf(data[:size])
-        reading.store(context, self.name, Container({name: outcome.values}), place)
-        if outcome.fault is not None:
-            inner = outcome.fault.place
-            there = reading.place(stream, inner.label, outcome.refuse)
-            moved = Place(there.order, place.offset + inner.offset, there.label, there.refuse)
-            reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
-
-    def _region(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> tuple[bytes, bool]:
-        """The bytes that may be the frame's, and whether they all are."""
-        start, size = stream.tell(), self.segment.size
-        if isinstance(size, Expression):
-            size = evaluated_size(size, reading, context, place)
-        if isinstance(size, int):
-            data, exact = reading.take(stream, size, place), True
-        else:
-            room = reading.room(context)
-            if room.end < start:
-                raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
-            data, exact = stream.read(room.end - start), room.exact
-        stream.seek(start)
-        return data, exact
-
-    def fill(self, filling: Filling, name: str) -> Any:
-        given = filling.given_of(name)
-        if given is MISSING:
-            if not filling.is_there(name):
-                raise Absent(name)
-            raise filling.error(name, f"'{name}' is missing")
-        if not isinstance(given, Mapping) or len(given) != 1:
-            raise filling.error(name, f"'{name}' is a frame {{name: fields}}, not {given!r}")
-        (frame,) = given
-        if frame not in self.segment.frames and frame != UNKNOWN:
-            raise filling.error(name, f"'{name}' cannot be the frame {frame!r}")
-        return given
-
-    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
-        ((frame, values),) = filling[self.name].items()
-        prefix = f"{filling.path}{self.name}.{frame}."
-        if frame != UNKNOWN:
-            data = self.frames[frame].to_bytes(values, filling.names, context, path, prefix)
-        else:
-            given = values.get("data") if isinstance(values, Mapping) else None
-            if not isinstance(given, bytes):
-                raise filling.error(self.name, f"'{prefix}data' is bytes, not {given!r}")
-            data = given
-        size = self.segment.size
-        if not context._state.measuring and isinstance(size, (int, Expression)):
-            wanted = filling.size(size, self.name) if isinstance(size, Expression) else size
-            if wanted is not None and wanted != len(data):
-                raise filling.error(self.name, f"'{self.name}' has {wanted} bytes, not {len(data)}")
-        stream.write(data)
-        context._state.leaf(data)

@@ -1,0 +1,109 @@
+"""Frames inside frames: which of the candidates it is, and where it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from io import BytesIO
+from typing import Any
+
+from construct import Container
+
+from framekit.codec.construct_backend.base import ValueSegment
+from framekit.codec.construct_backend.faults import Place
+from framekit.codec.construct_backend.filling import MISSING, Absent, Filling
+from framekit.codec.construct_backend.frame import FrameConstruct, Outcome
+from framekit.codec.construct_backend.sizes import nothing_known
+from framekit.codec.construct_backend.state import Reading
+from framekit.codec.construct_backend.values import evaluated_size
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import Inner
+
+UNKNOWN = "unknown"
+"""The name under which the bytes of an inner region stand that no frame fits."""
+
+
+class InnerConstruct(ValueSegment):
+    """A frame inside a frame: one of several candidates.
+
+    Parses to a Container with one entry, the frame's name and its values, from the first candidate that fits or is to
+    be refused (those that exist to be refused come last); to `unknown` with the bytes if none fits but the region is
+    known. Builds from such a mapping. Raises Stop (parsing) when none fits and where it ends is not known.
+    """
+
+    segment: Inner
+
+    def __init__(self, segment: Inner, frames: Mapping[str, FrameConstruct], models: Mapping[str, Frame]) -> None:
+        super().__init__(segment)
+        self.frames = frames
+        self.always = replace(segment, when=None)
+        self.candidates = sorted(segment.frames, key=lambda name: models[name].refuse is not None)
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        data, exact = self._region(stream, reading, context, place)
+        for name in self.candidates:
+            outcome = self.frames[name].read(data, reading.names, context, f"{path} -> {name}", exact)
+            if outcome.is_usable:
+                break
+        else:
+            if not exact:
+                raise reading.stop(place, "value", "one of its frames", data)
+            name, outcome = UNKNOWN, Outcome(Container(data=data), len(data), None, None)
+        size = len(data) if exact else outcome.size
+        stream.seek(stream.tell() + size)
+        reading.leaf(data[:size])
+        reading.store(context, self.name, Container({name: outcome.values}), place)
+        if outcome.fault is not None:
+            inner = outcome.fault.place
+            there = reading.place(stream, inner.label, outcome.refuse)
+            moved = Place(there.order, place.offset + inner.offset, there.label, there.refuse)
+            reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
+
+    def _region(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> tuple[bytes, bool]:
+        """The bytes that may be the frame's, and whether they all are."""
+        start = stream.tell()
+        size = self.segment.size or reading.sizes.of(self.always, nothing_known)
+        if isinstance(size, Expression):
+            size = evaluated_size(size, reading, context, place)
+        if isinstance(size, int):
+            data, exact = reading.take(stream, size, place), True
+        else:
+            room = reading.room(context)
+            if room.end < start:
+                raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
+            data, exact = stream.read(room.end - start), room.exact
+        stream.seek(start)
+        return data, exact
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is MISSING:
+            if not filling.is_there(name):
+                raise Absent(name)
+            raise filling.error(name, f"'{name}' is missing")
+        if not isinstance(given, Mapping) or len(given) != 1:
+            raise filling.error(name, f"'{name}' is a frame {{name: fields}}, not {given!r}")
+        (frame,) = given
+        if frame not in self.segment.frames and frame != UNKNOWN:
+            raise filling.error(name, f"'{name}' cannot be the frame {frame!r}")
+        return given
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        ((frame, values),) = filling[self.name].items()
+        prefix = f"{filling.path}{self.name}.{frame}."
+        if frame != UNKNOWN:
+            data = self.frames[frame].to_bytes(values, filling.names, context, path, prefix)
+        else:
+            given = values.get("data") if isinstance(values, Mapping) else None
+            if not isinstance(given, bytes):
+                raise filling.error(self.name, f"'{prefix}data' is bytes, not {given!r}")
+            data = given
+        size = self.segment.size
+        if not context._state.measuring and isinstance(size, (int, Expression)):
+            wanted = filling.size(size, self.name) if isinstance(size, Expression) else size
+            if wanted is not None and wanted != len(data):
+                raise filling.error(self.name, f"'{self.name}' has {wanted} bytes, not {len(data)}")
+        stream.write(data)
+        context._state.leaf(data)
