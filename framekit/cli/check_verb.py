@@ -82,11 +82,18 @@ def _device(path: Path) -> tuple[str, list[Problem]]:
 
 def _run(path: Path) -> tuple[str, list[Problem]]:
     from framekit.blocks.load import load_run
+    from framekit.codec.ambiguity import check_matrices
+    from framekit.definition.problems import DefinitionError
     from framekit.service.ports import devices_of
 
     loaded = load_run(path)
+    problems: list[Problem] = []
     for channel in loaded.channels.values():
         devices_of(channel, path.parent)
+    for protocol in {id(channel.protocol): channel.protocol for channel in loaded.channels.values()}.values():
+        problems += [problem for problem in check_matrices(protocol) if not problem.warning]
+    if problems:
+        raise DefinitionError(problems)
     return f"run {loaded.name}, {len(loaded.blocks)} blocks on {len(loaded.channels)} channels", list(loaded.warnings)
 
 

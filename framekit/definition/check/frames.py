@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.check.names import field_names, flat
 from framekit.definition.check.segments import check_segment, least_size
 from framekit.definition.expression.syntax import Expression, names_in
-from framekit.definition.load.references import fixed_size
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -29,6 +27,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.sizes import field_names, fixed_size, flat
 from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import Problem, did_you_mean
 

@@ -9,8 +9,9 @@ from framekit.definition.expression.syntax import Attribute, Expression, Name, w
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, Choose, Optional, Record, Repeat, Segment, Wrap
+from framekit.definition.model.segments import Record, Repeat, Segment
 from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
@@ -186,29 +187,6 @@ def _takes_something(sequence: Sequence) -> bool:
     if sequence.always or "on_other" in sequence.handlers:
         return True
     return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
-
-
-def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """Segments whose fields belong to one level: those inside wraps, choices and optional parts too."""
-    for segment in segments:
-        yield segment
-        if isinstance(segment, (Wrap, Optional)):
-            yield from flat(segment.of)
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                yield from flat(case)
-            yield from flat(segment.otherwise or ())
-
-
-def field_names(segments: Iterable[Segment]) -> set[str]:
-    """The names that values of these segments have."""
-    found: set[str] = set()
-    for segment in flat(segments):
-        if isinstance(segment, Bits):
-            found |= {part.name for part in segment.parts}
-        elif segment.name is not None and not segment.name.startswith("_"):
-            found.add(segment.name)
-    return found
 
 
 def part_names(parts: Iterable[Any]) -> Iterator[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
-from framekit.definition.load.references import fixed_size
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
@@ -25,6 +24,7 @@ from framekit.definition.model.segments import (
     Segment,
     Wrap,
 )
+from framekit.definition.model.sizes import bounds_of, fixed_size
 from framekit.definition.problems import Position, Problem
 
 NUMBERS = ("int", "digits", "bcd")
@@ -52,19 +52,6 @@ def check_segment(segment: Segment) -> Iterator[Problem]:
             yield from _check(segment)
         case Choose():
             yield from _choose(segment)
-
-
-def bounds_of(type_: FieldType) -> tuple[int, int] | None:
-    """Least and greatest number of a type; None when it holds no whole numbers or its size is computed."""
-    size = type_.fixed_size
-    if size is None:
-        return None
-    if type_.kind == "int":
-        bits = size * 8
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
-    if type_.kind == "digits":
-        return 0, type_.base**size - 1
-    return (0, 100**size - 1) if type_.kind == "bcd" else None
 
 
 # ---- numbers ------------------------------------------------------------------------------------------------

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from framekit.definition.check.backwards import check_backwards
-from framekit.definition.check.names import field_names
 from framekit.definition.check.segments import constant_number
 from framekit.definition.expression.syntax import Text, names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import UNIT_BITS, ServiceRow
+from framekit.definition.model.sizes import field_names
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean

@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from framekit.definition.check.kinds import Attributes, Kind, KindChecker, never_an_attribute
-from framekit.definition.check.names import flat
 from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Name, Node, Text
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
@@ -30,6 +29,7 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.sizes import flat
 from framekit.definition.model.values import FrameOf
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean

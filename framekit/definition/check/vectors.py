@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 
-from framekit.definition.check.names import field_names
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sizes import field_names
 from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
 from framekit.definition.problems import Position, Problem, did_you_mean
 

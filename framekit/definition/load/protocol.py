@@ -14,7 +14,7 @@ from framekit.definition.load.named import numbers_by_name, resolve_names
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.procedure import ProcedureLoader
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.references import named_segments, resolve_references
+from framekit.definition.load.references import resolve_references
 from framekit.definition.load.sections import (
     load_line,
     load_parameter,
@@ -31,6 +31,7 @@ from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.model.segments import Bits, Field, Record, Repeat, Segment
 from framekit.definition.model.services import AddressForm, Area, Errors, Refusal
+from framekit.definition.model.sizes import flat
 from framekit.definition.model.values import LayoutOf, ReadAs, Table
 from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Entry, Scalar
@@ -313,7 +314,7 @@ def _rows_changed(sequence: Sequence, change: Callable[[Row], Row]) -> Sequence:
 
 def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int, str] | None]]:
     found: list[tuple[str, Mapping[int, str] | None]] = []
-    for segment in named_segments(segments):
+    for segment in flat(segments):
         if isinstance(segment, Field):
             found.append((segment.name, segment.values))
         elif isinstance(segment, Bits):

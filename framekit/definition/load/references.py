@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 from framekit.definition.load.reader import Reader
@@ -10,36 +9,20 @@ from framekit.definition.load.where import Parts, change_all
 from framekit.definition.model.segments import (
     Bits,
     Check,
-    Choose,
-    Const,
     Count,
     Length,
-    Optional,
     Record,
     Repeat,
     Segment,
-    Skip,
-    Wrap,
 )
+from framekit.definition.model.sizes import fixed_size, flat
 from framekit.definition.problems import Position, did_you_mean
-
-
-def named_segments(segments: tuple[Segment, ...]) -> Iterator[Segment]:
-    """Every segment of a frame, also inside wraps, choices and optional parts, in order."""
-    for segment in segments:
-        yield segment
-        if isinstance(segment, (Wrap, Optional)):
-            yield from named_segments(segment.of)
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                yield from named_segments(case)
-            yield from named_segments(segment.otherwise or ())
 
 
 def resolve_references(reader: Reader, parts: Parts, aliases: dict[str, tuple[str, ...]]) -> Parts:
     """The segments with named includes, `body` and bit names written out; names that are not there are noted."""
     head, body, tail = parts
-    names = {segment.name: segment for segment in named_segments(head + body + tail) if segment.name}
+    names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
     meant = dict(aliases)
     if "body" not in names:
         meant.setdefault("body", tuple(segment.name for segment in body if segment.name))
@@ -125,21 +108,3 @@ class _Resolver:
             check.at, f"no segment {'begins' if which == 0 else 'ends'} at offset {offset}", "name the segment instead"
         )
         return ""
-
-
-def fixed_size(segment: Segment) -> int | None:
-    """Bytes a segment always takes; None when that depends on content."""
-    if segment.when is not None:
-        return None
-    if isinstance(segment, Const):
-        return len(segment.data)
-    if isinstance(segment, (Skip, Check)):
-        return segment.size
-    kind = getattr(segment, "type", None)
-    if kind is not None:
-        return None if getattr(segment, "long", None) else kind.fixed_size
-    size = getattr(segment, "size", None)
-    if isinstance(size, int):
-        convert = getattr(segment, "convert", None)
-        return size * 2 if convert == "hex_to_ascii" else size // 2 if convert == "ascii_to_hex" else size
-    return 0 if type(segment).__name__ in ("Value", "Require") else None

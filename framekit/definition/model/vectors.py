@@ -95,7 +95,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conversation:
-    """One side, what it starts with, what it is asked to do, and what goes over the line. `places` as in frame cases."""
+    """One side, what it starts with, what it is asked to do, and what goes over the line. `places`: as in frames."""
 
     at: Position
     name: str

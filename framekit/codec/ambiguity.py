@@ -1,0 +1,146 @@
+"""Frames that cannot be told apart where both are waited for: found by building one and reading it as the other.
+
+A receiver tries the frames of a receive matrix in the order of its rows. A frame whose every sample an earlier one
+takes is never found; that is an error. Reference, sections 6 and 14. Which bytes come on a line is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.double_errors import check_weak_codes
+from framekit.codec.errors import FrameError
+from framekit.codec.hidden_ends import check_hidden_ends
+from framekit.codec.sample_context import sample_context
+from framekit.codec.samples import Sample, Sampler
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.procedure import Row
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Inner
+from framekit.definition.model.visit import parts_of
+from framekit.definition.problems import Position, Problem
+
+FEWEST = 2
+"""So many samples at least must be taken for the other frame before that is believed of all (or the only one)."""
+
+SHOWN = 24
+"""Bytes of a sample that a message shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A frame that is waited for, and where that stands. `free`: its row takes it whatever it holds.
+
+    Frames of one `row` lead to the same, so that it matters little which of them is found.
+    """
+
+    frame: str
+    free: bool
+    at: Position
+    row: int | None = None
+
+
+def check_matrices(protocol: Protocol) -> list[Problem]:
+    """Frames nobody can tell apart, and warnings of ends and check codes that hold little."""
+    codec = compile_protocol(protocol)
+    sampler = Sampler(codec, sample_context(protocol))
+    found: dict[tuple[Position, str], Problem] = {}
+    checker = _Checker(codec, sampler)
+    for candidates, todo in _matrices(protocol):
+        for problem in checker.matrix(candidates, todo):
+            found.setdefault((problem.at, problem.what), problem)
+    return [*found.values(), *check_hidden_ends(protocol), *check_weak_codes(codec, sampler)]
+
+
+def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:
+    """Every list of frames that are looked for at once, in order, and what can be done about two of one kind."""
+    rows_todo = "add a when: to the row above, or give one of the frames another constant"
+    for sequence in protocol.sequences.values():
+        for step in sequence.steps:
+            rows = [*(step.receive or ()), *sequence.always]
+            yield list(_of_rows(rows)), rows_todo
+    replies_todo = "give one of the frames another constant, or order the replies otherwise"
+    for service in protocol.services.values():
+        for row in service:
+            frames = [(reply.frame.frame, reply.frame.at) for reply in row.reply if reply.frame is not None]
+            yield [_Candidate(name, True, at) for name, at in frames], replies_todo
+    order_todo = "give one of the frames another constant, or move the one above behind it"
+    if not protocol.roles:
+        for side in ("client", "server"):
+            frames_ = [frame for frame in protocol.frames.values() if _comes_from(frame, side)]
+            yield [_Candidate(frame.name, True, frame.at) for frame in frames_], order_todo
+    for frame in protocol.frames.values():
+        for inner in parts_of(frame.segments, Inner):
+            yield [_Candidate(name, True, protocol.frames[name].at) for name in inner.frames], order_todo
+
+
+def _of_rows(rows: list[Row]) -> Iterator[_Candidate]:
+    for number, row in enumerate(rows):
+        for name in row.frames:
+            yield _Candidate(name, row.when is None and row.at_most is None, row.places.get("frame", row.at), number)
+
+
+def _comes_from(frame: Frame, side: str) -> bool:
+    return not frame.inner and frame.side in (side, "both") and frame.refuse is None
+
+
+class _Checker:
+    def __init__(self, codec: Codec, sampler: Sampler) -> None:
+        self.codec = codec
+        self.sampler = sampler
+        self.judged: dict[tuple[str, str], Sample | None] = {}
+
+    def matrix(self, candidates: list[_Candidate], todo: str) -> Iterator[Problem]:
+        """Frames of one matrix that earlier ones always take."""
+        for place, later in enumerate(candidates):
+            if any(earlier.frame == later.frame for earlier in candidates[:place]):
+                continue
+            for earlier in candidates[:place]:
+                if self._matters(earlier, later) and (sample := self._taken(earlier.frame, later.frame)) is not None:
+                    shown = sample.data[:SHOWN].hex(" ").upper() + (" …" if len(sample.data) > SHOWN else "")
+                    what = f"'{later.frame}' is always taken for '{earlier.frame}', which is tried first"
+                    yield Problem(later.at, f"{what}: {shown} fits both", todo)
+                    break
+
+    def _matters(self, earlier: _Candidate, later: _Candidate) -> bool:
+        """Whether it would make a difference: not in one row, unless both are messages of one group and side."""
+        if earlier.row is None or earlier.row != later.row:
+            return earlier.free
+        one, other = (self.codec.protocol.frames[each.frame] for each in (earlier, later))
+        return one.side == other.side and one.groups[:1] == other.groups[:1] != ()
+
+    def _taken(self, earlier: str, later: str) -> Sample | None:
+        """A sample of `later`, if each of them would be taken for `earlier`."""
+        key = earlier, later
+        if key not in self.judged:
+            samples = self.sampler.samples(later)
+            enough = len(samples) >= FEWEST or (len(samples) == 1 and self._is_constant(later))
+            taken = enough and all(self._fits(earlier, sample) for sample in samples)
+            self.judged[key] = samples[0] if taken else None
+        return self.judged[key]
+
+    def _is_constant(self, frame: str) -> bool:
+        """Whether one sample is all there is: nothing in the frame varies."""
+        return not self.sampler.samples(frame)[0].values
+
+    def _fits(self, frame: str, sample: Sample) -> bool:
+        """Whether a receiver that looks for `frame` first takes it out of the sample's bytes."""
+        context = self.sampler.context
+        try:
+            length = self.codec.measure(frame, sample.data, ctx=context)
+            if length <= 0:
+                return False
+            values = self.codec.decode(frame, sample.data[:length], context)
+        except FrameError as error:
+            return error.refuse is not None
+        except (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError):
+            return False
+        return self._echo_agrees(frame, values, sample)
+
+    def _echo_agrees(self, frame: str, values: dict[str, Any], sample: Sample) -> bool:
+        """A client takes only what repeats the request: fields of one name would have to hold the same."""
+        echo = self.codec.protocol.frames[frame].echo
+        return all(name not in sample.read or values.get(name) == sample.read[name] for name in echo)

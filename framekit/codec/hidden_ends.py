@@ -1,0 +1,46 @@
+"""Warnings of ends that data may hold: where a frame may be cut short, or does not end where it seems to.
+
+Reference, section 14. It looks at the model only; no bytes are built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Check, Const, Data, Segment
+from framekit.definition.model.visit import parts_of
+from framekit.definition.problems import Problem
+
+_DIGITS = b"0123456789ABCDEF"
+
+
+def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
+    """At most one warning a frame. Delimited bodies cannot hold their end: that is checked elsewhere."""
+    for frame in protocol.frames.values():
+        for place, segment in enumerate(frame.segments[:-1]):
+            end = frame.segments[place + 1]
+            if frame.delimited or not isinstance(segment, Data) or not isinstance(end, Const) or segment.when:
+                continue
+            warning = _warning(protocol, frame, segment, end, frame.segments[place + 2 :])
+            if warning is not None and _may_hold(segment, end.data[0]):
+                yield warning
+                break
+
+
+def _may_hold(data: Data, byte: int) -> bool:
+    return data.convert != "hex_to_ascii" or byte in _DIGITS
+
+
+def _warning(protocol: Protocol, frame: Frame, data: Data, end: Const, behind: tuple[Segment, ...]) -> Problem | None:
+    sign = f"{end.data[0]:02X}"
+    if data.size == "rest":
+        guarded = any(check.verify == "error" for check in parts_of(behind, Check))
+        where = f"the first {sign} with a fitting check code" if guarded else f"the first {sign}, whatever was meant"
+        what = f"'{data.name}' may hold {sign}, which ends it: '{frame.name}' ends at {where}"
+        return Problem(data.at, what, "give it a size, or send it as digits or in a wrap", warning=True)
+    if protocol.profile is not None and isinstance(data.size, int) and end in frame.tail:
+        what = f"'{data.name}' may hold {sign}, the first byte of the tail: '{frame.name}' ends by its size, not there"
+        return Problem(data.at, what, "nothing to do if the size is right", warning=True)
+    return None

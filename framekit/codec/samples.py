@@ -1,0 +1,350 @@
+"""Sample values of frames, made from the model: the same ones at every run.
+
+Values respect types, ranges, tables, sizes, `where` and conditions as far as these are plain; what does not come
+together is refused by the encoder, and another try is made. Computed things are left out.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.codec.codec import Codec
+from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
+from framekit.codec.errors import EncodeError, FrameError
+from framekit.codec.sample_hints import Hints, hints_of
+from framekit.definition.expression.syntax import Expression, Node, names_in
+from framekit.definition.model import segments as model
+from framekit.definition.model.segments import FieldType, Segment
+from framekit.definition.model.sizes import bounds_of, flat
+from framekit.definition.model.visit import expressions_of
+
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789%"
+LARGEST = 600
+"""Bytes or items of one value; larger ones tell nothing more."""
+
+DEEPEST = 6
+_LEFT_OUT: Any = object()
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Values of a frame, the bytes they make, and what is read back from these: the computed values too."""
+
+    values: Mapping[str, Any]
+    data: bytes
+    read: Mapping[str, Any]
+
+
+class Sampler:
+    """Makes samples of the frames of one protocol, in one context."""
+
+    def __init__(self, codec: Codec, context: Mapping[str, Any]) -> None:
+        self.codec = codec
+        self.context = context
+        self._made: dict[str, tuple[Sample, ...]] = {}
+
+    def samples(self, frame: str, count: int = 8, tries: int = 80) -> tuple[Sample, ...]:
+        """Up to `count` different samples that can be encoded and decoded again; fewer when tries run out."""
+        if frame not in self._made:
+            random_ = random.Random(f"framekit {frame}")
+            found: dict[bytes, Sample] = {}
+            for _ in range(tries):
+                sample = self._try(frame, random_)
+                if sample is not None:
+                    found.setdefault(sample.data, sample)
+                if len(found) >= count:
+                    break
+            self._made[frame] = tuple(found.values())
+        return self._made[frame]
+
+    def _try(self, frame: str, random_: random.Random) -> Sample | None:
+        try:
+            values = _Record(self, random_, self.codec.protocol.frames[frame].segments, None).make()
+            data = self.codec.encode(frame, values, self.context)
+            read = self.codec.decode(frame, data, self.context)
+        except (EncodeError, FrameError, MissingName, *EVALUATION_ERRORS):
+            return None
+        return Sample(values, data, read)
+
+
+class _Record:
+    """The values of one record under way. Expressions see what there is so far, and what follows from it."""
+
+    def __init__(
+        self, sampler: Sampler, random_: random.Random, segments: tuple[Segment, ...], outer: _Record | None
+    ) -> None:
+        self.sampler = sampler
+        self.random = random_
+        self.segments = segments
+        self.outer = outer
+        self.depth: int = 0 if outer is None else outer.depth + 1
+        self.given: dict[str, Any] = {}
+        self.all = tuple(flat(segments))
+        self.by_name = _by_name(self.all)
+        self.inputs = {name for segment in self.all for part in _built(segment) for name in names_in(part.root)}
+        self.working: set[str] = set()
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def lookup(self, name: str) -> Any:
+        """A value of this record, worked out if need be, of those around it, or of the context."""
+        if name in self.given:
+            return self.given[name]
+        segment = self.by_name.get(name)
+        if segment is not None and name not in self.working:
+            self.working.add(name)
+            try:
+                return self._computed(segment, name)
+            finally:
+                self.working.discard(name)
+        if segment is None and self.outer is not None:
+            return self.outer.lookup(name)
+        if segment is None and name in self.sampler.context:
+            return self.sampler.context[name]
+        raise MissingName(name)
+
+    def _computed(self, segment: Segment, name: str) -> Any:
+        if isinstance(segment, model.Field):
+            if segment.constants:
+                return segment.constants[0]
+            expression = segment.is_ or segment.build or segment.default
+        elif isinstance(segment, model.Value):
+            expression = segment.build or segment.read
+        elif isinstance(segment, model.Bits):
+            part = next(part for part in segment.parts if part.name == name)
+            if part.constants:
+                return part.constants[0]
+            expression = part.is_ or part.build
+        elif isinstance(segment, model.Count) and segment.of in self.given:
+            return len(self.given[segment.of]) + segment.plus
+        elif isinstance(segment, model.Length) and all(type(self.given.get(one)) is bytes for one in segment.of):
+            return sum(len(self.given[one]) for one in segment.of) // segment.unit + segment.plus
+        else:
+            expression = None
+        if expression is None:
+            raise MissingName(name)
+        return evaluate(expression.root, self.lookup)
+
+    def known(self, node: Node) -> Any:
+        """The value of a part of an expression; None when something in it has no value yet."""
+        try:
+            return evaluate(node, self.lookup)
+        except (MissingName, *EVALUATION_ERRORS):
+            return None
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def make(self) -> dict[str, Any]:
+        """Values of all segments, in their order. Raises what expressions raise that cannot be worked out."""
+        self._all(self.segments)
+        return self.given
+
+    def _all(self, segments: tuple[Segment, ...]) -> None:
+        for segment in segments:
+            if segment.when is not None and not evaluate(segment.when.root, self.lookup):
+                continue
+            match segment:
+                case model.Wrap(of=of):
+                    self._all(of)
+                case model.Optional(of=of):
+                    if self.random.random() < 0.5:
+                        self._all(of)
+                case model.Choose():
+                    self._all(self._case(segment))
+                case model.Bits(parts=parts):
+                    for part in parts:
+                        self._put(part.name, self._bits(part))
+                case _:
+                    self._put(segment.name, self._value(segment))
+
+    def _put(self, name: str | None, value: Any) -> None:
+        if name is not None and value is not _LEFT_OUT:
+            self.given[name] = value
+
+    def _case(self, choose: model.Choose) -> tuple[Segment, ...]:
+        wanted = evaluate(choose.on.root, self.lookup)
+        fitting = [segments for keys, segments in choose.cases if wanted in keys]
+        return fitting[0] if fitting else choose.otherwise or ()
+
+    def _value(self, segment: Segment) -> Any:
+        match segment:
+            case model.Field():
+                return self._field(segment)
+            case model.Data():
+                return self._data(segment)
+            case model.Repeat():
+                return self._repeat(segment)
+            case model.Record(of=of):
+                return self._inside(of)
+            case model.Inner(frames=frames):
+                return self._inner(frames)
+            case model.Value(build=None, name=name) if name in self.inputs:
+                return self.random.randrange(32)
+        return _LEFT_OUT
+
+    def _inside(self, segments: tuple[Segment, ...]) -> dict[str, Any]:
+        return _Record(self.sampler, self.random, segments, self).make()
+
+    def _inner(self, frames: tuple[str, ...]) -> Any:
+        known = self.sampler.codec.protocol.frames
+        usual = [name for name in frames if known[name].refuse is None] or list(frames)
+        if self.depth > DEEPEST or not usual:
+            raise KeyError("inner")
+        name = self.random.choice(usual)
+        return {name: self._inside(known[name].segments)}
+
+    def _bits(self, part: model.BitsPart) -> Any:
+        if part.is_ is not None or part.build is not None:
+            return _LEFT_OUT
+        if part.constants:
+            return self.random.choice(part.constants)
+        if part.values:
+            return self.random.choice(list(part.values))
+        return self.random.randrange(1 << min(part.high - part.low + 1, 32))
+
+    def _hints(self, name: str) -> Hints:
+        return hints_of(self.all, self.known).get(name) or Hints()
+
+    # ---- fields -------------------------------------------------------------------------------------------
+
+    def _field(self, field: model.Field) -> Any:
+        if field.is_ is not None:
+            return _LEFT_OUT
+        if field.constants:
+            return self.random.choice(field.constants)
+        if field.build is not None and not names_in(field.build.root) & self.by_name.keys() - {field.name}:
+            return _LEFT_OUT if self.known(field.build.root) is not None else self._free(field)
+        if field.build is not None or (field.default is not None and self.random.random() < 0.5):
+            return _LEFT_OUT
+        return self._free(field)
+
+    def _free(self, field: model.Field) -> Any:
+        hints = self._hints(field.name)
+        match field.type.kind:
+            case "ascii":
+                return self._text(field, hints)
+            case "bytes":
+                return self.random.randbytes(self._size(field.type.size))
+            case "float":
+                return self.random.choice([0.0, 1.5, -2.25, 100.0])
+        return self._number(field, hints)
+
+    def _number(self, field: model.Field, hints: Hints) -> int:
+        if field.values and (field.only or self.random.random() < 0.5):
+            choice = [number for number in field.values if hints.allowed is None or number in hints.allowed]
+        else:
+            choice = [number for number in hints.allowed or () if isinstance(number, int)]
+        if choice:
+            return self.random.choice(choice)
+        unit = field.unit or 1
+        least, most = self._span(field, unit)
+        least = max([least, *([hints.least // unit] if hints.least is not None else [])])
+        most = min([most, *([hints.most // unit] if hints.most is not None else [])])
+        number = self._some(least, most)
+        while number * unit in hints.denied and number < most:
+            number += 1
+        return number * unit
+
+    def _span(self, field: model.Field, unit: int) -> tuple[int, int]:
+        """Least and greatest number on the wire less `plus`, in units."""
+        type_ = field.type if field.long is None else field.long.type
+        bounds = bounds_of(type_) or (0, 10 ** min(self._size(type_.size), 8) - 1)
+        least, most = bounds[0] - field.plus, bounds[1] - field.plus
+        if field.zero_means is not None:
+            least, most = max(least, 1), min(most, field.zero_means)
+        if field.limits is not None:
+            least, most = max(least, -(-field.limits[0] // unit)), min(most, field.limits[1] // unit)
+        return least, most
+
+    def _some(self, least: int, most: int) -> int:
+        """A number; mostly a small one, so that what it counts stays small."""
+        if most < least:
+            raise ValueError("no number is possible")
+        kind = self.random.random()
+        if kind < 0.6:
+            return self.random.randint(least, min(most, least + 5))
+        return most if kind < 0.7 else self.random.randint(least, most)
+
+    def _text(self, field: model.Field, hints: Hints) -> str:
+        size = self._free_size(field.name, 0) if field.type.size is None else self._size(field.type.size, field.name)
+        if hints.allowed:
+            return str(self.random.choice(hints.allowed))
+        size = max([size, *(place + 1 for place in hints.letters if isinstance(field.type.size, Expression))])
+        letters = [self.random.choice(LETTERS) for _ in range(size)]
+        for place, allowed in hints.letters.items():
+            if allowed and place < size:
+                letters[place] = self.random.choice(allowed)
+        return "".join(letters)
+
+    # ---- sizes --------------------------------------------------------------------------------------------
+
+    def _size(self, size: model.Size | None, name: str = "") -> int:
+        """A size in bytes or places: a number, what an expression comes to, or a small one where nothing fixes it."""
+        if isinstance(size, int):
+            return size
+        if isinstance(size, Expression):
+            found = self.known(size.root)
+            if isinstance(found, int):
+                if not 0 <= found <= LARGEST:
+                    raise ValueError("too large for a sample")
+                return found
+        return self._free_size(name, 0)
+
+    def _free_size(self, name: str, least: int) -> int:
+        """How long something may be whose length is computed from it."""
+        unit, most = 1, least + 8
+        for segment in self.all:
+            if isinstance(segment, model.Length) and name in segment.of:
+                unit = max(unit, segment.unit)
+                if segment.limits is not None and len(segment.of) == 1:
+                    least = max(least, (segment.limits[0] - segment.plus) * segment.unit)
+                    most = min(max(most, least), (segment.limits[1] - segment.plus) * segment.unit)
+        size = self.random.randint(max(least, 0), max(least, most, 0))
+        return -(-size // unit) * unit
+
+    def _data(self, data: model.Data) -> bytes:
+        size = self._free_size(data.name, data.least) if data.size == "rest" else self._size(data.size, data.name)
+        if data.convert == "ascii_to_hex":
+            return "".join(self.random.choice("0123456789ABCDEF") for _ in range(size // 2 * 2)).encode()
+        return self.random.randbytes(size)
+
+    def _repeat(self, repeat: model.Repeat) -> list[Any]:
+        times = self._times(repeat)
+        if isinstance(repeat.of, FieldType):
+            least, most = bounds_of(repeat.of) or (0, 9)
+            return [self._some(least, most) for _ in range(times)]
+        items: list[Any] = []
+        alike = self.random.random() < 0.5
+        for _ in range(times):
+            items.append(dict(items[0]) if items and alike else self._inside(repeat.of))
+        return items
+
+    def _times(self, repeat: model.Repeat) -> int:
+        counts = [part for part in self.all if isinstance(part, model.Count) and part.of == repeat.name]
+        if counts:
+            least, most = counts[0].limits or (0, 3)
+            return self.random.randint(least, max(least, min(most, least + 2)))
+        if repeat.times == "rest":
+            return self.random.randint(1, 3)
+        return self._size(repeat.times, repeat.name)
+
+
+def _by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:
+    found: dict[str, Segment] = {}
+    for segment in segments:
+        if isinstance(segment, model.Bits):
+            found |= {part.name: segment for part in segment.parts}
+        elif segment.name:
+            found.setdefault(segment.name, segment)
+    return found
+
+
+def _built(segment: Segment) -> list[Expression]:
+    """The expressions that compute something from other values when building."""
+    if isinstance(segment, model.Bits):
+        return [part.build for part in segment.parts if part.build is not None]
+    build = segment.build if isinstance(segment, (model.Field, model.Value)) else None
+    return [] if build is None else list(expressions_of(build))

@@ -1,0 +1,71 @@
+"""Questions about lists of segments: which belong to one level, what their values are called, how large they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from framekit.definition.model.segments import (
+    Bits,
+    Check,
+    Choose,
+    Const,
+    FieldType,
+    Optional,
+    Segment,
+    Skip,
+    Wrap,
+)
+
+
+def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """Segments whose fields belong to one level: those inside wraps, choices and optional parts too."""
+    for segment in segments:
+        yield segment
+        if isinstance(segment, (Wrap, Optional)):
+            yield from flat(segment.of)
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                yield from flat(case)
+            yield from flat(segment.otherwise or ())
+
+
+def field_names(segments: Iterable[Segment]) -> set[str]:
+    """The names that values of these segments have."""
+    found: set[str] = set()
+    for segment in flat(segments):
+        if isinstance(segment, Bits):
+            found |= {part.name for part in segment.parts}
+        elif segment.name is not None and not segment.name.startswith("_"):
+            found.add(segment.name)
+    return found
+
+
+def fixed_size(segment: Segment) -> int | None:
+    """Bytes a segment always takes; None when that depends on content."""
+    if segment.when is not None:
+        return None
+    if isinstance(segment, Const):
+        return len(segment.data)
+    if isinstance(segment, (Skip, Check)):
+        return segment.size
+    kind = getattr(segment, "type", None)
+    if kind is not None:
+        return None if getattr(segment, "long", None) else kind.fixed_size
+    size = getattr(segment, "size", None)
+    if isinstance(size, int):
+        convert = getattr(segment, "convert", None)
+        return size * 2 if convert == "hex_to_ascii" else size // 2 if convert == "ascii_to_hex" else size
+    return 0 if type(segment).__name__ in ("Value", "Require") else None
+
+
+def bounds_of(type_: FieldType) -> tuple[int, int] | None:
+    """Least and greatest number of a type; None when it holds no whole numbers or its size is computed."""
+    size = type_.fixed_size
+    if size is None:
+        return None
+    if type_.kind == "int":
+        bits = size * 8
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
+    if type_.kind == "digits":
+        return 0, type_.base**size - 1
+    return (0, 100**size - 1) if type_.kind == "bcd" else None
