@@ -14,6 +14,9 @@ from typing import Protocol
 
 Callback = Callable[[], None]
 
+NEVER_EARLY = 1_000
+"""Asked for on top of a real delay (ns): a loop's clock counts in floating seconds and may ring a little early."""
+
 
 class Handle(Protocol):
     """A call that is to come."""
@@ -25,11 +28,24 @@ class Handle(Protocol):
 class Clock(Protocol):
     """What everything above the ports needs to know of time."""
 
-    def now(self) -> int: ...
+    def now(self) -> int:
+        """The time, ns; it never goes back."""
 
-    def call_at(self, when: int, callback: Callback) -> Handle: ...
+    def call_at(self, when: int, callback: Callback) -> Handle:
+        """Asks for a call at `when`, never earlier; as soon as possible if that has passed. Never from inside here."""
 
-    def call_soon(self, callback: Callback) -> Handle: ...
+    def call_soon(self, callback: Callback) -> Handle:
+        """Asks for a call as soon as possible, in the order of asking."""
+
+
+class Lagging(Protocol):
+    """Something that saves calls: it tells late what nobody could have noticed earlier (see `VirtualClock.lag`)."""
+
+    def behind(self, until: int) -> int | None:
+        """When the first thing that has happened up to `until` and is still to be told can be told; None: nothing."""
+
+    def catch_up(self, until: int) -> None:
+        """Tells everything that has happened up to `until`, the time that `behind` gave."""
 
 
 class _VirtualHandle:
@@ -46,21 +62,25 @@ class _VirtualHandle:
 
 
 class VirtualClock:
-    """Time that only moves when told to. Calls come in order of time, then of asking; a call may ask for more."""
+    """Time that only moves when told to. Calls come in order of time, then of asking; a call may ask for more.
+
+    What a callback raises comes out of the method that moved the time.
+    """
 
     def __init__(self, start: int = 0) -> None:
         self._now = start
         self._calls: list[tuple[int, int, _VirtualHandle]] = []
         self._order = itertools.count()
         self._cancelled = 0
+        self._lagging: dict[Lagging, None] = {}
 
     def now(self) -> int:
         return self._now
 
     def call_at(self, when: int, callback: Callback) -> Handle:
-        """Asks for a call at `when`, or now if that has passed."""
         handle = _VirtualHandle(self, callback)
-        heapq.heappush(self._calls, (max(when, self._now), next(self._order), handle))
+        now = self._now
+        heapq.heappush(self._calls, (when if when > now else now, next(self._order), handle))
         return handle
 
     def call_soon(self, callback: Callback) -> Handle:
@@ -74,38 +94,88 @@ class VirtualClock:
             heapq.heapify(self._calls)
             self._cancelled = 0
 
+    # ---- those who lag behind -----------------------------------------------------------------------------
+
+    def lag(self, source: Lagging) -> None:
+        """From now on `source` is asked, before each call and wherever time is to stop, what it has still to tell."""
+        self._lagging[source] = None
+
+    def end_lag(self, source: Lagging) -> None:
+        """`source` has told everything and need not be asked any more."""
+        self._lagging.pop(source, None)
+
+    def _catch_up(self, until: int) -> bool:
+        """Lets the one that is furthest behind tell; then everything has to be looked at again."""
+        first, at = None, 0
+        for source in self._lagging:
+            behind = source.behind(until)
+            if behind is not None and (first is None or behind < at):
+                first, at = source, behind
+        if first is None:
+            return False
+        self._now = max(self._now, at)
+        first.catch_up(at)
+        return True
+
+    # ---- moving -------------------------------------------------------------------------------------------
+
     @property
     def next_call(self) -> int | None:
         """When the next call is due; None if there is none."""
-        while self._calls and self._calls[0][2].callback is None:
-            heapq.heappop(self._calls)
+        calls = self._calls
+        while calls and calls[0][2].callback is None:
+            heapq.heappop(calls)
             self._cancelled -= 1
-        return self._calls[0][0] if self._calls else None
+        return calls[0][0] if calls else None
+
+    @property
+    def pending(self) -> int:
+        """How many calls are to come."""
+        return len(self._calls) - self._cancelled
 
     def run_until(self, time: int) -> None:
         """Makes every call due up to `time`, and stands there."""
-        while (due := self.next_call) is not None and due <= time:
-            self._step()
+        while self._step(time):
+            pass
         self._now = max(self._now, time)
 
     def run_for(self, duration: int) -> None:
+        """`run_until` so much later."""
         self.run_until(self._now + duration)
 
-    def run_until_idle(self, limit: int) -> None:
-        """Makes calls until none is left, or `limit` is reached."""
-        while (due := self.next_call) is not None and due <= limit:
-            self._step()
+    def run_until_idle(self, limit: int) -> bool:
+        """Makes calls until none is left, and stands at the last; False, standing at `limit`, if some are left then."""
+        while self._step(limit):
+            pass
+        if self._calls:
+            self._now = max(self._now, limit)
+        return not self._calls
 
-    def _step(self) -> None:
+    def advance(self) -> bool:
+        """Goes to the next call and makes all that are due at that time; False if there is none."""
+        due = self.next_call
+        if due is not None:
+            self.run_until(due)
+        return due is not None
+
+    def _step(self, limit: int) -> bool:
+        """Makes the next call due up to `limit`, or lets one that lags behind catch up; False: nothing is left."""
+        due = self.next_call
+        until = limit if due is None or due > limit else due
+        if self._lagging and self._catch_up(until):
+            return True
+        if due is None or due > limit:
+            return False
         when, _, handle = heapq.heappop(self._calls)
         callback, handle.callback = handle.callback, None
         self._now = when
         if callback is not None:
             callback()
+        return True
 
 
 class AsyncioClock:
-    """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`."""
+    """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`; threads may ask for `now`."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
@@ -114,7 +184,10 @@ class AsyncioClock:
         return time.monotonic_ns()
 
     def call_at(self, when: int, callback: Callback) -> Handle:
-        return self.loop.call_later(max(0, when - time.monotonic_ns()) / 1e9, callback)
+        delay = when - time.monotonic_ns()
+        if delay <= 0:
+            return self.loop.call_soon(callback)
+        return self.loop.call_later((delay + NEVER_EARLY) / 1e9, callback)
 
     def call_soon(self, callback: Callback) -> Handle:
         return self.loop.call_soon(callback)

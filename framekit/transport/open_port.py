@@ -1,39 +1,58 @@
-"""A port from what a run file or a command line calls it. Simulated lines are made above this layer."""
+"""A port from what a run file or a command line calls it. Simulated lines are made above this layer.
+
+Whoever knows other kinds of ports hands in how they are opened, by scheme.
+"""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
 
 from framekit.definition.times import LineFormat
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
 
 SERIAL_SCHEMES = ("loop", "socket", "rfc2217", "spy", "hwgrep", "alt")
+"""The URLs of pyserial."""
+
+Opener = Callable[[str, LineFormat | None, Clock], Port]
+"""Makes a port of a whole URL, such as `sim:pump.device.yaml`. Raises ValueError."""
 
 
-def open_port(url: str, line: LineFormat | None, clock: Clock) -> Port:
-    """`/dev/ttyUSB0`, `COM3`, `tcp://HOST:PORT`, any pyserial URL. Raises ValueError for anything else."""
+def open_port(url: str, settings: LineFormat | None, clock: Clock, openers: Mapping[str, Opener] | None = None) -> Port:
+    """`/dev/ttyUSB0`, `COM3`, `tcp://HOST:PORT`, any pyserial URL, and the schemes of `openers`; not yet opened.
+
+    Raises ValueError, with a sentence, for anything else and for a real port on a clock that is not real.
+    """
+    found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*):", url)
+    scheme = found[1].lower() if found else None
+    if scheme is not None and openers is not None and scheme in openers:
+        return openers[scheme](url, settings, clock)
+    if not url.strip() or (scheme not in (None, "tcp", *SERIAL_SCHEMES)) or (scheme and "://" not in url):
+        raise ValueError(_unknown(url, openers or ()))
     if not isinstance(clock, AsyncioClock):
         raise ValueError(f"'{url}' is a real port and needs real time – use sim: on a virtual clock")
-    scheme, found, rest = url.partition("://")
-    if not found:
-        from framekit.transport.serial_port import SerialPort
-
-        return SerialPort(url, line, clock)
     if scheme == "tcp":
         from framekit.transport.tcp_port import TcpPort
 
-        host, number = host_and_port(rest)
+        host, number = host_and_port(url.partition("://")[2])
         return TcpPort(host, number, clock)
-    if scheme in SERIAL_SCHEMES:
-        from framekit.transport.serial_port import SerialPort
+    from framekit.transport.serial_port import SerialPort
 
-        return SerialPort(url, line, clock)
-    known = ", ".join(["a device such as /dev/ttyUSB0", "tcp://HOST:PORT", *(f"{name}://" for name in SERIAL_SCHEMES)])
-    raise ValueError(f"'{url}' is no port – known are {known}")
+    return SerialPort(url, settings, clock)
+
+
+def _unknown(url: str, others: Mapping[str, Opener] | tuple[()]) -> str:
+    if re.fullmatch(r"[A-Za-z0-9.-]+:\d+", url):
+        return f"'{url}' is no port – write tcp://{url} for a connection to that host"
+    known = ["a device such as /dev/ttyUSB0", "tcp://HOST:PORT"]
+    known += [f"{name}://" for name in SERIAL_SCHEMES] + [f"{name}:" for name in others]
+    return f"'{url}' is no port – known are {', '.join(known)}"
 
 
 def host_and_port(text: str) -> tuple[str, int]:
     """`HOST:PORT`, with brackets around an IPv6 address. Raises ValueError."""
-    host, colon, number = text.rpartition(":")
+    host, colon, number = text.rstrip("/").rpartition(":")
     if not colon or not number.isdigit() or not 0 <= int(number) <= 65535:
         raise ValueError(f"'{text}' is not HOST:PORT")
     return host.strip("[]") or "127.0.0.1", int(number)

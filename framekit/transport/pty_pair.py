@@ -1,57 +1,98 @@
-"""A pair of pseudo-terminals: what is written to one comes out of the other. For tests, demos and real peers.
+"""Pseudo-terminals, for tests, demos and real peers: two wired to each other, or one whose other end is a file.
 
-A pseudo-terminal has no baud rate, no parity and no break.
+A pseudo-terminal has no baud rate, no parity and no break. What goes through it is not known here.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import pty
 import select
 import threading
 import tty
 
+READ_SIZE = 4096
 
-class PtyPair:
-    """Two terminals wired to each other; `first` and `second` are their paths. Closed at the end of a `with`."""
+
+class PtyMaster(io.FileIO):
+    """The end of a pseudo-terminal that a test or an example holds: read and written without a buffer.
+
+    Programs may open the other end, `path`, and close it again; closing this end pulls it out.
+    """
 
     def __init__(self) -> None:
-        self._masters: list[int] = []
-        self._slaves: list[int] = []
-        paths = []
-        for _ in range(2):
-            master, slave = pty.openpty()
-            tty.setraw(slave)
-            self._masters.append(master)
-            self._slaves.append(slave)
-            paths.append(os.ttyname(slave))
-        self.first, self.second = paths
+        master, self._slave = _raw_pty()
+        self.path = os.ttyname(self._slave)
+        super().__init__(master, "r+")
+
+    def close(self) -> None:
+        if not self.closed:
+            os.close(self._slave)
+        super().close()
+
+
+def open_pty() -> tuple[str, PtyMaster]:
+    """A pseudo-terminal: the path that a program opens as its port, and the file at the other end. Raises OSError."""
+    master = PtyMaster()
+    return master.path, master
+
+
+class PtyPair:
+    """Two terminals wired to each other; `first` and `second` are their paths. Closed at the end of a `with`.
+
+    A thread carries the bytes; it keeps at most `READ_SIZE` of them in each direction. Raises OSError.
+    """
+
+    def __init__(self) -> None:
+        pairs = [_raw_pty() for _ in range(2)]
+        self._masters = [master for master, _ in pairs]
+        self._slaves = [slave for _, slave in pairs]
+        self.first, self.second = (os.ttyname(slave) for slave in self._slaves)
+        for master in self._masters:
+            os.set_blocking(master, False)
         self._stop, self._wake = os.pipe()
+        self._closed = False
         self._thread = threading.Thread(target=self._carry, daemon=True, name="pty pair")
         self._thread.start()
 
     def _carry(self) -> None:
         left, right = self._masters
+        waiting = {left: b"", right: b""}
         other = {left: right, right: left}
         while True:
-            ready, _, _ = select.select([left, right, self._stop], [], [])
-            if self._stop in ready:
+            readers = [master for master in waiting if not waiting[other[master]]]
+            writers = [master for master, data in waiting.items() if data]
+            readable, writable, _ = select.select([self._stop, *readers], writers, [])
+            if self._stop in readable:
                 return
-            for master in ready:
-                with contextlib.suppress(OSError):
-                    os.write(other[master], os.read(master, 4096))
+            for master in writable:
+                with contextlib.suppress(BlockingIOError):
+                    waiting[master] = waiting[master][os.write(master, waiting[master]) :]
+            for master in readable:
+                with contextlib.suppress(BlockingIOError):
+                    waiting[other[master]] = os.read(master, READ_SIZE)
 
     def close(self) -> None:
         """Pulls both out: whoever has one open gets an error or the end."""
+        if self._closed:
+            return
+        self._closed = True
         os.write(self._wake, b"x")
         self._thread.join()
         for descriptor in [*self._masters, *self._slaves, self._stop, self._wake]:
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
+            os.close(descriptor)
 
     def __enter__(self) -> PtyPair:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _raw_pty() -> tuple[int, int]:
+    """Both ends of a pseudo-terminal that changes no byte. The other end stays open, so that peers may come and go."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    return master, slave

@@ -1,206 +1,173 @@
 """Real serial ports, through pyserial: `/dev/ttyUSB0`, `COM3`, `socket://…`, `rfc2217://…`, `loop://`.
 
-Where the port has a file descriptor it is watched by the loop; otherwise a thread reads it. Nothing that happens on the
-line raises: the owner is told that the port is closed, and why.
+Keeps the order of bytes and breaks and knows when the last bit has left. Nothing that happens on the line raises: the
+owner is told that the port is closed, and why. How a device is watched is not known here.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
-import threading
-from typing import Any
+from collections import deque
 
 from framekit.definition.times import LineFormat
-from framekit.transport.clock import AsyncioClock, Handle
+from framekit.link.events import CharacterFault
+from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
+from framekit.transport.serial_connection import SERIAL_ERRORS, SerialConnection, is_device, reason_of
+from framekit.transport.serial_threads import ThreadConnection
 
-READ_SIZE = 4096
-POLL = 0.05
-"""How long the reading thread waits at a time for a port without a file descriptor (s)."""
+SHORTEST_LOOK = 500_000
+"""Between two looks at a driver's queue that is not empty yet, at least (ns)."""
 
 
 class SerialPort(Port):
-    """A serial port at `url` with the speed and format of `line`."""
+    """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none)."""
 
-    def __init__(self, url: str, line: LineFormat | None, clock: AsyncioClock) -> None:
+    def __init__(self, url: str, settings: LineFormat | None, clock: AsyncioClock) -> None:
         self.name = url
-        self.line = line
+        self.settings = settings
         self.clock = clock
-        self.events: PortEvents | None = None
-        self._serial: Any = None
-        self._descriptor: int | None = None
-        self._unsent = bytearray()
-        self._free = 0
-        self._sent_call: Handle | None = None
-
-    # ---- opening and closing ------------------------------------------------------------------------------
+        self._use: _Use | None = None
+        self._last_threads: ThreadConnection | None = None
 
     def open(self, events: PortEvents) -> None:
-        self.events = events
+        self.close()
+        self._use = use = _Use(self, events)
         try:
-            self._serial = self._opened_serial()
-        except (OSError, ValueError) as error:
-            reason = str(error)
-            self.clock.call_soon(lambda: self._lost(reason))
-            return
-        self._descriptor = self._descriptor_of(self._serial)
-        if self._descriptor is not None:
-            os.set_blocking(self._descriptor, False)
-            self.clock.loop.add_reader(self._descriptor, self._readable)
-        else:
-            threading.Thread(target=self._read_forever, args=(self._serial,), daemon=True, name=self.name).start()
-        self.clock.call_soon(lambda: events.opened(self.clock.now()))
+            use.connection = self._connect(use)
+        except SERIAL_ERRORS as error:
+            reason = reason_of(error)
+            self.clock.call_soon(lambda: use.lost(reason))
 
-    def _opened_serial(self) -> Any:
-        import serial
+    def _connect(self, use: _Use) -> SerialConnection:
+        if is_device(self.name) and os.name == "posix":
+            from framekit.transport.serial_descriptor import DescriptorConnection
 
-        line = self.line or LineFormat(9600)
-        opened = serial.serial_for_url(
-            self.name,
-            baudrate=line.speed,
-            bytesize=line.data_bits,
-            parity=line.parity,
-            stopbits=line.stop_bits,
-            timeout=POLL,
-            write_timeout=None,
-            exclusive=None,
-        )
-        with contextlib.suppress(OSError, ValueError, NotImplementedError):
-            opened.reset_input_buffer()
-        return opened
+            return DescriptorConnection(self.name, self.settings, self.clock, use)
+        self._last_threads = ThreadConnection(self.name, self.settings, self.clock, use, self._last_threads)
+        return self._last_threads
 
-    @staticmethod
-    def _descriptor_of(opened: Any) -> int | None:
-        """The file descriptor to watch; None for ports that have none, or one that is no plain file."""
-        if type(opened).__module__ != "serial.serialposix":
-            return None
-        return int(opened.fileno())
+    def forget(self) -> None:
+        """The use of the port is over."""
+        self._use = None
 
     def close(self) -> None:
-        self.events = None
-        self._release()
-
-    def _release(self) -> None:
-        if self._descriptor is not None:
-            self.clock.loop.remove_reader(self._descriptor)
-            self.clock.loop.remove_writer(self._descriptor)
-            self._descriptor = None
-        if self._sent_call is not None:
-            self._sent_call.cancel()
-        opened, self._serial = self._serial, None
-        self._unsent.clear()
-        if opened is not None:
-            with contextlib.suppress(OSError):
-                opened.close()
-
-    def _lost(self, reason: str) -> None:
-        events, self.events = self.events, None
-        self._release()
-        if events is not None:
-            events.closed(self.clock.now(), reason)
-
-    # ---- reading ------------------------------------------------------------------------------------------
-
-    def _readable(self) -> None:
-        assert self._descriptor is not None
-        try:
-            data = os.read(self._descriptor, READ_SIZE)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._lost(str(error))
-            return
-        if not data:
-            self._lost("the other end is gone")
-        elif self.events is not None:
-            self.events.received(data, self.clock.now())
-
-    def _read_forever(self, opened: Any) -> None:
-        """Runs in its own thread, for ports that the loop can't watch."""
-        loop = self.clock.loop
-        while self._serial is opened:
-            try:
-                data = opened.read(max(1, opened.in_waiting or 0))
-            except (OSError, ValueError, TypeError, AttributeError) as error:
-                reason = str(error) or type(error).__name__
-                with contextlib.suppress(RuntimeError):
-                    loop.call_soon_threadsafe(self._thread_lost, opened, reason)
-                return
-            if data:
-                with contextlib.suppress(RuntimeError):
-                    loop.call_soon_threadsafe(self._handed_over, opened, bytes(data))
-
-    def _thread_lost(self, opened: Any, reason: str) -> None:
-        if self._serial is opened:
-            self._lost(reason)
-
-    def _handed_over(self, opened: Any, data: bytes) -> None:
-        if self._serial is opened and self.events is not None:
-            self.events.received(data, self.clock.now())
-
-    # ---- writing ------------------------------------------------------------------------------------------
+        if self._use is not None:
+            self._use.end()
 
     def write(self, data: bytes) -> None:
-        if self._serial is None or not data:
-            return
-        self._unsent += data
-        self._flush()
-        now = self.clock.now()
-        duration = 0 if self.line is None else len(data) * self.line.character_time
-        self._free = max(now, self._free) + duration
-        if self._sent_call is not None:
-            self._sent_call.cancel()
-        self._sent_call = self.clock.call_at(self._free, self._sent)
-
-    def _flush(self) -> None:
-        """Hands over what the driver takes now; the rest follows when it can."""
-        try:
-            if self._descriptor is None:
-                self._serial.write(bytes(self._unsent))
-                self._unsent.clear()
-                return
-            del self._unsent[: os.write(self._descriptor, self._unsent)]
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            reason = str(error)
-            self.clock.call_soon(lambda: self._lost(reason))
-            return
-        if self._unsent and self._descriptor is not None:
-            self.clock.loop.add_writer(self._descriptor, self._flush_more)
-
-    def _flush_more(self) -> None:
-        if self._descriptor is not None:
-            self.clock.loop.remove_writer(self._descriptor)
-            self._flush()
-
-    def _sent(self) -> None:
-        """The last bit has left once the time for it is over and the driver's queue is empty."""
-        self._sent_call = None
-        if self._serial is None or self.events is None:
-            return
-        with contextlib.suppress(OSError, AttributeError, NotImplementedError):
-            if self._unsent or self._serial.out_waiting:
-                self._sent_call = self.clock.call_at(self.clock.now() + 1_000_000, self._sent)
-                return
-        self.events.sent(self.clock.now())
+        if self._use is not None:
+            self._use.put(data)
 
     def send_break(self, duration: int) -> None:
-        if self._serial is None:
+        if self._use is not None:
+            self._use.put(duration)
+
+    def set_rts(self, on: bool) -> None:
+        if self._use is not None:
+            self._use.set_line("rts", on)
+
+    def flush_input(self) -> None:
+        if self._use is not None and self._use.is_open and self._use.connection is not None:
+            self._use.connection.flush_input()
+
+
+class _Use:
+    """A port from being opened to being closed: its events in, its bytes and breaks (ns) out, in order."""
+
+    def __init__(self, port: SerialPort, events: PortEvents) -> None:
+        self.port = port
+        self.clock = port.clock
+        self.events = events
+        self.connection: SerialConnection | None = None
+        self.is_open = False
+        self._over = False
+        self._character_time = (port.settings or LineFormat(9600)).character_time
+        self._queue: deque[bytes | int] = deque()
+        self._free = 0
+        self._in_break = False
+        self._looking = False
+
+    # ---- events of the device -----------------------------------------------------------------------------
+
+    def opened(self) -> None:
+        if not self._over:
+            self.is_open = True
+            self.events.opened(self.clock.now())
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:
+        if not self._over:
+            self.events.received(data, now, faults)
+
+    def line_break(self, now: int) -> None:
+        if not self._over:
+            self.events.line_break(now)
+
+    def lost(self, reason: str) -> None:
+        if not self._over:
+            self.end()
+            self.events.closed(self.clock.now(), f"{self.port.name}: {reason}")
+
+    def end(self) -> None:
+        """Closes the device; nothing is told any more."""
+        self._over = True
+        self.is_open = False
+        self.port.forget()
+        if self.connection is not None:
+            self.connection.stop()
+
+    # ---- bytes and breaks out -----------------------------------------------------------------------------
+
+    def put(self, what: bytes | int) -> None:
+        """Bytes, or a break of so many ns, go out behind everything before."""
+        if self.is_open:
+            self._queue.append(what)
+            self._go_on()
+
+    def set_line(self, name: str, on: bool) -> None:
+        if self.is_open and self.connection is not None:
+            self.connection.set_line(name, on)
+
+    def _go_on(self) -> None:
+        """Hands over what may go out now; a break waits until everything before it has left."""
+        connection = self.connection
+        if connection is None or self._in_break:
             return
-        with contextlib.suppress(OSError, NotImplementedError):
-            self._serial.break_condition = True
-        self._free = max(self.clock.now(), self._free) + duration
+        while self._queue and isinstance(data := self._queue[0], bytes):
+            self._queue.popleft()
+            connection.write(data)
+            if connection.has_bit_times:
+                self._free = max(self._free, self.clock.now()) + len(data) * self._character_time
+        if not self._looking:
+            self._looking = True
+            self.clock.call_at(self._free, self._look)
+
+    def _look(self) -> None:
+        """The last bit has left once the time for it is over and the driver's queue is empty."""
+        self._looking = False
+        connection = self.connection
+        if self._over or connection is None:
+            return
+        now, waiting = self.clock.now(), connection.waiting
+        if self._free > now or waiting:
+            self._looking = True
+            rest = max(SHORTEST_LOOK, waiting * self._character_time) if waiting else 0
+            self.clock.call_at(max(self._free, now + rest), self._look)
+        elif self._queue:
+            self._begin_break(now)
+        else:
+            self.events.sent(now)
+
+    def _begin_break(self, now: int) -> None:
+        duration = self._queue.popleft()
+        assert isinstance(duration, int)
+        self._in_break = True
+        self.set_line("break_condition", True)
+        self._free = now + duration
         self.clock.call_at(self._free, self._end_break)
 
     def _end_break(self) -> None:
-        if self._serial is not None and self.events is not None:
-            with contextlib.suppress(OSError, NotImplementedError):
-                self._serial.break_condition = False
-            self.events.sent(self.clock.now())
-
-    def set_rts(self, on: bool) -> None:
-        if self._serial is not None:
-            with contextlib.suppress(OSError, NotImplementedError):
-                self._serial.rts = on
+        self._in_break = False
+        self.set_line("break_condition", False)
+        if not self._over:
+            self._go_on()

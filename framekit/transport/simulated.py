@@ -1,188 +1,235 @@
 """A simulated line: any number of ports on one pair of wires, exact to the bit time, on any clock.
 
-A burst of bytes handed over at once is delivered to the others as one event, at the moment its last stop bit ends –
-what a receiver sees is the same as with an event a character, since no character of a burst comes later than it would.
-On a stream (no baud rate) bytes arrive after `latency`. What the bytes mean is not known here.
+Each character takes its bit times behind the one before it. On a stream (`settings` None) bytes only take `latency`,
+and ports are connected as by TCP. What the bytes mean is not known here.
+
+Coalescing, `cut_through=True` (the default, on a virtual clock): bytes are not told one by one. What is complete of a
+transmission is told, at the time of its last character, before anything else on the clock happens and wherever the
+clock stops; when nothing happens meanwhile, that is once, at the end of the transmission. So no timer can run out
+that a character should have stopped, and `received` always stands for characters without a pause between them. The
+one difference to an event a character: what follows from the bytes themselves (an answer to a frame with noise behind
+it in the same transmission) follows when they are told. `granularity` bounds how many characters that may be; with 1
+there is no difference. Of two who talk at once on a full-duplex line a third one hears pieces, not single characters.
+
+`cut_through=False`, and any other clock: a transmission is told when it is complete (or every `granularity`
+characters); time limits for the begin of a frame have to last until its end. The cheapest for many lines at once.
 """
 
 from __future__ import annotations
 
-import random
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from functools import partial
+from random import Random
 
 from framekit.definition.times import LineFormat
-from framekit.link.events import CharacterFault, LineFault
-from framekit.transport.clock import Clock
-from framekit.transport.port import Port, PortEvents
+from framekit.link.events import CharacterFault
+from framekit.transport.clock import Clock, VirtualClock
+from framekit.transport.simulated_port import SimulatedPort
+from framekit.transport.transmission import Fault, Transmission
 
-
-@dataclass(slots=True)
-class Burst:
-    """Bytes on their way from one port: when the first bit went out, when the last one will have, what got damaged."""
-
-    sender: SimulatedPort
-    data: bytearray
-    start: int
-    end: int
-    faults: dict[int, LineFault] = field(default_factory=dict)
-    dropped: bool = False
-
-
-Disturb = Callable[[Burst], None]
-"""Changes a burst on its way: its bytes, its faults, its end, or whether it arrives."""
+__all__ = ["SimulatedLine", "SimulatedPort"]
 
 
 class SimulatedLine:
-    """A line that its ports share. `full_duplex` keeps two talkers from damaging each other's characters.
+    """A line that its ports share: every other port hears what one sends.
 
-    `disturb` may change every burst; `echo` lets a port hear what it sends, as many RS-485 adapters do.
+    Without `full_duplex` two who talk at once damage each other: characters of the one that began first that overlap
+    the other are garbled (`seed`), sometimes with a framing fault; the other one's are lost until the first has
+    ended. `fault` may change every transmission; `echo` lets ports hear themselves, as many RS-485 adapters do;
+    `latency` (ns) is added to everything that is heard.
     """
 
     def __init__(
         self,
         clock: Clock,
-        line: LineFormat | None,
+        settings: LineFormat | None,
         *,
         full_duplex: bool = True,
+        cut_through: bool = True,
+        granularity: int = 0,
         latency: int = 0,
-        disturb: Disturb | None = None,
+        fault: Fault | None = None,
         echo: bool = False,
+        seed: int = 0,
     ) -> None:
         self.clock = clock
-        self.line = line
-        self.full_duplex = full_duplex
+        self.settings = settings
+        self.full_duplex = full_duplex or settings is None
+        self.granularity = granularity
         self.latency = latency
-        self.disturb = disturb
+        self.fault = fault
         self.echo = echo
-        self.ports: list[SimulatedPort] = []
-        self.under_way: list[Burst] = []
+        self.character_time = 0 if settings is None else settings.character_time
+        self.ports: tuple[SimulatedPort, ...] = ()
+        self.transmissions = 0
         self.bytes_carried = 0
-
-    @property
-    def character_time(self) -> int:
-        return 0 if self.line is None else self.line.character_time
+        self.connection = 0
+        self._under_way: list[tuple[SimulatedPort, Transmission]] = []
+        self._lag_on = clock if cut_through and isinstance(clock, VirtualClock) else None
+        self._break: tuple[SimulatedPort | None, int, int] = (None, 0, 0)
+        self._random = Random(seed)
+        bits = 8 if settings is None else settings.data_bits
+        self._lacking = bytes(range(256))[: 1 << bits] * (256 >> bits) if bits < 8 else None
 
     def port(self, name: str) -> SimulatedPort:
         """A new port on this line."""
         port = SimulatedPort(self, name)
-        self.ports.append(port)
+        self.ports += (port,)
         return port
 
-    def transmit(self, sender: SimulatedPort, data: bytes, start: int) -> Burst:
-        """Puts a burst on the line; it is delivered when its last character is complete."""
-        burst = Burst(sender, bytearray(data), start, start + len(data) * self.character_time)
-        if not self.full_duplex:
-            self._collide(burst)
-        self.under_way.append(burst)
-        self.clock.call_at(burst.end + self.latency, lambda: self._deliver(burst))
-        return burst
+    # ---- sending ------------------------------------------------------------------------------------------
 
-    def _collide(self, burst: Burst) -> None:
-        """Characters that two ports send at the same time are damaged in both bursts."""
-        for other in self.under_way:
-            if other.sender is not burst.sender and other.end > burst.start:
-                self._damage(other, burst.start, burst.end)
-                self._damage(burst, other.start, other.end)
+    def transmit(self, sender: SimulatedPort, data: bytes, start: int) -> int:
+        """Puts characters on the line from `start` on; when the last of them will have left the sender (ns)."""
+        if self._lacking is not None:
+            data = data.translate(self._lacking)
+        heard_from = max(start + self.latency, sender.heard_until)
+        transmission = Transmission(
+            sender.name, self.transmissions, data, heard_from, self.settings, self.character_time
+        )
+        transmission.echo = self.echo
+        transmission.connection = sender.connection
+        self.transmissions += 1
+        self.bytes_carried += len(data)
+        if self.fault is not None:
+            self.fault(transmission)
+        if transmission.data:
+            sender.heard_until = transmission.end
+            if not self.full_duplex:
+                self._collide(sender, transmission)
+            self._put(sender, transmission)
+        return start + len(data) * self.character_time
 
-    def _damage(self, burst: Burst, start: int, end: int) -> None:
-        step = self.character_time or 1
-        for index in range(len(burst.data)):
-            begins = burst.start + index * step
-            if begins < end and begins + step > start:
-                burst.data[index] ^= 0x55
-                burst.faults[index] = LineFault.FRAMING
+    def _put(self, sender: SimulatedPort, transmission: Transmission) -> None:
+        if self._lag_on is not None and not self._under_way:
+            self._lag_on.lag(self)
+        self._under_way.append((sender, transmission))
+        for count in self._stops(transmission):
+            self.clock.call_at(transmission.complete_at(count), partial(self._reached, sender, transmission, count))
 
-    def _deliver(self, burst: Burst) -> None:
-        self.under_way.remove(burst)
-        self.bytes_carried += len(burst.data)
-        if self.disturb is not None:
-            self.disturb(burst)
-        if burst.dropped or not burst.data:
+    def _stops(self, transmission: Transmission) -> list[int]:
+        """After how many characters it is told at the latest."""
+        runs, step = transmission.runs(), self.granularity
+        return runs if not step else sorted({*runs, *range(step, len(transmission.data), step)})
+
+    def _collide(self, sender: SimulatedPort, new: Transmission) -> None:
+        breaking, begin, end = self._break
+        if breaking is not sender and end > new.start:
+            self._garble(new, new.within(begin, end))
+        for other_sender, other in self._under_way:
+            if other_sender is not sender and other.end > new.start and new.end > other.start:
+                first, second = (other, new) if other.start <= new.start else (new, other)
+                lost = second.overlapped_by(first)
+                self._garble(first, first.overlapped_by(second))
+                while lost and lost[0] == second.told:
+                    second.told = lost.pop(0) + 1
+                self._garble(second, lost)
+
+    def _garble(self, transmission: Transmission, places: Iterable[int]) -> None:
+        """Damages characters that something else on the wire overlaps; half of them have no stop bit any more."""
+        bits = transmission.wire_bits - 1
+        for index in places:
+            transmission.flip(index, self._random.randrange(1, 1 << bits) | self._random.randrange(2) << bits)
+
+    # ---- hearing ------------------------------------------------------------------------------------------
+
+    def behind(self, until: int) -> int | None:
+        """See `Lagging`: when the first transmission with complete characters that nobody knows of can be told."""
+        first: int | None = None
+        for _, transmission in self._under_way:
+            count = transmission.complete_by(until)
+            if count > transmission.told:
+                time = transmission.complete_at(count)
+                first = time if first is None or time < first else first
+        return first
+
+    def catch_up(self, until: int) -> None:
+        """See `Lagging`. Those who are further on tell of it when it is their turn."""
+        for sender, transmission in list(self._under_way):
+            count = transmission.complete_by(until)
+            if count > transmission.told and transmission.complete_at(count) == until:
+                self._tell(sender, transmission, count)
+
+    def _reached(self, sender: SimulatedPort, transmission: Transmission, count: int) -> None:
+        self._tell(sender, transmission, min(count, len(transmission.data)))
+        if count >= len(transmission.data):
+            self._over(sender, transmission)
+
+    def _over(self, sender: SimulatedPort, transmission: Transmission) -> None:
+        if (sender, transmission) in self._under_way:
+            self._under_way.remove((sender, transmission))
+        if self._lag_on is not None and not self._under_way:
+            self._lag_on.end_lag(self)
+
+    def _tell(self, sender: SimulatedPort, transmission: Transmission, count: int) -> None:
+        """Tells the others of the first `count` characters, as far as they do not know of them."""
+        first = transmission.told
+        if count <= first:
             return
-        data, now = bytes(burst.data), self.clock.now()
-        faults = tuple(CharacterFault(index, fault) for index, fault in sorted(burst.faults.items()))
+        transmission.told = count
+        data = bytes(transmission.data[first:count])
+        faults: tuple[CharacterFault, ...] = ()
+        if transmission.faults:
+            flagged = sorted(index for index in transmission.faults if first <= index < count)
+            faults = tuple(CharacterFault(index - first, transmission.faults[index]) for index in flagged)
+        now, begin = transmission.complete_at(count), transmission.begins_at(first)
         for port in self.ports:
-            if port is not burst.sender or self.echo:
-                port.hear(data, now, faults)
+            if (port is not sender or transmission.echo) and port.connection == transmission.connection:
+                port.hear(data, now, faults, begin)
+
+    # ---- breaks, connections ------------------------------------------------------------------------------
 
     def break_from(self, sender: SimulatedPort, duration: int) -> None:
-        """The line is held in break state: the others notice after one character time."""
-        if duration <= self.character_time:
+        """The line is held in break state from now on; the others notice when that has lasted a character."""
+        if self.settings is None:
             return
+        begin = self.clock.now() + self.latency
+        if not self.full_duplex:
+            for other_sender, other in self._under_way:
+                if other_sender is not sender:
+                    self._garble(other, other.within(begin, begin + duration))
+            self._break = sender, begin, begin + duration
+        if duration > self.character_time:
+            noticed = begin + self.character_time
+            self.clock.call_at(noticed, lambda: self._tell_break(sender, noticed))
 
-        def notice() -> None:
-            for port in self.ports:
-                if port is not sender and port.events is not None:
-                    port.events.line_break(self.clock.now())
+    def _tell_break(self, sender: SimulatedPort, now: int) -> None:
+        for port in self.ports:
+            if port is not sender or self.echo:
+                port.hear_break(now)
 
-        self.clock.call_at(self.clock.now() + max(self.character_time, 1), notice)
+    def cut_off(self, sender: SimulatedPort) -> None:
+        """A port stops sending in the middle: of what is under way, only complete characters are heard.
 
-
-class SimulatedPort(Port):
-    """One port of a simulated line."""
-
-    def __init__(self, line: SimulatedLine, name: str) -> None:
-        self.shared = line
-        self.line = line.line
-        self.name = name
-        self.events: PortEvents | None = None
-        self._free = 0
-
-    def open(self, events: PortEvents) -> None:
-        self.events = events
-        self.shared.clock.call_soon(self._opened)
-
-    def _opened(self) -> None:
-        if self.events is not None:
-            self.events.opened(self.shared.clock.now())
-
-    def write(self, data: bytes) -> None:
-        if self.events is None or not data:
+        A stream delivers everything that has been handed over.
+        """
+        if self.settings is None:
             return
-        start = max(self.shared.clock.now(), self._free)
-        burst = self.shared.transmit(self, data, start)
-        self._free = burst.end
-        self.shared.clock.call_at(burst.end, self._sent)
+        sent_by = self.clock.now() + self.latency
+        for other, transmission in list(self._under_way):
+            if other is sender and transmission.end > sent_by:
+                transmission.truncate(transmission.complete_by(sent_by))
+                end = transmission.end if transmission.data else sent_by
+                self.clock.call_at(end, partial(self._reached, sender, transmission, len(transmission.data)))
+        sender.heard_until = min(sender.heard_until, sent_by)
 
-    def _sent(self) -> None:
-        if self.events is not None:
-            self.events.sent(self.shared.clock.now())
+    def join(self, port: SimulatedPort) -> None:
+        """A port is opened: at once on a line; on a stream, when there is another one to connect to."""
+        if self.settings is not None:
+            port.connect(self.connection)
+            return
+        there = [it for it in self.ports if it.wanted and (not it.joined or it.connection == self.connection)]
+        if len(there) > 1:
+            for it in there:
+                if not it.joined:
+                    it.connect(self.connection)
 
-    def hear(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:
-        """Bytes come in from the line."""
-        if self.events is not None:
-            self.events.received(data, now, faults)
-
-    def send_break(self, duration: int) -> None:
-        start = max(self.shared.clock.now(), self._free)
-        self._free = start + duration
-        self.shared.clock.call_at(start, lambda: self.shared.break_from(self, duration))
-        self.shared.clock.call_at(self._free, self._sent)
-
-    def close(self) -> None:
-        self.events = None
-
-    def pull(self, reason: str = "pulled out") -> None:
-        """The port goes away, as an adapter does that is unplugged."""
-        events, self.events = self.events, None
-        if events is not None:
-            events.closed(self.shared.clock.now(), reason)
-
-
-class ByteErrors:
-    """Flips one bit in a byte now and then; with parity on the line the character is flagged. Seeded, so repeatable."""
-
-    def __init__(self, rate: float, seed: int, line: LineFormat | None = None) -> None:
-        self.rate = rate
-        self.random = random.Random(seed)
-        self.parity = line is not None and line.parity in "EO"
-        self.damaged = 0
-
-    def __call__(self, burst: Burst) -> None:
-        for index in range(len(burst.data)):
-            if self.random.random() < self.rate:
-                burst.data[index] ^= 1 << self.random.randrange(8)
-                self.damaged += 1
-                if self.parity:
-                    burst.faults[index] = LineFault.PARITY
+    def leave(self, port: SimulatedPort) -> None:
+        """A port is closed. On a stream that ends the connection for all, behind what has been sent before."""
+        if self.settings is not None or not port.joined or port.connection != self.connection:
+            return
+        self.connection += 1
+        when = max(self.clock.now() + self.latency, port.heard_until)
+        for other in self.ports:
+            if other is not port and other.joined and other.connection == port.connection:
+                other.lose_at(when)

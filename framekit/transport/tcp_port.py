@@ -1,33 +1,61 @@
-"""TCP: a port that connects, and a listener that makes a port of every connection it accepts."""
+"""TCP: a port that connects, and a listener that makes a port of every connection it accepts.
+
+A stream has no bit times: what the operating system has taken counts as sent. What the bytes mean is not known here.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import socket
 from collections.abc import Callable
 
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
 
+CONNECT_WITHIN = 10.0
+"""How long making a connection may take (s); some networks never refuse one."""
+FAR_END_CLOSED = "the other side has closed the connection"
 
-class _Connection(asyncio.Protocol):
-    """Hands the events of one connection to its port."""
+
+class Connection(asyncio.Protocol):
+    """One connection, for as long as its port takes it for its own; what comes of it later is nobody's."""
 
     def __init__(self, port: StreamPort) -> None:
         self.port = port
+        self.transport: asyncio.Transport | None = None
+        self.is_full = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         with contextlib.suppress(OSError):
-            transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.port.connected(transport)
+            connected: socket.socket = transport.get_extra_info("socket")
+            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        transport.set_write_buffer_limits(0)
+        self.transport = transport
+        if self.port.connection is self:
+            self.port.connected()
+        else:
+            transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        self.port.hear(data)
+        if self.port.connection is self:
+            self.port.hear(data)
+
+    def pause_writing(self) -> None:
+        self.is_full = True
+
+    def resume_writing(self) -> None:
+        self.is_full = False
+        if self.port.connection is self:
+            self.port.left()
 
     def connection_lost(self, error: Exception | None) -> None:
-        self.port.lost(str(error) if error is not None else "the other side has closed the connection")
+        self.transport = None
+        if self.port.connection is self:
+            self.port.lost(FAR_END_CLOSED if error is None else str(error) or type(error).__name__)
 
 
 class StreamPort(Port):
@@ -35,41 +63,64 @@ class StreamPort(Port):
 
     def __init__(self, name: str, clock: AsyncioClock) -> None:
         self.name = name
-        self.line = None
+        self.settings = None
         self.clock = clock
+        self.connection: Connection | None = None
         self.events: PortEvents | None = None
-        self.transport: asyncio.Transport | None = None
+        self._sent_due = False
 
-    def connected(self, transport: asyncio.Transport) -> None:
-        self.transport = transport
+    def connected(self) -> None:
+        """The connection is there."""
         if self.events is not None:
             self.events.opened(self.clock.now())
 
     def hear(self, data: bytes) -> None:
+        """Bytes have come."""
         if self.events is not None:
             self.events.received(data, self.clock.now())
 
     def lost(self, reason: str) -> None:
-        events, self.events, self.transport = self.events, None, None
+        """The connection is over, or could not be made."""
+        events = self.events
+        self._forget()
         if events is not None:
             events.closed(self.clock.now(), reason)
 
-    def write(self, data: bytes) -> None:
-        """A stream has no bit times: what is handed over counts as sent."""
-        if self.transport is not None:
-            self.transport.write(data)
-            self.clock.call_soon(self._sent)
+    def _forget(self) -> None:
+        self.events = self.connection = None
+        self._sent_due = False
 
-    def _sent(self) -> None:
-        if self.events is not None and self.transport is not None:
-            self.events.sent(self.clock.now())
+    def write(self, data: bytes) -> None:
+        transport = self._transport
+        if transport is not None:
+            transport.write(data)
+            self._tell_when_sent()
 
     def send_break(self, duration: int) -> None:
-        self.clock.call_soon(self._sent)
+        if self._transport is not None:
+            self._tell_when_sent()
+
+    @property
+    def _transport(self) -> asyncio.Transport | None:
+        return None if self.connection is None or self.events is None else self.connection.transport
+
+    def _tell_when_sent(self) -> None:
+        if not self._sent_due:
+            self._sent_due = True
+            connection = self.connection
+            self.clock.call_soon(lambda: self.left() if self.connection is connection else None)
+
+    def left(self) -> None:
+        """The operating system may have taken everything."""
+        connection = self.connection
+        if self._sent_due and connection is not None and not connection.is_full and self.events is not None:
+            self._sent_due = False
+            self.events.sent(self.clock.now())
 
     def close(self) -> None:
-        self.events = None
-        transport, self.transport = self.transport, None
+        """What has been handed over is still sent."""
+        transport = self.connection.transport if self.connection is not None else None
+        self._forget()
         if transport is not None:
             transport.close()
 
@@ -78,63 +129,130 @@ class TcpPort(StreamPort):
     """A connection to `host:port`, made anew whenever the port is opened."""
 
     def __init__(self, host: str, number: int, clock: AsyncioClock) -> None:
-        super().__init__(f"tcp://{host}:{number}", clock)
+        super().__init__(f"tcp://{_bracketed(host)}:{number}", clock)
         self.host, self.number = host, number
         self._connecting: asyncio.Task[None] | None = None
 
     def open(self, events: PortEvents) -> None:
+        self.close()
         self.events = events
-        self._connecting = self.clock.loop.create_task(self._connect())
+        self.connection = connection = Connection(self)
+        self._connecting = self.clock.loop.create_task(self._connect(connection))
 
-    async def _connect(self) -> None:
+    async def _connect(self, connection: Connection) -> None:
         try:
-            await self.clock.loop.create_connection(lambda: _Connection(self), self.host, self.number)
-        except OSError as error:
-            self.lost(str(error))
+            async with asyncio.timeout(CONNECT_WITHIN):
+                await self.clock.loop.create_connection(lambda: connection, self.host, self.number)
+        except TimeoutError:
+            reason = f"no connection to {self.host}:{self.number} within {CONNECT_WITHIN:g} s"
+        except (OSError, UnicodeError) as error:
+            number = getattr(error, "errno", None) or 0
+            why = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
+            reason = f"no connection to {self.host}:{self.number}: {why}"
+        else:
+            return
+        if self.connection is connection:
+            self.lost(reason)
 
     def close(self) -> None:
-        if self._connecting is not None:
-            self._connecting.cancel()
+        connecting, self._connecting = self._connecting, None
+        if connecting is not None:
+            connecting.cancel()
         super().close()
 
 
 class AcceptedPort(StreamPort):
-    """A connection somebody else has made; it can't be opened again."""
+    """A connection somebody else has made; it can't be opened again. Bytes that come before it is opened wait."""
+
+    def connected(self) -> None:
+        transport = self.connection.transport if self.connection is not None else None
+        if transport is not None:
+            transport.pause_reading()
 
     def open(self, events: PortEvents) -> None:
         self.events = events
-        if self.transport is not None:
-            self.clock.call_soon(lambda: events.opened(self.clock.now()))
-        else:
-            self.clock.call_soon(lambda: self.lost("the connection is over"))
+        connection = self.connection
+        self.clock.call_soon(lambda: self._begin(events, connection))
+
+    def _begin(self, events: PortEvents, connection: Connection | None) -> None:
+        if self.events is not events or self.connection is not connection:
+            return
+        if connection is None or connection.transport is None:
+            self.lost("the connection is over")
+            return
+        events.opened(self.clock.now())
+        if self.connection is connection and connection.transport is not None:
+            connection.transport.resume_reading()
+
+
+Accepted = Callable[[AcceptedPort], None]
 
 
 class TcpListener:
-    """Accepts connections; `accepted` gets a port for each."""
+    """Accepts connections; `accepted` gets a port, not yet opened, for each. `number` 0 asks for any that is free."""
 
-    def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Callable[[AcceptedPort], None]) -> None:
+    def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
         self.host, self.number = host, number
         self.clock = clock
         self.accepted = accepted
-        self.server: asyncio.Server | None = None
+        self._socket: socket.socket | None = None
+        self._serving: asyncio.Task[None] | None = None
+        self._server: asyncio.Server | None = None
 
-    async def start(self) -> int:
+    def listen(self) -> int:
         """Begins to listen; the port number, which matters where 0 was asked for. Raises OSError."""
-        self.server = await self.clock.loop.create_server(self._protocol, self.host, self.number)
-        self.number = self.server.sockets[0].getsockname()[1]
+        found = socket.getaddrinfo(self.host or None, self.number, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        self._socket = listening = socket.create_server((str(address[0]), int(address[1])), family=family)
+        self.number = int(listening.getsockname()[1])
+        self._serving = self.clock.loop.create_task(self._serve(listening))
         return self.number
 
+    async def start(self) -> int:
+        """As `listen`, in a coroutine; connections are accepted when it returns. Raises OSError."""
+        number = self.listen()
+        if self._serving is not None:
+            await self._serving
+        return number
+
+    async def _serve(self, listening: socket.socket) -> None:
+        self._server = await self.clock.loop.create_server(self._protocol, sock=listening)
+
     def _protocol(self) -> asyncio.Protocol:
-        port = AcceptedPort(f"tcp://{self.host}:{self.number}", self.clock)
-        listener = self
-
-        class Accepted(_Connection):
-            def connection_made(self, transport: asyncio.BaseTransport) -> None:
-                super().connection_made(transport)
-                listener.accepted(port)
-
-        return Accepted(port)
+        return _AcceptedConnection(AcceptedPort(self.host, self.clock), self.accepted)
 
     def stop(self) -> None:
-        if self.server is not None:
-            self.server.close()
+        """Accepts no more; ports that have been accepted stay open."""
+        if self._serving is not None:
+            self._serving.cancel()
+        if self._server is not None:
+            self._server.close()
+        elif self._socket is not None:
+            self._socket.close()
+
+
+class _AcceptedConnection(Connection):
+    """Is its port's connection from the start, and offers the port when it is made."""
+
+    def __init__(self, port: AcceptedPort, accepted: Accepted) -> None:
+        super().__init__(port)
+        self.accepted_port = port
+        self.accepted = accepted
+        port.connection = self
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        host, number, *_ = transport.get_extra_info("peername") or (self.port.name, 0)
+        self.port.name = f"tcp://{_bracketed(host)}:{number}"
+        super().connection_made(transport)
+        self.accepted(self.accepted_port)
+
+
+def listen(host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> TcpListener:
+    """Listens at `host:number` from now on; `accepted` gets a port for each connection. Raises OSError."""
+    listener = TcpListener(host, number, clock, accepted)
+    listener.listen()
+    return listener
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

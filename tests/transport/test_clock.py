@@ -1,8 +1,14 @@
-"""The virtual clock: order, cancelling, and that it holds no cancelled calls for ever."""
+"""Clocks: order, cancelling, moving virtual time, those who lag behind, and real time that never rings early."""
 
 from __future__ import annotations
 
-from framekit.transport.clock import VirtualClock
+import asyncio
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from framekit.transport.clock import AsyncioClock, VirtualClock
 
 
 def test_calls_come_in_order_of_time_then_of_asking() -> None:
@@ -13,6 +19,21 @@ def test_calls_come_in_order_of_time_then_of_asking() -> None:
     clock.run_until(30)
     assert seen == [("a", 10), ("b", 20), ("c", 20)]
     assert clock.now() == 30
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.booleans()), max_size=40))
+def test_any_calls_come_sorted_but_for_the_cancelled(calls: list[tuple[int, bool]]) -> None:
+    clock, seen = VirtualClock(), []
+    handles = [
+        clock.call_at(when, lambda number=number: seen.append((clock.now(), number)))
+        for number, (when, _) in enumerate(calls)
+    ]
+    for handle, (_, cancelled) in zip(handles, calls, strict=True):
+        if cancelled:
+            handle.cancel()
+    assert clock.run_until_idle(100)
+    assert seen == sorted((when, number) for number, (when, cancelled) in enumerate(calls) if not cancelled)
+    assert clock.pending == 0
 
 
 def test_a_call_may_ask_for_calls_at_the_same_time() -> None:
@@ -35,11 +56,17 @@ def test_a_past_time_means_now() -> None:
 
 def test_cancelled_calls_do_not_come_and_do_not_pile_up() -> None:
     clock, seen = VirtualClock(), []
+    kept = clock.call_at(500_000, lambda: seen.append(clock.now()))
     for _ in range(10_000):
-        clock.call_at(1_000_000, lambda: seen.append(1)).cancel()
+        handle = clock.call_at(1_000_000, lambda: seen.append(1))
+        handle.cancel()
+        handle.cancel()
     assert len(clock._calls) < 200
+    assert clock.pending == 1
     clock.run_until(2_000_000)
-    assert seen == []
+    assert seen == [500_000]
+    kept.cancel()
+    assert clock.pending == 0
 
 
 def test_idle_stops_at_the_limit() -> None:
@@ -50,5 +77,81 @@ def test_idle_stops_at_the_limit() -> None:
         clock.call_at(clock.now() + 10, again)
 
     again()
-    clock.run_until_idle(35)
-    assert seen == [0, 10, 20, 30]
+    assert not clock.run_until_idle(35)
+    assert (seen, clock.now()) == ([0, 10, 20, 30], 35)
+
+
+def test_idle_stands_at_the_last_call() -> None:
+    clock = VirtualClock()
+    clock.call_at(7, lambda: None)
+    clock.call_at(9, lambda: None).cancel()
+    assert clock.run_until_idle(100)
+    assert clock.now() == 7
+
+
+def test_advance_goes_from_time_to_time() -> None:
+    clock, seen = VirtualClock(), []
+    for when in (3, 3, 8):
+        clock.call_at(when, lambda: seen.append(clock.now()))
+    assert (clock.advance(), seen) == (True, [3, 3])
+    assert (clock.advance(), seen) == (True, [3, 3, 8])
+    assert not clock.advance()
+    assert clock.now() == 8
+
+
+def test_an_error_in_a_call_comes_out_and_the_clock_goes_on() -> None:
+    clock, seen = VirtualClock(), []
+    clock.call_at(1, lambda: [][0])
+    clock.call_at(2, lambda: seen.append(clock.now()))
+    with pytest.raises(IndexError):
+        clock.run_until(5)
+    clock.run_until(5)
+    assert seen == [2]
+
+
+class Ticking:
+    """Something happens every 10; it is told late, all at once."""
+
+    def __init__(self, seen: list[tuple[str, int, int]], clock: VirtualClock) -> None:
+        self.seen, self.clock, self.told = seen, clock, 0
+
+    def behind(self, until: int) -> int | None:
+        return until // 10 * 10 if until // 10 * 10 > self.told else None
+
+    def catch_up(self, until: int) -> None:
+        self.told = until
+        self.seen.append(("lagging", until, self.clock.now()))
+
+
+def test_who_lags_behind_catches_up_before_calls_and_where_time_stops() -> None:
+    clock = VirtualClock()
+    seen: list[tuple[str, int, int]] = []
+    ticking = Ticking(seen, clock)
+    clock.lag(ticking)
+    for when in (5, 47, 60):
+        clock.call_at(when, lambda: seen.append(("call", clock.now(), clock.now())))
+    clock.run_until(95)
+    assert [(kind, now) for kind, _, now in seen] == [
+        ("call", 5), ("lagging", 40), ("call", 47), ("lagging", 60), ("call", 60), ("lagging", 90),
+    ]  # fmt: skip
+    clock.end_lag(ticking)
+    clock.run_until(200)
+    assert len(seen) == 6
+
+
+def test_real_time_calls_in_order_and_never_early() -> None:
+    async def check() -> list[tuple[str, bool]]:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        seen: list[tuple[str, bool]] = []
+        done = asyncio.Event()
+        begin = clock.now()
+        clock.call_at(begin + 3_000_000, lambda: (seen.append(("late", clock.now() >= begin + 3_000_000)), done.set()))
+        clock.call_at(begin + 1_000_000, lambda: seen.append(("early", clock.now() >= begin + 1_000_000)))
+        clock.call_at(begin + 2_000_000, lambda: seen.append(("cancelled", True))).cancel()
+        clock.call_at(begin - 1_000_000, lambda: seen.append(("past", True)))
+        clock.call_soon(lambda: seen.append(("soon", True)))
+        async with asyncio.timeout(20):
+            await done.wait()
+        return seen
+
+    assert asyncio.run(check()) == [("past", True), ("soon", True), ("early", True), ("late", True)]

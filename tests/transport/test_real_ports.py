@@ -1,156 +1,317 @@
-"""Real ports on asyncio: pseudo-terminals, TCP, pyserial's loop, and what happens when the other side goes away."""
+"""Real ports on asyncio: what is special about pseudo-terminals, pyserial URLs and TCP; opening by URL."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
-from typing import Any
+import os
 
 import pytest
+from transport.real_world import Waiting, opened, run
 
 from framekit.definition.times import LineFormat
-from framekit.transport.clock import AsyncioClock
+from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.open_port import host_and_port, open_port
-from framekit.transport.pty_pair import PtyPair
-from framekit.transport.tcp_port import AcceptedPort, TcpListener
+from framekit.transport.port import Port
+from framekit.transport.pty_pair import PtyPair, open_pty
+from framekit.transport.serial_port import SerialPort
+from framekit.transport.simulated import SimulatedLine
+from framekit.transport.tcp_port import AcceptedPort, TcpListener, TcpPort, listen
 
 
-class Waiting:
-    """Events of a port, to be awaited."""
-
-    def __init__(self) -> None:
-        self.queue: asyncio.Queue[tuple[str, Any]] = asyncio.Queue()
-
-    def opened(self, now: int) -> None:
-        self.queue.put_nowait(("opened", None))
-
-    def received(self, data: bytes, now: int, faults: object = ()) -> None:
-        self.queue.put_nowait(("received", data))
-
-    def line_break(self, now: int) -> None:
-        self.queue.put_nowait(("break", None))
-
-    def sent(self, now: int) -> None:
-        self.queue.put_nowait(("sent", None))
-
-    def closed(self, now: int, reason: str) -> None:
-        self.queue.put_nowait(("closed", reason))
-
-    def control(self, lines: object, now: int) -> None:
-        self.queue.put_nowait(("control", lines))
-
-    async def until(self, kind: str) -> Any:
-        while True:
-            found, value = await self.queue.get()
-            if found == kind:
-                return value
-
-    async def bytes(self, count: int) -> bytes:
-        data = b""
-        while len(data) < count:
-            data += await self.until("received")
-        return data
+def real_clock() -> AsyncioClock:
+    return AsyncioClock(asyncio.get_running_loop())
 
 
-def run(coroutine: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(coroutine, 20))
+# ---- pseudo-terminals ---------------------------------------------------------------------------------------
 
 
-def test_a_pty_pair_carries_every_byte_both_ways() -> None:
+@pytest.mark.parametrize(
+    "settings",
+    [LineFormat(12345), LineFormat(7, 7, "O", 2), LineFormat(4_000_000, 5, "M", 1.5), LineFormat(50, 8, "S"), None],
+)
+def test_a_pty_takes_any_speed_and_format(settings: LineFormat | None) -> None:
     async def check() -> None:
-        clock = AsyncioClock(asyncio.get_running_loop())
+        path, master = open_pty()
+        with master:
+            port = open_port(path, settings, real_clock())
+            events = await opened(port)
+            port.write(b"\x00\xff\x11\x13\x03")
+            await events.until("sent")
+            assert master.read(100) == b"\x00\xff\x11\x13\x03"
+            master.write(b"\xff\xff\x00\r\n\x04")
+            assert await events.bytes(6) == b"\xff\xff\x00\r\n\x04"
+            port.close()
+
+    run(check())
+
+
+def test_on_a_pty_bytes_are_sent_at_once() -> None:
+    """It has no bit times: at 50 bits a second this would take minutes."""
+
+    async def check() -> None:
+        path, master = open_pty()
+        with master:
+            port = open_port(path, LineFormat(50), real_clock())
+            events = await opened(port)
+            port.write(bytes(1000))
+            await events.until("sent")
+            assert len(master.read(1000)) == 1000
+            port.close()
+
+    run(check())
+
+
+def test_a_pty_that_is_pulled() -> None:
+    async def check() -> None:
+        path, master = open_pty()
+        port = open_port(path, LineFormat(9600), real_clock())
+        events = await opened(port)
+        master.close()
+        assert await events.until("closed") == f"{path}: the device is gone"
+
+    run(check())
+
+
+def test_closing_a_port_in_the_middle_of_its_own_event() -> None:
+    class Closing(Waiting):
+        def received(self, data: bytes, now: int, faults: object = ()) -> None:
+            port.close()
+            self._note("received", now, (data, ()))
+
+    async def check() -> None:
+        nonlocal port
         with PtyPair() as pair:
-            left = open_port(pair.first, LineFormat(19200, parity="E"), clock)
-            right = open_port(pair.second, LineFormat(19200, parity="E"), clock)
-            here, there = Waiting(), Waiting()
-            left.open(here)
-            right.open(there)
-            await here.until("opened")
-            await there.until("opened")
-            message = bytes(range(256))
-            left.write(message)
-            assert await there.bytes(256) == message
-            right.write(message[::-1])
-            assert await here.bytes(256) == message[::-1]
-            left.close()
-            right.close()
+            port = open_port(pair.first, None, real_clock())
+            other = open_port(pair.second, None, real_clock())
+            events = Closing()
+            port.open(events)
+            await events.until("opened")
+            await opened(other)
+            other.write(b"x")
+            assert await events.bytes(1) == b"x"
+            port.write(b"nothing")
+            other.close()
+            assert events.seen == ["opened", "received"]
 
+    port: Port
     run(check())
 
 
-def test_a_pulled_pty_is_reported_and_nothing_raises() -> None:
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("/dev/no-such-port", "/dev/no-such-port: there is no such device"),
+        (os.devnull, f"{os.devnull}: "),
+        ("loop://?nonsense", "loop://?nonsense: "),
+    ],
+)
+def test_what_cannot_be_opened_is_reported_as_closed(name: str, reason: str) -> None:
     async def check() -> None:
-        clock = AsyncioClock(asyncio.get_running_loop())
-        pair = PtyPair()
-        port, events = open_port(pair.first, LineFormat(9600), clock), Waiting()
-        port.open(events)
-        await events.until("opened")
-        pair.close()
-        assert isinstance(await events.until("closed"), str)
-        port.write(b"into the void")
-
-    run(check())
-
-
-def test_a_missing_port_is_reported_as_closed() -> None:
-    async def check() -> None:
-        clock = AsyncioClock(asyncio.get_running_loop())
         events = Waiting()
-        open_port("/dev/no-such-port", LineFormat(9600), clock).open(events)
-        assert "no-such-port" in await events.until("closed")
+        open_port(name, LineFormat(9600), real_clock()).open(events)
+        assert events.seen == [], "not from inside of the call"
+        assert (await events.until("closed")).startswith(reason)
 
     run(check())
 
 
-def test_pyserial_urls_work_through_a_thread() -> None:
+def test_a_port_that_another_one_has_open() -> None:
     async def check() -> None:
-        clock = AsyncioClock(asyncio.get_running_loop())
-        port, events = open_port("loop://", LineFormat(115200), clock), Waiting()
-        port.open(events)
-        await events.until("opened")
+        path, master = open_pty()
+        with master:
+            first, second, events = open_port(path, None, real_clock()), open_port(path, None, real_clock()), Waiting()
+            await opened(first)
+            second.open(events)
+            assert await events.until("closed") == f"{path}: another program has it open"
+            first.close()
+            await opened(second)
+            second.close()
+
+    run(check())
+
+
+def test_closing_before_it_is_open() -> None:
+    async def check() -> None:
+        path, master = open_pty()
+        with master:
+            for url in (path, "loop://", "tcp://127.0.0.1:1"):
+                port, events = open_port(url, None, real_clock()), Waiting()
+                port.open(events)
+                port.write(b"too early")
+                port.close()
+                await asyncio.sleep(0)
+                await asyncio.sleep(0)
+                assert events.seen == []
+
+    run(check())
+
+
+# ---- pyserial's URLs ----------------------------------------------------------------------------------------
+
+
+def test_a_loop_hears_itself() -> None:
+    async def check() -> None:
+        port = open_port("loop://", LineFormat(115200), real_clock())
+        events = await opened(port)
+        port.set_rts(False)
         port.write(b"around")
         assert await events.bytes(6) == b"around"
+        await events.until("sent")
         port.close()
 
     run(check())
 
 
-def test_tcp_both_ways_and_the_end_of_a_connection() -> None:
+def test_bytes_through_a_url_take_their_bit_times() -> None:
     async def check() -> None:
-        clock = AsyncioClock(asyncio.get_running_loop())
+        clock = real_clock()
+        settings = LineFormat(9600)
+        port = open_port("loop://", settings, clock)
+        events = await opened(port)
+        begin = clock.now()
+        port.write(bytes(10))
+        await events.until("sent")
+        assert events.times[-1] - begin >= 10 * settings.character_time
+        port.close()
+
+    run(check())
+
+
+# ---- TCP ----------------------------------------------------------------------------------------------------
+
+
+def test_bytes_that_come_before_an_accepted_port_is_opened_wait_for_it() -> None:
+    async def check() -> None:
+        clock = real_clock()
         accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
         listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
         number = await listener.start()
-        client, events = open_port(f"tcp://127.0.0.1:{number}", None, clock), Waiting()
-        client.open(events)
-        await events.until("opened")
-        server, served = await accepted.get(), Waiting()
-        server.open(served)
-        client.write(b"ask")
-        assert await served.bytes(3) == b"ask"
-        server.write(b"answer")
-        assert await events.bytes(6) == b"answer"
-        server.close()
-        assert "closed" in await events.until("closed")
+        _, writer = await asyncio.open_connection("127.0.0.1", number)
+        writer.write(b"early")
+        await writer.drain()
+        port = await accepted.get()
+        writer.close()
+        await writer.wait_closed()
+        events = await opened(port)
+        assert await events.bytes(5) == b"early"
+        assert await events.until("closed") == "the other side has closed the connection"
+        port.open(events)
+        assert await events.until("closed") == "the connection is over"
         listener.stop()
 
     run(check())
 
 
-@pytest.mark.parametrize(("text", "expected"), [("localhost:502", ("localhost", 502)), ("[::1]:5", ("::1", 5))])
+def test_a_listener_can_be_asked_for_its_port_at_once_and_stops() -> None:
+    async def check() -> None:
+        clock = real_clock()
+        listener = listen("localhost", 0, clock, lambda port: None)
+        assert listener.number > 0
+        listener.stop()
+        events = Waiting()
+        TcpPort("127.0.0.1", listener.number, clock).open(events)
+        reason = await events.until("closed")
+        assert reason == f"no connection to 127.0.0.1:{listener.number}: Connection refused"
+        with pytest.raises(OSError, match=r"\w"):
+            listen("256.0.0.1", 0, clock, lambda port: None)
+
+    run(check())
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "x" * 70 + ".invalid"])
+def test_a_host_that_is_none(host: str) -> None:
+    async def check() -> None:
+        events = Waiting()
+        TcpPort(host, 502, real_clock()).open(events)
+        assert (await events.until("closed")).startswith(f"no connection to {host}:502: ")
+
+    run(check())
+
+
+def test_sent_waits_until_the_system_has_taken_everything() -> None:
+    async def check() -> None:
+        clock = real_clock()
+        accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
+        listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+        client = TcpPort("127.0.0.1", listener.number, clock)
+        events = await opened(client)
+        server = await accepted.get()
+        size = 20_000_000
+        client.write(bytes(size))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        assert "sent" not in events.seen, "nobody reads yet"
+        there = await opened(server)
+        assert len(await there.bytes(size)) == size
+        await events.until("sent")
+        client.close()
+        server.close()
+        listener.stop()
+
+    run(check())
+
+
+# ---- opening by URL -----------------------------------------------------------------------------------------
+
+
+def test_kinds_of_ports_by_url() -> None:
+    async def check() -> None:
+        clock = real_clock()
+        line = LineFormat(9600)
+        assert isinstance(open_port("/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0", line, clock), SerialPort)
+        assert isinstance(open_port("COM3", line, clock), SerialPort)
+        assert isinstance(open_port("rfc2217://host:7000", line, clock), SerialPort)
+        port = open_port("TCP://[::1]:502", line, clock)
+        assert isinstance(port, TcpPort)
+        assert (port.name, port.describes(), port.settings) == ("tcp://[::1]:502", "tcp://[::1]:502", None)
+        assert open_port("COM3", LineFormat(9600, 7, "E"), clock).describes() == "COM3 at 9600 7E1"
+
+    run(check())
+
+
+def test_other_schemes_are_handed_in() -> None:
+    clock = VirtualClock()
+
+    def simulated(url: str, settings: LineFormat | None, clock: Clock) -> Port:
+        return SimulatedLine(clock, settings).port(url)
+
+    port = open_port("sim:pump.device.yaml", LineFormat(9600), clock, {"sim": simulated})
+    assert port.describes() == "sim:pump.device.yaml at 9600 8N1"
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("usb://1", "'usb://1' is no port – known are a device such as"),
+        ("sim:x.yaml", "'sim:x.yaml' is no port"),
+        ("", "'' is no port"),
+        ("plc.example:502", "write tcp://plc.example:502 for a connection to that host"),
+        ("tcp:host:1", "'tcp:host:1' is no port"),
+        ("tcp://host", "'host' is not HOST:PORT"),
+    ],
+)
+def test_what_is_no_port_is_answered_with_what_is(url: str, message: str) -> None:
+    async def check() -> None:
+        with pytest.raises(ValueError, match=message):
+            open_port(url, None, real_clock())
+
+    run(check())
+
+
+def test_a_real_port_needs_real_time() -> None:
+    with pytest.raises(ValueError, match="needs real time – use sim:"):
+        open_port("/dev/ttyUSB0", LineFormat(9600), VirtualClock())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("localhost:502", ("localhost", 502)), ("[::1]:5", ("::1", 5)), (":7", ("127.0.0.1", 7)), ("a:1/", ("a", 1))],
+)
 def test_hosts_and_ports(text: str, expected: tuple[str, int]) -> None:
     assert host_and_port(text) == expected
 
 
-@pytest.mark.parametrize("text", ["localhost", "x:99999", "x:y"])
+@pytest.mark.parametrize("text", ["localhost", "x:99999", "x:y", ""])
 def test_wrong_hosts_and_ports(text: str) -> None:
     with pytest.raises(ValueError, match="HOST:PORT"):
         host_and_port(text)
-
-
-def test_an_unknown_scheme_is_named_with_those_that_exist() -> None:
-    async def check() -> None:
-        with pytest.raises(ValueError, match="'usb://1' is no port – known are a device such as"):
-            open_port("usb://1", None, AsyncioClock(asyncio.get_running_loop()))
-
-    run(check())

@@ -1,0 +1,77 @@
+"""Listeners and simulated lines on a virtual clock, for the tests of the transport."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from framekit.definition.times import LineFormat, parse_format
+from framekit.link.events import CharacterFault, LineFault
+from framekit.transport.clock import VirtualClock
+from framekit.transport.simulated import SimulatedLine, SimulatedPort
+
+SECOND = 1_000_000_000
+
+
+@dataclass
+class Listener:
+    """Notes everything a port tells it."""
+
+    port: SimulatedPort
+    data: list[tuple[int, bytes]] = field(default_factory=list)
+    faults: list[tuple[int, LineFault]] = field(default_factory=list)
+    events: list[tuple[str, int]] = field(default_factory=list)
+    lines: list[Mapping[str, bool]] = field(default_factory=list)
+
+    def opened(self, now: int) -> None:
+        self.events.append(("opened", now))
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        assert data and all(0 <= fault.index < len(data) for fault in faults)
+        self.faults += [(len(self.bytes) + fault.index, fault.fault) for fault in faults]
+        self.data.append((now, data))
+
+    def line_break(self, now: int) -> None:
+        self.events.append(("break", now))
+
+    def sent(self, now: int) -> None:
+        self.events.append(("sent", now))
+
+    def closed(self, now: int, reason: str) -> None:
+        self.events.append((f"closed: {reason}", now))
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        self.lines.append(lines)
+
+    @property
+    def bytes(self) -> bytes:
+        return b"".join(data for _, data in self.data)
+
+    @property
+    def sent_at(self) -> list[int]:
+        return [now for event, now in self.events if event == "sent"]
+
+    def characters(self) -> list[tuple[int, int]]:
+        """Every character and when it was complete, from what `received` promises: no pause inside of one event."""
+        step = self.port.line.character_time
+        return [
+            (now - (len(data) - 1 - index) * step, value) for now, data in self.data for index, value in enumerate(data)
+        ]
+
+
+class World:
+    """A line with open ports, on a virtual clock that begins at 0."""
+
+    def __init__(self, ports: int = 2, text: str | None = "8N1", speed: int = 9600, **options: object) -> None:
+        self.clock = VirtualClock()
+        self.settings: LineFormat | None = None if text is None else parse_format(text, speed)
+        self.line = SimulatedLine(self.clock, self.settings, **options)  # type: ignore[arg-type]
+        self.ports = [self.line.port(f"port {number}") for number in range(ports)]
+        self.listeners = [Listener(port) for port in self.ports]
+        for port, listener in zip(self.ports, self.listeners, strict=True):
+            port.open(listener)
+        self.clock.run_for(0)
+
+    @property
+    def character(self) -> int:
+        return self.line.character_time

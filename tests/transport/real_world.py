@@ -1,0 +1,187 @@
+"""Pairs of ports that are wired to each other, in real time: the ground of the behaviour every port has to show."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.definition.times import LineFormat
+from framekit.link.events import CharacterFault
+from framekit.transport.clock import AsyncioClock
+from framekit.transport.open_port import open_port
+from framekit.transport.port import Port
+from framekit.transport.pty_pair import PtyPair
+from framekit.transport.simulated import SimulatedLine
+from framekit.transport.tcp_port import AcceptedPort, listen
+
+LONGEST = 20
+"""Seconds after which a test that waits for an event is broken off."""
+
+
+class Waiting:
+    """Events of a port, to be awaited. `seen` keeps their kinds; `times` their times."""
+
+    def __init__(self) -> None:
+        self.queue: asyncio.Queue[tuple[str, Any]] = asyncio.Queue()
+        self.seen: list[str] = []
+        self.times: list[int] = []
+
+    def _note(self, kind: str, now: int, value: object = None) -> None:
+        self.seen.append(kind)
+        self.times.append(now)
+        self.queue.put_nowait((kind, value))
+
+    def opened(self, now: int) -> None:
+        self._note("opened", now)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self._note("received", now, (data, faults))
+
+    def line_break(self, now: int) -> None:
+        self._note("break", now)
+
+    def sent(self, now: int) -> None:
+        self._note("sent", now)
+
+    def closed(self, now: int, reason: str) -> None:
+        self._note("closed", now, reason)
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        self._note("control", now, lines)
+
+    async def until(self, kind: str) -> Any:
+        """The next event of a kind; those before it are passed over."""
+        while True:
+            found, value = await self.queue.get()
+            if found == kind:
+                return value
+
+    async def bytes(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            data += (await self.until("received"))[0]
+        return data
+
+
+@dataclass
+class Pair:
+    """Two ports, open. `again` opens the left one anew and gives both; `pull` takes the left one's far end away."""
+
+    clock: AsyncioClock
+    left: Port
+    right: Port
+    here: Waiting
+    there: Waiting
+    again: Callable[[], Coroutine[Any, Any, None]]
+    pull: Callable[[], None]
+
+
+async def opened(port: Port) -> Waiting:
+    events = Waiting()
+    port.open(events)
+    await events.until("opened")
+    return events
+
+
+async def _both(left: Port, right: Port) -> tuple[Waiting, Waiting]:
+    here, there = Waiting(), Waiting()
+    left.open(here)
+    right.open(there)
+    await here.until("opened")
+    await there.until("opened")
+    return here, there
+
+
+@asynccontextmanager
+async def simulated(settings: LineFormat | None) -> AsyncIterator[Pair]:
+    clock = AsyncioClock(asyncio.get_running_loop())
+    line = SimulatedLine(clock, settings)
+    left, right = line.port("left"), line.port("right")
+    here, there = await _both(left, right)
+
+    async def again() -> None:
+        pair.left.close()
+        if settings is None:
+            await pair.there.until("closed")
+            pair.here, pair.there = await _both(left, right)
+        else:
+            pair.here = await opened(left)
+
+    pair = Pair(clock, left, right, here, there, again, left.pull if settings else right.close)
+    yield pair
+
+
+@asynccontextmanager
+async def pseudo_terminals() -> AsyncIterator[Pair]:
+    clock = AsyncioClock(asyncio.get_running_loop())
+    with PtyPair() as wires:
+        left = open_port(wires.first, LineFormat(19200, parity="E"), clock)
+        right = open_port(wires.second, LineFormat(19200, parity="E"), clock)
+        here, there = await _both(left, right)
+
+        async def again() -> None:
+            left.close()
+            pair.here = await opened(left)
+
+        pair = Pair(clock, left, right, here, there, again, wires.close)
+        yield pair
+
+
+@asynccontextmanager
+async def network(client: str) -> AsyncIterator[Pair]:
+    """A client port of that URL scheme, and the port of its connection on the other side."""
+    clock = AsyncioClock(asyncio.get_running_loop())
+    accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
+    listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+    left = open_port(f"{client}://127.0.0.1:{listener.number}", LineFormat(1_000_000), clock)
+
+    async def connected() -> tuple[Waiting, Port, Waiting]:
+        here = Waiting()
+        left.open(here)
+        right = await accepted.get()
+        there = await opened(right)
+        await here.until("opened")
+        return here, right, there
+
+    async def again() -> None:
+        left.close()
+        await pair.there.until("closed")
+        pair.here, pair.right, pair.there = await connected()
+
+    here, right, there = await connected()
+    pair = Pair(clock, left, right, here, there, again, right.close)
+    try:
+        yield pair
+    finally:
+        listener.stop()
+
+
+PAIRS: dict[str, Callable[[], AbstractAsyncContextManager[Pair]]] = {
+    "simulated line": lambda: simulated(LineFormat(2_000_000)),
+    "simulated stream": lambda: simulated(None),
+    "pty": pseudo_terminals,
+    "tcp": lambda: network("tcp"),
+    "socket": lambda: network("socket"),
+}
+
+
+def run(coroutine: Coroutine[Any, Any, None]) -> None:
+    """Carries a test out, with a limit on the whole."""
+    asyncio.run(asyncio.wait_for(coroutine, LONGEST))
+
+
+def on_pair(kind: str, check: Callable[[Pair], Coroutine[Any, Any, None]]) -> None:
+    """Carries a check out on a pair, and closes both ports."""
+
+    async def all_of_it() -> None:
+        async with PAIRS[kind]() as pair:
+            try:
+                await check(pair)
+            finally:
+                pair.left.close()
+                pair.right.close()
+
+    run(all_of_it())
