@@ -58,7 +58,8 @@ def check_file(name: str) -> tuple[str, list[Problem]]:
     try:
         path = definition_path(name)
         kind = kind_of(read_nodes(path))
-        return CHECKS[kind](path)
+        what, problems = CHECKS[kind](path)
+        return what, sorted(problems)
     except DefinitionError as error:
         return "", list(error.problems)
 
@@ -66,9 +67,11 @@ def check_file(name: str) -> tuple[str, list[Problem]]:
 def _protocol(path: Path) -> tuple[str, list[Problem]]:
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.load import load_protocol
+    from framekit.link.address_check import check_addresses
 
     protocol = load_protocol(path)
     problems = [*protocol.warnings, *check_matrices(protocol)]
+    problems += check_addresses(protocol.addresses, protocol.areas, protocol.tables)
     roles = f", roles {', '.join(protocol.roles)}" if protocol.roles else ""
     return f"{protocol.kind} {protocol.name}, {len(protocol.frames)} frames{roles}", problems
 
@@ -122,10 +125,12 @@ def _vectors(path: Path) -> tuple[str, list[Problem]]:
 
 
 def _memory(path: Path) -> tuple[str, list[Problem]]:
+    from framekit.link.address_check import check_addresses
     from framekit.memory.load import load_profile
 
     profile = load_profile(path)
-    return f"memory {profile.name}, {len(profile.areas)} areas", []
+    problems = check_addresses(profile.addresses, profile.areas, profile.tables)
+    return f"memory {profile.name}, {len(profile.areas)} areas", problems
 
 
 CHECKS = {"protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
+from framekit.definition.check.addresses import check_forms
 from framekit.definition.load.documents import merged
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Scalar, read_nodes
@@ -57,6 +58,7 @@ def _profile(root: Mapping) -> MemoryProfile:
     profile = None
     with suppress(Broken):
         profile = ProfileLoader(reader, root).profile()
+        reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
     if profile is None or any(not problem.warning for problem in reader.problems):
         raise DefinitionError(reader.problems)
     return profile

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from framekit.definition.check.addresses import check_forms
 from framekit.definition.check.frames import check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
@@ -30,4 +31,5 @@ def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
         *check_procedure(protocol, broken),
         *check_services(protocol, broken),
         *check_kinds(protocol),
+        *(check_forms(protocol.addresses, protocol.areas, protocol.tables) if not broken else ()),
     ]

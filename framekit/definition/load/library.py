@@ -55,7 +55,7 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
         raise DefinitionError([Problem(Position(str(name), 1, 1), "there is no such file", "check the path")])
     found = find_definition(str(name), folder or Path.cwd())
     if found is None:
-        known = {file.name.split(".")[0] for file in shipped_folder("frames").glob("*.yaml")}
+        known = {file.stem for file in shipped_folder("frames").glob("*.yaml")}
         raise DefinitionError(
             [Problem(Position(str(name), 1, 1), f"there is no definition '{name}'", did_you_mean(str(name), known))]
         )

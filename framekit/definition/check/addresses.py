@@ -1,0 +1,110 @@
+"""Address forms by themselves: they say where a place is, with names and columns there are and widths that can be.
+
+Used for protocols and for memory profiles. Whether two forms take the same text is tried out elsewhere.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+
+from framekit.definition.expression.syntax import Attribute, Name, names_in, walk
+from framekit.definition.model.services import UNIT_BITS, AddressForm, Area, Maybe, Part
+from framekit.definition.model.values import Table
+from framekit.definition.problems import Problem, did_you_mean
+
+MOST_PLACES = 18
+_UNIT = re.compile(r"[1-9]\d* bytes?")
+
+
+def check_forms(
+    forms: tuple[AddressForm, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    """Everything wrong with the forms of an `addresses` section."""
+    columns = {name for area in areas.values() for name in area.columns}
+    for form in forms:
+        parts = tuple(parts_in(form))
+        yield from _start(form, parts)
+        yield from _area(form, parts)
+        for part in parts:
+            yield from _part(form, part, areas, columns)
+        yield from _unit(form, parts, areas, tables)
+        yield from _names(form, parts, columns, tables)
+
+
+def parts_in(form: AddressForm) -> Iterator[Part]:
+    """The parts in braces, those in optional text too."""
+    for item in form.parts:
+        for part in item.parts if isinstance(item, Maybe) else (item,):
+            if isinstance(part, Part):
+                yield part
+
+
+def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    if "start" not in form.results and not any(part.name == "start" for part in parts):
+        what = f'the form "{form.text}" does not say where a place is'
+        yield Problem(form.at, what, "add {start:dec} to it, or start: EXPRESSION")
+    seen: set[str] = set()
+    for part in parts:
+        if part.what == "number" and part.name in seen:
+            yield Problem(form.at, f"the form \"{form.text}\" has two parts '{part.name}'", "rename one of them")
+        seen.add(part.name)
+    waiting = dict(form.results)
+    while waiting:
+        ready = [name for name, result in waiting.items() if not (names_in(result.root) & waiting.keys()) - {name}]
+        if not ready:
+            what = f'the results of the form "{form.text}" depend on each other in a circle'
+            yield Problem(waiting.popitem()[1].at, what, "break the circle")
+            return
+        for name in ready:
+            del waiting[name]
+
+
+def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    if form.area is None and not any(part.what in ("area", "column") for part in parts):
+        what = f'the form "{form.text}" does not say which area it is'
+        yield Problem(form.at, what, "add {area} to it, or area: NAME")
+
+
+def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set[str]) -> Iterator[Problem]:
+    if part.what == "column" and part.name not in columns and areas:
+        yield Problem(form.at, f"no area has a column '{part.name}'", did_you_mean(part.name, columns))
+    for width in (part.least, part.most):
+        if isinstance(width, str) and width not in columns and areas:
+            yield Problem(form.at, f"no area has a column '{width}' for a number of places", "write 4 or 1-3")
+        elif isinstance(width, int) and not 1 <= width <= MOST_PLACES:
+            yield Problem(form.at, f"a number of {width} places cannot be", f"write 1 to {MOST_PLACES}")
+    if isinstance(part.least, int) and isinstance(part.most, int) and part.least > part.most:
+        yield Problem(form.at, f"{part.least}-{part.most} places cannot be", f"write {part.most}-{part.least}")
+
+
+def _unit(
+    form: AddressForm, parts: tuple[Part, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    units = {*UNIT_BITS, *(area.unit for area in areas.values())}
+    if form.unit is not None and form.unit not in units and not _UNIT.fullmatch(form.unit):
+        hint = did_you_mean(form.unit, [*units, *tables])
+        yield Problem(form.at, f"'{form.unit}' is neither a unit nor a table of units", hint)
+    if any(part.what == "unit" for part in parts) and form.units_table is None:
+        yield Problem(form.at, f'nothing says what {{unit}} of "{form.text}" may be', "add unit: TABLE, letter: unit")
+    table = tables.get(form.units_table or "")
+    for key, unit in table.entries.items() if table is not None else ():
+        if not isinstance(unit, str) or (unit not in units and not _UNIT.fullmatch(unit)):
+            what = f"{unit!r} stands for '{key}' in the table '{form.units_table}' and is no unit"
+            yield Problem(form.at, what, did_you_mean(str(unit), units))
+
+
+def _names(
+    form: AddressForm, parts: tuple[Part, ...], columns: set[str], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    """Names in the results: parts, other results, tables, and columns as `area.NAME`."""
+    known = {"area", *(part.name for part in parts), *form.results, *tables}
+    for expression in (*form.results.values(), form.area):
+        if expression is None or isinstance(expression, str):
+            continue
+        for node in walk(expression.root):
+            if isinstance(node, Name) and node.name not in known:
+                yield Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known))
+            elif isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area":
+                if node.name not in columns | {"size"}:
+                    yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
