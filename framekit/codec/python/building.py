@@ -12,7 +12,6 @@ from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import OR, PRODUCT
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children
 from framekit.definition.model.segments import (
-    Check,
     Choose,
     Data,
     Field,
@@ -31,7 +30,10 @@ Placed = tuple[Segment, Scope]
 
 
 class Building:
-    """What all parts of an encoder share. `wires`: the local with the bytes of a segment, by its name."""
+    """What all parts of an encoder share.
+
+    `wires`: the local with the bytes of a segment, by its name. `asked_for`: names whose bytes a length counts.
+    """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
         self.module = module
@@ -43,19 +45,11 @@ class Building:
         self.conditions: list[str] = []
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.read_names = names_read(segments)
-        self.asked_for = self._asked_for()
+        self.asked_for = {
+            name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
+        }
         self.wires: dict[str, str] = {}
         self.grows = any(isinstance(segment, (Choose, Optional)) for segment in everything(segments))
-
-    def _asked_for(self) -> set[str]:
-        """Names whose bytes a length counts or a check covers."""
-        found: set[str] = set()
-        for segment in everything(self.segments):
-            if isinstance(segment, Length):
-                found.update(segment.of)
-            elif isinstance(segment, Check):
-                found.update(segment.over or ())
-        return found
 
     def add(self, text: str) -> None:
         self.out.add(text)

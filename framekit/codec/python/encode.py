@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from framekit.codec.python.branches import numbers_of
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.field_values import Given
 from framekit.codec.python.module import Module
-from framekit.codec.python.nested import numbers_of
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter
 from framekit.codec.python.shape import flat, value_names
 from framekit.codec.python.source import Source, literal, quoted
-from framekit.codec.python.values import Given
-from framekit.definition.expression.emit import BIT_OR
+from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
+    Check,
     Choose,
+    Const,
     Count,
     Field,
     Length,
@@ -25,9 +27,12 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
+from framekit.definition.model.visit import expressions_of
 
 
-def write_encoder(module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None) -> Source:
+def write_encoder(
+    module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
+) -> Source:
     """The source of `encode_…` of a frame, or of a layout if `frame` is None."""
     rules = module.rules(identifier, RuleWriter(module, identifier).rules(segments))
     writer = EncodeWriter(module, identifier, segments)
@@ -38,7 +43,7 @@ def write_encoder(module: Module, identifier: str, name: str, segments: tuple[Se
     writer.values(segments, scope, given)
     writer.flush()
     writer.check_names(given)
-    text = writer.region(segments, scope, "frame")
+    text = writer.region(segments, scope, "frame", tail=_tail_of(module, frame))
     longest = module.shapes.all(segments).most
     if frame is not None and frame.most is not None and (longest is None or longest > frame.most):
         writer.limit(text, frame.most)
@@ -50,9 +55,17 @@ def write_encoder(module: Module, identifier: str, name: str, segments: tuple[Se
         with out.block("try:"):
             out.extend(writer.out)
             out.add(f"return {_bytes(text)}")
-        with out.block(f"except MISFITS as error:"):
+        with out.block("except MISFITS as error:"):
             out.add(f"raise {module.function('encode_error')}(values, {rules}, error) from None")
     return out
+
+
+def _tail_of(module: Module, frame: Frame | None) -> tuple[Const, int] | None:
+    """The constant that ends a delimited body, and the size of the head before it."""
+    if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
+        return None
+    head = module.shapes.all(frame.head).fixed
+    return None if head is None else (frame.tail[0], head)
 
 
 def _bytes(text: str) -> str:
@@ -116,8 +129,6 @@ class EncodeWriter(PieceWriter):
         )
 
     def _tokens_of(self, segment: Segment) -> set[str]:
-        from framekit.definition.model.visit import expressions_of
-
         return self.waits(*expressions_of(segment))
 
     def conditional_record(self, record: Record, scope: Scope, given: Given) -> None:
@@ -140,35 +151,48 @@ class EncodeWriter(PieceWriter):
 
     def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
         """A choice, or what is there when its values are given."""
+        name = segment.name or ""
         wire = self.names.fresh("case_bytes" if isinstance(segment, Choose) else "optional_bytes")
         self.flush()
-        self.add(f'{wire} = b""')
+        has_checks = any(isinstance(one, Check) for one in flat((segment,)))
+        if has_checks:
+            self.late[name] = []
+        else:
+            self.add(f'{wire} = b""')
         outside = self._names_for_others(segment, scope)
+        for header, segments in self._cases(segment, scope, given):
+            with self.out.block(header):
+                if segments is None:
+                    self.add('raise EncodeError("", "no case fits")')
+                    continue
+                inside = self._branch(segments, scope, given, outside)
+                if has_checks:
+                    self.late[name].append((header, segments, inside))
+                else:
+                    self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
+        for outer, local in outside.items():
+            scope.entries[outer] = Entry(local)
+        if not has_checks:
+            self.wires[name] = wire
+
+    def _cases(
+        self, segment: Choose | Optional, scope: Scope, given: Given
+    ) -> list[tuple[str, tuple[Segment, ...] | None]]:
+        """The headers of the cases with their segments; None: a case that must not be."""
         if isinstance(segment, Optional):
             names = [name for one in flat(segment.of) for name in _inputs(one)]
             tests = " or ".join(f"{quoted(name)} in {given.text}" for name in names)
-            with self.out.block(f"if {tests or 'True'}:"):
-                self._branch(segment.of, scope, given, wire, outside)
-        else:
-            self._cases(segment, scope, given, wire, outside)
-        self.wires[segment.name or ""] = wire
-
-    def _cases(self, choose: Choose, scope: Scope, given: Given, wire: str, outside: dict[str, str]) -> None:
-        numbers = numbers_of(choose.on, scope, self.by_name)
-        on = self.text(choose.on, scope, BIT_OR)
-        for place, (keys, segments) in enumerate(choose.cases):
+            return [(f"if {tests or 'True'}:", segment.of)]
+        numbers = numbers_of(segment.on, scope, self.by_name)
+        on = self.text(segment.on, scope, BIT_OR)
+        condition = "" if segment.when is None else f"{self.text(segment.when, scope, AND)} and "
+        found: list[tuple[str, tuple[Segment, ...] | None]] = []
+        for keys, segments in segment.cases:
             values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
             test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
-            if choose.when is not None:
-                test = f"{self.text(choose.when, scope, BIT_OR)} and {test}"
-            with self.out.block(f"{'elif' if place else 'if'} {test}:"):
-                self._branch(segments, scope, given, wire, outside)
-        header = "else:" if choose.when is None else f"elif {self.text(choose.when, scope)}:"
-        with self.out.block(header):
-            if choose.otherwise is None:
-                self.add(f'raise EncodeError("", f"no case fits {{{on}!r}}")')
-            else:
-                self._branch(choose.otherwise, scope, given, wire, outside)
+            found.append((f"{'elif' if found else 'if'} {condition}{test}:", segments))
+        last = "else:" if segment.when is None else f"elif {self.text(segment.when, scope)}:"
+        return [*found, (last, segment.otherwise)]
 
     def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
         """Locals for names that expressions outside the branch may read."""
@@ -180,9 +204,8 @@ class EncodeWriter(PieceWriter):
                     self.add(f"{found[name]} = None")
         return found
 
-    def _branch(
-        self, segments: tuple[Segment, ...], scope: Scope, given: Given, wire: str, outside: dict[str, str]
-    ) -> None:
+    def _branch(self, segments: tuple[Segment, ...], scope: Scope, given: Given, outside: dict[str, str]) -> Scope:
+        """The values of a case, in a scope of their own."""
         inner = Given(given.text, given.rules, given.path)
         inside = Scope(scope)
         self.values(segments, inside, inner)
@@ -193,9 +216,7 @@ class EncodeWriter(PieceWriter):
         for name, local in outside.items():
             if name in inside.entries:
                 self.add(f"{local} = {inside.entries[name].text}")
-        self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
-        for name, local in outside.items():
-            scope.entries[name] = Entry(local)
+        return inside
 
 
 def _inputs(segment: Segment) -> tuple[str, ...]:

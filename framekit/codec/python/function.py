@@ -1,4 +1,4 @@
-"""What all parts of one generated function share: its lines, its locals, what it asks of the context, its conditions."""
+"""What all parts of a generated function share: its lines, its locals, what it asks of the context, its conditions."""
 
 from __future__ import annotations
 
@@ -134,7 +134,8 @@ class Function:
         """Text of the bytes of these segments in this order, each as it is inside its wrap."""
         pieces: list[Bounds] = []
         before = ""
-        for name in (leaf for name in names for leaf in self.parts.get(name, (name,))):
+        leaf_names = [leaf for name in names for leaf in self.parts.get(name, (name,))]
+        for name in leaf_names:
             bounds = self.bounds.get(name)
             if bounds is None:
                 continue

@@ -12,7 +12,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.checks import source_of
-from framekit.codec.python import examination, runtime
+from framekit.codec.python import examination, examination_state, refusals, runtime
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
 from framekit.codec.python.shape import Shapes
@@ -23,12 +23,23 @@ from framekit.definition.model.protocol import Protocol
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
 _LONGEST_FORMAT_NAME = 30
-_PASTED = (support, runtime, examination)
+_PASTED: tuple[Any, ...] = (support, runtime, refusals, examination_state, examination)
 
 
 def pasted_names() -> set[str]:
     """Every name that pasted code may bring into a module."""
     return {name for module in _PASTED for name in vars(module) if not name.startswith("_")}
+
+
+def _home_of(name: str) -> Any:
+    """The module a helper is defined in."""
+    return next(module for module in _PASTED if name in vars(module) and name in _defined(module))
+
+
+def _defined(module: Any) -> set[str]:
+    return {
+        name for name, value in vars(module).items() if getattr(value, "__module__", module.__name__) == module.__name__
+    }
 
 
 class Module:
@@ -39,6 +50,7 @@ class Module:
         self.shapes = Shapes(protocol.frames)
         self.names = Names(pasted_names())
         self.functions: dict[str, None] = {}
+        self._under_way: set[str] = set()
         self.imports: set[str] = set()
         self.structs: dict[str, str] = {}
         self.tables: dict[str, tuple[str, str]] = {}
@@ -53,18 +65,18 @@ class Module:
 
     def function(self, name: str) -> str:
         """Has a helper pasted, with everything it needs; its name is its own."""
-        if name not in self.functions:
-            self.functions[name] = None
-            module = next(module for module in _PASTED if hasattr(module, name))
+        if name not in self.functions and name not in self._under_way:
+            self._under_way.add(name)
+            module = _home_of(name)
             for other in module.NEEDS.get(name, ()):
                 self.function(other)
             self.imports.update(module.IMPORTS.get(name, ()))
+            self.functions[name] = None
         return name
 
     def source_of(self, name: str) -> str:
         """The source text of a pasted helper."""
-        found = next(getattr(module, name) for module in _PASTED if hasattr(module, name))
-        return inspect.getsource(found)
+        return inspect.getsource(getattr(_home_of(name), name))
 
     # ---- constants ----------------------------------------------------------------------------------------
 
@@ -178,7 +190,7 @@ def _finished(method: CheckMethod, mask: int) -> str:
 
 
 def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
-    """The table of a code of 8 bits whose next value depends on `acc ^ byte` alone: one look-up instead of a formula."""
+    """The table of a code of 8 bits whose next value depends on `acc ^ byte` alone: a look-up instead of a formula."""
     if method.width != 8 or method.expression is None:
         return None
     names: dict[str, Any] = {name: getattr(support, name) for name in ("rotl8", "bit", "span")}

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 class Task:
     """One thing to write: the names it gives, those it waits for, and how it is written.
 
-    In a circle a task with `may_be_given` is taken first, one with `prefer` before all. `write(missing)` gets the names that are not there yet because of a circle; they are read from the given values.
+    `write(missing)` gets the names that are not there yet because of a circle; they are read from the given values. In
+    a circle a task with `may_be_given` is taken first, one with `prefer` before all.
     """
 
     gives: tuple[str, ...]
@@ -39,6 +40,4 @@ def run_in_order(tasks: list[Task]) -> None:
 
 def _open(task: Task, givers: dict[str, Task]) -> set[str]:
     """The names a task still waits for."""
-    return {
-        name for name in task.waits_for if name in givers and not givers[name].done and givers[name] is not task
-    }
+    return {name for name in task.waits_for if name in givers and not givers[name].done and givers[name] is not task}

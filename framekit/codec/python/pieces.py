@@ -7,17 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
-from framekit.codec.python.coverage import Coverage
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
-from framekit.codec.python.runs import struct_order, type_of
+from framekit.codec.python.packing import PackingWriter, Placed, sum_of
 from framekit.codec.python.shape import Fill, without_when
 from framekit.codec.python.source import bytes_literal, quoted
-from framekit.codec.python.values import ValueWriter
 from framekit.definition.expression.emit import OR
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -34,16 +33,9 @@ from framekit.definition.model.segments import (
     Repeat,
     Require,
     Segment,
-    Skip,
     Value,
     Wrap,
 )
-
-_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
-_MOST_PLUSES = 4
-"""More pieces than so many are joined."""
-Placed = tuple[Segment, Scope]
-Number = Field | Length | Count | Bits
 
 
 @dataclass(slots=True)
@@ -54,23 +46,16 @@ class Part:
     text: str
 
 
-@dataclass(slots=True)
-class Argument:
-    """One argument of a struct: code, byte order, text; `digits`: the numbers whose hex digits it is."""
+class PieceWriter(PackingWriter):
+    """Writes the bytes of segments whose values are known.
 
-    code: str
-    order: str
-    text: str
-    digits: tuple[FieldType, ...] = ()
-
-
-class PieceWriter(ValueWriter):
-    """Writes the bytes of segments whose values are known. `parts`: what checks may ask for."""
+    `parts`: what checks may ask for. `late`: the cases of choices with check codes: header, segments, scope.
+    """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, title, segments)
-        self.coverage = Coverage(segments)
         self.parts: list[Part] = []
+        self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
 
     def placed(self, segments: Iterable[Segment], scope: Scope) -> list[Placed]:
         """The segments with those of records; what takes no bytes is left out."""
@@ -84,30 +69,64 @@ class PieceWriter(ValueWriter):
                 found.append((segment, scope))
         return found
 
-    def region(self, segments: Iterable[Segment], scope: Scope, buffer: str) -> str:
-        """Text of the bytes of a whole buffer; checks are worked out on what is in the local `buffer` by then."""
+    def region(
+        self,
+        segments: Iterable[Segment],
+        scope: Scope,
+        buffer: str,
+        before: str = "",
+        tail: tuple[Const, int] | None = None,
+    ) -> str:
+        """Text of the bytes of a list of segments.
+
+        Checks are worked out on what is in the local `buffer` by then, and on what stands `before` it (a text). `tail`:
+        the constant whose first byte must not stand before it, from so many bytes on.
+        """
         placed = self.placed(segments, scope)
         texts: list[str] = []
         place = 0
         while place < len(placed):
             segment, inside = placed[place]
             count = 1
+            if tail is not None and segment is tail[0]:
+                texts = [self._gather(texts, buffer)]
+                self._keep_apart(buffer, tail)
             if isinstance(segment, Check):
                 if segment.name in self.coverage.whole:
-                    texts = [self._gather(texts, buffer)]
-                texts.append(self._check(segment, inside, buffer))
+                    texts = [self._gather(texts, buffer)] if texts else []
+                texts.append(self._check(segment, inside, [before, *texts]))
                 self.parts.append(Part((segment.name or "",), texts[-1]))
             elif isinstance(segment, Fill):
                 texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
+            elif segment.name in self.late:
+                texts = [self._gather(texts, buffer)] if texts else []
+                texts.append(self._late(segment.name or "", [before, *texts]))
             else:
-                count = self._length_of_run(placed[place:])
-                texts.append(self._kept(placed[place : place + count], self._run(placed[place : place + count])))
+                count = self.length_of_run(placed[place:])
+                texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
             place += count
-        return _sum(texts)
+        return sum_of(texts)
+
+    def _keep_apart(self, buffer: str, tail: tuple[Const, int]) -> None:
+        """A delimited body must not hold what ends it."""
+        mark = bytes_literal(tail[0].data[:1])
+        body = f"{buffer}[{tail[1]}:]" if tail[1] else buffer
+        with self.out.block(f"if {mark} in {body}:"):
+            message = f"the body holds {tail[0].data[0]:02X}, which ends it"
+            self.add(f'raise EncodeError("", "{message}")')
+
+    def _late(self, name: str, before: list[str]) -> str:
+        """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
+        wire = self.names.fresh("case_bytes")
+        self.add(f'{wire} = b""')
+        for header, segments, scope in self.late[name]:
+            with self.out.block(header):
+                self.add(f"{wire} = {self.region(segments, scope, self.names.fresh('part'), sum_of(before))}")
+        return wire
 
     def _gather(self, texts: list[str], buffer: str) -> str:
         """Puts everything so far into the buffer's local."""
-        text = _sum(texts)
+        text = sum_of(texts)
         if text != buffer:
             self.add(f"{buffer} = {text}")
         return buffer
@@ -143,10 +162,10 @@ class PieceWriter(ValueWriter):
         self.parts.append(Part(names, text))
         return text
 
-    def _check(self, check: Check, scope: Scope, buffer: str) -> str:
-        covered = buffer
+    def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
+        covered = sum_of([text for text in before if text])
         if check.name not in self.coverage.whole:
-            covered = _sum(self._parts_of(self.coverage.names(check) or []))
+            covered = sum_of(self._parts_of(self.coverage.names(check) or []))
         return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered), 'b""')
 
     def _parts_of(self, names: list[str]) -> list[str]:
@@ -158,122 +177,7 @@ class PieceWriter(ValueWriter):
             left = left[max(1, 0 if part is None else sum(name in left for name in part.names)) :]
         return texts
 
-    # ---- runs ---------------------------------------------------------------------------------------------
-
-    def _length_of_run(self, placed: list[Placed]) -> int:
-        """How many of the segments can be put together at once."""
-        order, first = "", placed[0][0]
-        mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
-        for count, (segment, scope) in enumerate(placed):
-            wanted = None if isinstance(segment, (Check, Fill)) else struct_order(without_when(segment))
-            same_when = str(segment.when) == str(first.when) and (segment.when is None or scope is placed[0][1])
-            marked = self.coverage.of((segment.name or "",)) != mark
-            if wanted is None or not same_when or marked or (order and wanted and wanted != order):
-                return max(count, 1)
-            order = order or wanted
-        return len(placed)
-
-    def _run(self, placed: list[Placed]) -> str:
-        """Text of the bytes of a run; it depends on the condition its segments stand under."""
-        segment, scope = placed[0]
-        if len(placed) == 1 and (struct_order(without_when(segment)) is None):
-            return self.single(segment, scope)
-        arguments: list[Argument] = []
-        for one, inside in placed:
-            self._append(arguments, self._argument(one, inside))
-        text = self._packed([self._with_digits(argument) for argument in arguments])
-        return self.if_present(segment, scope, text, 'b""')
-
-    def _append(self, arguments: list[Argument], new: Argument) -> None:
-        """Adds an argument; zeros, literals and hex digits are put together with those before."""
-        last = arguments[-1] if arguments else None
-        if last is not None and last.digits and new.digits:
-            orders = {type_.order for type_ in (*last.digits, *new.digits) if type_.fixed_size != 2}
-            if len(orders) <= 1 and last.digits[0].upper == new.digits[0].upper:
-                last.text, last.digits = f"{last.text}, {new.text}", (*last.digits, *new.digits)
-                return
-        if last is not None and last.code.endswith("s") and new.code.endswith("s"):
-            both = _merged([last.text, new.text])
-            if len(both) == 1 and both[0].startswith('b"'):
-                last.code, last.text = f"{int(last.code[:-1]) + int(new.code[:-1])}s", both[0]
-                return
-        if last is not None and last.code.endswith("x") and new.code.endswith("x"):
-            last.code = f"{int(last.code[:-1] or 1) + int(new.code[:-1] or 1)}x"
-            return
-        arguments.append(new)
-
-    def _argument(self, segment: Segment, scope: Scope) -> Argument:
-        size = self.shapes.present(segment).fixed or 0
-        match segment:
-            case Const(data=data):
-                return Argument(f"{size}s", "", bytes_literal(data))
-            case Skip(fill=fill):
-                if not fill.strip(b"\0"):
-                    return Argument(f"{size}x" if size > 1 else "x", "", "")
-                return Argument(f"{size}s", "", bytes_literal((fill * size)[:size]))
-            case Data():
-                return Argument(f"{size}s", "", self._data_text(segment, scope))
-        assert isinstance(segment, (Field, Length, Count, Bits))
-        wire = self._wire(segment, scope)
-        if forms.hex_places(segment.type) is not None:
-            return Argument(f"{size}s", "", wire, (segment.type,))
-        code, order = forms.struct_code(segment.type) or (f"{size}s", "")
-        if code.endswith("s"):
-            return Argument(code, "", forms.build(self.module, segment.type, wire, str(size)))
-        return Argument(code, order, wire)
-
-    def _with_digits(self, argument: Argument) -> Argument:
-        """Hex digits of one number are formatted, those of several packed and converted at once."""
-        types = argument.digits
-        if not types:
-            return argument
-        size = sum(type_.fixed_size or 0 for type_ in types)
-        if len(types) == 1:
-            if types[0].order == "little" and size > 2:
-                text = forms.build(self.module, types[0], argument.text, str(size))
-            else:
-                letter = "X" if types[0].upper else "x"
-                text = f'b"%0{size}{letter}" % {_operand(argument.text)}'
-            return Argument(f"{size}s", "", text)
-        self.module.imports.add("from binascii import hexlify")
-        codes = "".join(_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
-        order = next(("<" if type_.order == "little" else ">" for type_ in types if type_.fixed_size != 2), "")
-        constant = self.module.struct(codes, order, self.title, "digits")
-        upper = ".upper()" if types[0].upper else ""
-        return Argument(f"{size}s", "", f"hexlify({constant}.pack({argument.text})){upper}")
-
-    def _packed(self, arguments: list[Argument]) -> str:
-        """Text of the bytes of the arguments of one struct."""
-        if all(argument.code[-1] in "sx" for argument in arguments):
-            texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
-            merged = _merged(texts)
-            return merged[0] if len(merged) == 1 else f"{' + '.join(merged)}"
-        if len(arguments) == 1 and arguments[0].code == "B":
-            return f"bytes(({arguments[0].text},))"
-        order = next((argument.order for argument in arguments if argument.order), "")
-        constant = self.module.struct("".join(argument.code for argument in arguments), order, self.title)
-        return f"{constant}.pack({', '.join(argument.text for argument in arguments if argument.text)})"
-
     # ---- single segments ----------------------------------------------------------------------------------
-
-    def _wire(self, segment: Number, scope: Scope) -> str:
-        """Text of the number or text that is written."""
-        if isinstance(segment, Bits):
-            parts = []
-            for part in segment.parts:
-                text = scope.entries[part.name].text
-                if text != "0":
-                    parts.append(f"{text} << {part.low}" if part.low else text)
-            return " | ".join(parts) or "0"
-        return forms.wire_of(segment, scope.entries[segment.name].text)
-
-    def _data_text(self, data: Data, scope: Scope) -> str:
-        """Text of the bytes of data on the wire."""
-        local = scope.entries[data.name].text
-        if data.pad is not None and data.size != "rest":
-            size = str(data.size) if isinstance(data.size, int) else self.text(data.size, scope)
-            local = f"{local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
-        return forms.wire_text(self.module, data, local)
 
     def single(self, segment: Segment, scope: Scope) -> str:
         """Text of the bytes of a segment that is in no run."""
@@ -285,19 +189,19 @@ class PieceWriter(ValueWriter):
     def _single(self, segment: Segment, scope: Scope) -> str:
         match segment:
             case Data():
-                return self._data_text(segment, scope)
+                return self.data_text(segment, scope)
             case Field(long=None):
                 size = segment.type.size
                 text = self.text(size, scope) if isinstance(size, Expression) else str(size or f"len({segment.name})")
                 if size is None and segment.type.end is None:
                     text = f"len({scope.entries[segment.name].text})"
-                return forms.build(self.module, segment.type, self._wire(segment, scope), text)
+                return forms.build(self.module, segment.type, self.wire(segment, scope), text)
             case Field():
                 return self._long(segment, scope)
             case Length() | Count() | Bits():
                 size = segment.type.size
                 text = self.text(size, scope) if isinstance(size, Expression) else str(size)
-                return forms.build(self.module, segment.type, self._wire(segment, scope), text)
+                return forms.build(self.module, segment.type, self.wire(segment, scope), text)
             case Repeat(of=FieldType() as of):
                 return self._list_bytes(of, scope.entries[segment.name].text)
             case Wrap():
@@ -309,7 +213,7 @@ class PieceWriter(ValueWriter):
 
     def _long(self, field: Field, scope: Scope) -> str:
         assert field.long is not None
-        wire = self._wire(field, scope)
+        wire = self.wire(field, scope)
         short = forms.build(self.module, field.type, wire, str(field.type.fixed_size))
         if field.type.fixed_size == 1:
             short = f"bytes(({wire},))"
@@ -346,31 +250,5 @@ class PieceWriter(ValueWriter):
             self.add(f'raise EncodeError("", f"the content takes {{len({buffer})}} bytes, that is not allowed")')
 
 
-def _byte_order(type_: FieldType) -> str:
+def _byte_order(type_: FieldType) -> Literal["little", "big"]:
     return "little" if type_.order == "little" else "big"
-
-
-def _operand(text: str) -> str:
-    return text if text.isidentifier() or text.isdigit() else f"({text})"
-
-
-def _sum(texts: list[str]) -> str:
-    """Text of all these bytes one behind the other."""
-    merged = _merged(texts)
-    if len(merged) > _MOST_PLUSES:
-        return f'b"".join(({", ".join(merged)}))'
-    return " + ".join(merged) or 'b""'
-
-
-def _merged(texts: list[str]) -> list[str]:
-    """Neighbouring literals put together, empty ones left out."""
-    found: list[str] = []
-    for text in texts:
-        simple = text.startswith('b"') and text.count('"') == 2 and text.endswith('"')
-        if text == 'b""':
-            continue
-        if simple and found and found[-1].startswith('b"') and found[-1].count('"') == 2 and found[-1].endswith('"'):
-            found[-1] = found[-1][:-1] + text[2:]
-        else:
-            found.append(text)
-    return found

@@ -93,7 +93,9 @@ class RuleWriter:
 
     def _field(self, field: Field, always: bool, lengths: Mapping[str, forms.Range]) -> str:
         kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(field.type.kind, "number")
-        needed = always and field.build is None and field.default is None and field.is_ is None and field.constants is None
+        needed = (
+            always and field.build is None and field.default is None and field.is_ is None and field.constants is None
+        )
         names = "" if field.values is None else self.module.numbers(field.values, f"{self.title} {field.name}")
         if kind in ("text", "bytes"):
             return self._rule(kind, _text_range(field, lengths), needed, names)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from framekit.codec.python import forms
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import START, Item
-from framekit.codec.python.shape import follows_its_length, is_plain_name
 from framekit.codec.python.source import bytes_literal
 from framekit.codec.python.verdict import JudgingReader
 from framekit.definition.model.segments import (
@@ -22,7 +21,6 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Length,
-    Repeat,
     Segment,
     Skip,
 )
@@ -217,9 +215,9 @@ class RunReader(JudgingReader):
                 self.declare(item, number.name, local, sized=False, wire=str(piece.size))
                 self.judge_limits(number, local)
                 if isinstance(number, Length):
-                    self._compare_length(item, number)
+                    self.compare_length(item, number)
                 else:
-                    self._compare_count(item, number)
+                    self.compare_count(item, number)
             case Bits() as bits:
                 self._assign(local, self._wire(bits.type, source, converted))
                 self.read_bits(item, bits, local)
@@ -252,31 +250,6 @@ class RunReader(JudgingReader):
         self.module.imports.add("from binascii import unhexlify")
         raw = f"unhexlify({source})"
         return f"{raw}[0]" if places == 1 else f'int.from_bytes({raw}, "{type_.order}")'
-
-    # ---- what is compared when everything is read ---------------------------------------------------------
-
-    def _compare_length(self, item: Item, length: Length) -> None:
-        """A length whose segments are not sized by it is compared with the room they take."""
-        targets = [self.function.by_name[name] for name in length.of if name in self.function.by_name]
-        if len(targets) == 1 and follows_its_length(length, targets[0]):
-            return
-        local = item.scope.entries[length.name].text
-        self.deferred.append(lambda: self.function.misfit_if(f"{local} != {self.room_text(length, targets)}"))
-
-    def _compare_count(self, item: Item, count: Count) -> None:
-        """A count that does not say itself how often something is repeated is compared with the list."""
-        repeat = self.function.by_name.get(count.of)
-        if not isinstance(repeat, Repeat) or (count.plus == 0 and is_plain_name(repeat.times, count.name)):
-            return
-        local = item.scope.entries[count.name].text
-        plus = f" + {count.plus}" if count.plus > 0 else f" - {-count.plus}" if count.plus else ""
-
-        def compare() -> None:
-            items = item.scope.find(count.of)
-            if items is not None:
-                self.function.misfit_if(f"{local} != len({items.text}){plus}")
-
-        self.deferred.append(compare)
 
 
 def struct_order(segment: Segment) -> str | None:

@@ -1,4 +1,4 @@
-"""Helpers that generated modules carry with them: pasted as they stand here, so each is on its own like those of `support`.
+"""Helpers that generated modules carry with them: pasted as they stand here, each on its own like those of `support`.
 
 They may use each other (`NEEDS`), standard imports (`IMPORTS`) and the names every generated module has: `Any`,
 `Context`, `FrameError`, `EncodeError`, `QUIET`, `LOST`.
@@ -17,7 +17,7 @@ QUIET = -(1 << 40)
 LOST = QUIET - 1
 
 
-class Misfit(ValueError):
+class Misfit(ValueError):  # noqa: N818 - says no more than that
     """Something does not fit; what it is, is found out afterwards."""
 
 
@@ -40,7 +40,7 @@ class Frame(NamedTuple):
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name`: an entry of a mapping, something of an object that has fields, or the list of a list's attributes."""
+    """`value.name`: an entry of a mapping, something an object offers, or the list of a list's attributes."""
     if isinstance(value, Mapping):
         return value[name]
     if isinstance(value, (list, tuple)):
@@ -66,7 +66,10 @@ class RangeTable(dict[Any, Any]):
         return in_range or super().__contains__(key)
 
     def get(self, key: Any, default: Any = None) -> Any:
-        return self[key] if key in self else default
+        try:
+            return self[key]
+        except KeyError:
+            return default
 
 
 # ---- frames inside frames ----------------------------------------------------------------------------------
@@ -175,7 +178,7 @@ def find_region_end(data: bytes | bytearray, at: int, end: int, escape: int, see
 
 
 def end_of_doubled(data: bytes | bytearray, at: int, escape: int, size: int, end: int | None = None) -> int:
-    """The place behind `size` plain bytes. Raises ValueError if an escape byte is not doubled, IndexError if too few."""
+    """The place behind `size` plain bytes. Raises ValueError for an escape byte not doubled, IndexError if too few."""
     end = len(data) if end is None else end
     for _ in range(size):
         if at >= end:
@@ -188,119 +191,6 @@ def end_of_doubled(data: bytes | bytearray, at: int, escape: int, size: int, end
                 raise ValueError("an escape byte is not doubled")
         at += 1
     return at
-
-
-# ---- values that cannot be sent ----------------------------------------------------------------------------
-
-
-class Rule(NamedTuple):
-    """What a value must be. `least` and `most` limit numbers, and the length of texts, bytes and lists.
-
-    `names` (name → number) may be given instead of the number, `only` those. A number is a multiple of `unit`. `inside`:
-    the rules of a mapping or of the items of a list ('' for items that are plain values).
-    """
-
-    type: str
-    least: int | None = None
-    most: int | None = None
-    needed: bool = False
-    names: Any = ()
-    only: bool = False
-    unit: int = 1
-    inside: Mapping[str, Any] | None = None
-
-
-Rules = Mapping[str, Rule]
-
-
-def check_given(values: Context, rules: Rules, computed: Context, path: str = "") -> None:
-    """Every value must be known, and what is computed must be as computed. Raises EncodeError."""
-    for name in values:
-        if name not in rules:
-            raise EncodeError(path + name, f"there is no '{path}{name}' in this frame")
-    for name, right in computed.items():
-        if name in values:
-            given = values[name]
-            if rules[name].names and isinstance(given, str):
-                given = rules[name].names.get(given, given)
-            if given != right:
-                raise EncodeError(path + name, f"'{path}{name}' is computed as {right!r}, not {given!r}")
-
-
-def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
-    """What is wrong with the values, in one sentence."""
-    if isinstance(error, EncodeError):
-        return error
-    found = find_misfit(values, rules, "") if isinstance(values, Mapping) else None
-    if found is not None:
-        return found
-    if isinstance(error, KeyError):
-        return EncodeError("", f"{error.args[0]!r} is needed to build this frame: give it in ctx")
-    return EncodeError("", f"the values do not fit into this frame{f': {error}' if str(error) else ''}")
-
-
-def find_misfit(values: Context, rules: Rules, path: str) -> EncodeError | None:
-    """The first value that breaks its rule."""
-    for name in values:
-        if name not in rules:
-            return EncodeError(path + name, f"there is no '{path}{name}' in this frame")
-    for name, rule in rules.items():
-        if name in values:
-            found = misfit_of(values[name], rule, path + name)
-        else:
-            found = EncodeError(path + name, f"'{path}{name}' is missing") if rule.needed else None
-        if found is not None:
-            return found
-    return None
-
-
-def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
-    """What is wrong with one value."""
-    if rule.names and (isinstance(value, str) or rule.only):
-        if value in rule.names or value in rule.names.values():
-            return None
-        return EncodeError(name, f"'{name}' is one of {', '.join(rule.names)}, not {value!r}")
-    kinds: dict[str, Any] = {"number": int, "float": (int, float), "text": str, "bytes": (bytes, bytearray)}
-    kinds |= {"list": (list, tuple), "mapping": Mapping, "any": object}
-    if not isinstance(value, kinds[rule.type]):
-        return EncodeError(name, f"'{name}' must be a {rule.type}, not {type(value).__name__}")
-    if rule.type in ("number", "float"):
-        size, what = value, f"'{name}' is {value}"
-    else:
-        size = len(value) if rule.type in ("text", "bytes", "list") else 0
-        what = f"'{name}' has a length of {size}"
-    if rule.least is not None and size < rule.least:
-        return EncodeError(name, f"{what}, less than {rule.least}")
-    if rule.most is not None and size > rule.most:
-        return EncodeError(name, f"{what}, more than {rule.most}")
-    if rule.unit != 1 and value % rule.unit:
-        return EncodeError(name, f"{what}, no multiple of {rule.unit}")
-    if rule.type == "text" and any(ord(sign) > 255 for sign in value):
-        return EncodeError(name, f"'{name}' has characters that are no bytes")
-    return None if rule.inside is None else misfit_inside(value, rule.inside, name)
-
-
-def misfit_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
-    """What is wrong in a mapping or in the items of a list."""
-    if isinstance(value, Mapping):
-        return find_misfit(value, rules, f"{name}.")
-    for place, item in enumerate(value):
-        path = f"{name}[{place}]"
-        if "" in rules:
-            found = misfit_of(item, rules[""], path)
-        elif isinstance(item, Mapping):
-            found = find_misfit(item, rules, f"{path}.")
-        else:
-            found = EncodeError(path, f"'{path}' must be a mapping of fields")
-        if found is not None:
-            return found
-    return None
-
-
-def check_size(name: str, found: int, wanted: int) -> None:
-    """A value must be as long as another one says. Raises EncodeError."""
-    if found != wanted:
-        raise EncodeError(name, f"'{name}' has a length of {found}, it must be {wanted}")
 
 
 def ends_here(decode: Callable[..., Any], data: bytes, ctx: Context, place: int) -> bool:
@@ -332,16 +222,10 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "encode_one": ("Choice", "Frame"),
     "Choice": ("Frame",),
     "end_of_region": ("find_region_end",),
-    "check_given": ("Rule",),
-    "encode_error": ("find_misfit",),
-    "find_misfit": ("Rule", "misfit_of"),
-    "misfit_of": ("Rule", "misfit_inside"),
-    "misfit_inside": ("find_misfit", "misfit_of"),
 }
 """The names of this module that a helper uses itself."""
 
 IMPORTS: dict[str, tuple[str, ...]] = {
     "Frame": ("from collections.abc import Callable", "from typing import NamedTuple"),
-    "Rule": ("from typing import NamedTuple",),
 }
 """The import lines that a helper's source stands on."""

@@ -11,10 +11,11 @@ from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.function import span_names
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import START, BufferReader, Item
+from framekit.codec.python.shape import follows_its_length, is_plain_name
 from framekit.codec.python.source import literal
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Segment
+from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Repeat, Segment
 
 _FEW = 6
 """Up to so many allowed values are written into the condition."""
@@ -120,7 +121,30 @@ class JudgingReader(BufferReader):
             return self.function.bytes_between(names)
         return between(self.buffer, START, self.place)
 
-    # ---- room ---------------------------------------------------------------------------------------------
+    # ---- what is compared when everything is read ---------------------------------------------------------
+
+    def compare_length(self, item: Item, length: Length) -> None:
+        """A length whose segments are not sized by it is compared with the room they take."""
+        targets = [self.function.by_name[name] for name in length.of if name in self.function.by_name]
+        if len(targets) == 1 and follows_its_length(length, targets[0]):
+            return
+        local = item.scope.entries[length.name].text
+        self.deferred.append(lambda: self.function.misfit_if(f"{local} != {self.room_text(length, targets)}"))
+
+    def compare_count(self, item: Item, count: Count) -> None:
+        """A count that does not say itself how often something is repeated is compared with the list."""
+        repeat = self.function.by_name.get(count.of)
+        if not isinstance(repeat, Repeat) or (count.plus == 0 and is_plain_name(repeat.times, count.name)):
+            return
+        local = item.scope.entries[count.name].text
+        plus = f" + {count.plus}" if count.plus > 0 else f" - {-count.plus}" if count.plus else ""
+
+        def compare() -> None:
+            items = item.scope.find(count.of)
+            if items is not None:
+                self.function.misfit_if(f"{local} != len({items.text}){plus}")
+
+        self.deferred.append(compare)
 
     def room_text(self, length: Length, targets: Iterable[Segment]) -> str:
         """Text of what a length counts, when everything is read."""

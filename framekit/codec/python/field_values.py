@@ -1,0 +1,211 @@
+"""Values of single fields for an encoder: given, computed, built or by default, and what must hold for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from framekit.codec.python import forms
+from framekit.codec.python.branches import default_text
+from framekit.codec.python.building import Building
+from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.order import Task
+from framekit.codec.python.shape import follows_its_length
+from framekit.codec.python.source import literal, quoted
+from framekit.definition.expression.emit import AND, OR
+from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
+from framekit.definition.model.segments import BitsPart, Data, Field, Length, Segment
+
+
+@dataclass(slots=True)
+class Given:
+    """A mapping of values being used up: its text, how many have to be there, and what is computed beside them."""
+
+    text: str
+    rules: str
+    path: str = ""
+    needed: int = 0
+    computed: dict[str, str] = field(default_factory=dict)
+
+
+class FieldValueWriter(Building):
+    """Writes the lines that bring single values into locals."""
+
+    def field_tasks(self, item: Field, scope: Scope, given: Given) -> list[Task]:
+        needed = item.build is None and item.default is None and item.is_ is None and item.constants is None
+        waits = self.waits(item.is_ or item.build or item.default)
+        if needed and item.when is not None:
+            waits |= self.waits(item.when)
+        may_be_given = not needed and item.is_ is None
+        first = Task(
+            (item.name,), waits, lambda missing: self._field(item, scope, given, needed, missing), may_be_given
+        )
+        if item.is_ is not None or (item.constants is not None and len(item.constants) == 1):
+            return [first]
+        waits = self.waits(item.when) | {item.name}
+        return [first, Task((), waits, lambda _: self._judge(item, scope, scope.entries[item.name].text))]
+
+    def _field(self, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:
+        local = self.names.fresh(item.name)
+        sized = item.type.kind in ("ascii", "bytes")
+        entry = Entry(local, sized=sized, wire=None)
+        if item.constants is not None and len(item.constants) == 1:
+            entry.text = literal(item.constants[0])
+            given.computed[item.name] = entry.text
+        elif item.is_ is not None:
+            entry.text = self._computed(item.name, item.is_, local, scope, given)
+        else:
+            self.add(f"{local} = {self._given(item, scope, given, needed, missing)}")
+            if item.values is not None:
+                numbers = self.module.numbers(item.values, f"{self.title} {item.name}")
+                self.add(f"{local} = {numbers}.get({local}, {local})")
+        scope.entries[item.name] = entry
+        if not sized and item.when is None:
+            entry.wire = self.room((item.name,), scope)
+
+    def _computed(self, name: str, expression: Expression, local: str, scope: Scope, given: Given) -> str:
+        number = constant_of(expression)
+        if number is None:
+            self.add(f"{local} = {self.writer(scope).value(expression)}")
+        text = local if number is None else str(number)
+        given.computed[name] = text
+        return text
+
+    def _given(self, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
+        """Text of a value that is given, or built, or has a default."""
+        key = f"{given.text}[{quoted(item.name)}]"
+        if needed:
+            if item.when is None:
+                given.needed += 1
+                return key
+            return f"{key} if {self.text(item.when, scope, OR)} else None"
+        if item.constants is not None:
+            return f"{given.text}.get({quoted(item.name)}, {literal(item.constants[0])})"
+        expression = item.build or item.default
+        assert expression is not None
+        with_missing = self.with_missing(scope, given, missing)
+        text = default_text(self.writer(with_missing).value(expression), item)
+        if isinstance(expression.root, (Number, Text, Bytes)):
+            return f"{given.text}.get({quoted(item.name)}, {text})"
+        return f"{key} if {quoted(item.name)} in {given.text} else {self.writer(with_missing).value(expression)}"
+
+    @staticmethod
+    def with_missing(scope: Scope, given: Given, missing: set[str]) -> Scope:
+        """A scope in which names that are not worked out yet are those given."""
+        inner = Scope(scope)
+        inner.entries = {name: Entry(f"{given.text}[{quoted(name)}]") for name in missing}
+        return inner
+
+    def _judge(self, item: Field, scope: Scope, local: str) -> None:
+        """What must hold for a value that was given or built."""
+        if item.values is not None and item.only and item.constants is None:
+            self.refuse(item, scope, f"{local} not in {self.module.value_names(item.values, item.name)}")
+        if item.constants is not None:
+            self._refuse_others(item.name, local, item.constants)
+        limits = forms.value_range(item)
+        by_type = item.type.kind == "int" and item.limits is None and item.zero_means is None and item.long is None
+        if item.type.kind in ("ascii", "bytes"):
+            self._judge_text(item, scope, local)
+        elif not by_type and item.type.kind != "float":
+            self.judge_range(item, scope, local, limits)
+        if item.unit is not None and item.unit != 1:
+            self.refuse(item, scope, f"{local} % {item.unit:_}")
+
+    def judge_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
+        if limits.least is not None and limits.most is not None:
+            self.refuse(item, scope, f"not {limits.least} <= {local} <= {limits.most}")
+        elif limits.least is not None:
+            self.refuse(item, scope, f"{local} < {limits.least}")
+
+    def _judge_text(self, item: Field, scope: Scope, local: str) -> None:
+        size = item.type.size
+        if isinstance(size, int):
+            exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
+            self.refuse(item, scope, f"len({local}) {'!=' if exact else '>'} {size}")
+
+    def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
+        if item.when is not None:
+            condition = f"({self.text(item.when, scope, AND)} and {condition})"
+        self.refuse_if(condition)
+
+    def _refuse_others(self, name: str, local: str, constants: tuple[int | str | bytes, ...]) -> None:
+        shown = ", ".join(repr(constant) for constant in constants)
+        with self.out.block(f"if {local} not in {literal(constants)}:"):
+            message = f"'{name}' is one of {shown}, not {{{local}!r}}".replace('"', "'")
+            self.add(f'raise EncodeError({quoted(name)}, f"{message}")')
+
+    def bits_task(self, part: BitsPart, scope: Scope, given: Given) -> Task:
+        return Task(
+            (part.name,),
+            self.waits(part.is_ or part.build),
+            lambda missing: self._bits(part, scope, given, missing),
+            part.is_ is None,
+        )
+
+    def _bits(self, part: BitsPart, scope: Scope, given: Given, missing: set[str]) -> None:
+        local = self.names.fresh(part.name)
+        key, name = f"{given.text}[{quoted(part.name)}]", quoted(part.name)
+        text = local
+        if part.constants is not None and len(part.constants) == 1:
+            text = given.computed[part.name] = str(part.constants[0])
+        elif part.is_ is not None:
+            text = self._computed(part.name, part.is_, local, scope, given)
+        elif part.build is not None and not isinstance(part.build.root, Number):
+            build = self.writer(self.with_missing(scope, given, missing)).value(part.build)
+            self.add(f"{local} = {key} if {name} in {given.text} else {build}")
+        else:
+            first = 0 if part.constants is None else part.constants[0]
+            otherwise = first if part.build is None else self.writer(scope).text(part.build)
+            self.add(f"{local} = {given.text}.get({name}, {otherwise})")
+        if text == local and part.is_ is None:
+            if part.values is not None:
+                numbers = self.module.numbers(part.values, f"{self.title} {part.name}")
+                self.add(f"{local} = {numbers}.get({local}, {local})")
+            if part.constants is not None:
+                self._refuse_others(part.name, local, part.constants)
+        if text == local:
+            most = (1 << part.high - part.low + 1) - 1
+            self.refuse_if(f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}")
+        scope.entries[part.name] = Entry(text, sized=False)
+
+    # ---- data ---------------------------------------------------------------------------------------------
+
+    def data_tasks(self, data: Data, scope: Scope, given: Given) -> list[Task]:
+        tasks = [Task((data.name,), self.waits(data.when), lambda _: self._data(data, scope, given))]
+        if isinstance(data.size, Expression) and not self._sized_by_length(data):
+            waits = {data.name} | self.waits(data.size, data.when)
+            tasks.append(Task((), waits, lambda _: self._data_size(data, scope, given)))
+        return tasks
+
+    def _sized_by_length(self, segment: Data | Field) -> bool:
+        return any(isinstance(one, Length) and follows_its_length(one, segment) for one in self.by_name.values())
+
+    def _data(self, data: Data, scope: Scope, given: Given) -> None:
+        local = self.names.fresh(data.name)
+        key = f"{given.text}[{quoted(data.name)}]"
+        if data.when is None:
+            given.needed += 1
+            self.add(f"{local} = {key}")
+        else:
+            self.add(f'{local} = {key} if {self.text(data.when, scope, OR)} else b""')
+        if isinstance(data.size, int):
+            self.refuse(data, scope, f"len({local}) {'!=' if data.pad is None else '>'} {data.size}")
+        if data.least and (not isinstance(data.size, int) or data.pad is not None):
+            self.refuse(data, scope, f"len({local}) < {data.least}")
+        scope.entries[data.name] = Entry(local)
+
+    def _data_size(self, data: Data, scope: Scope, given: Given) -> None:
+        assert isinstance(data.size, Expression)
+        local = scope.entries[data.name].text
+        size = self.text(data.size, scope)
+        found = f"len({local})" if data.pad is None else f"min(len({local}), {size})"
+        line = f"{self.module.function('check_size')}({quoted(given.path + data.name)}, {found}, {size})"
+        conditions = [] if data.when is None else [self.text(data.when, scope, AND)]
+        for name in sorted(self.waits(data.size)):
+            state = self.module.protocol.state.get(name)
+            if state is not None and state.announced and scope.find(name) is None:
+                conditions.append(f"{self.module.given(name)} is not None")
+        if conditions:
+            with self.out.block(f"if {' and '.join(conditions)}:"):
+                self.add(line)
+        else:
+            self.add(line)

@@ -1,0 +1,165 @@
+"""Values of segments with others inside, for an encoder: wraps, inner frames, lists, records, choices."""
+
+from __future__ import annotations
+
+from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.field_values import Given
+from framekit.codec.python.order import Task
+from framekit.codec.python.rules import is_needed
+from framekit.codec.python.shape import everything, flat, is_plain_name, value_names
+from framekit.codec.python.source import quoted
+from framekit.codec.python.values import ValueWriter
+from framekit.definition.expression.emit import OR
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import (
+    Choose,
+    Count,
+    Inner,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Wrap,
+)
+from framekit.definition.model.visit import expressions_of
+
+
+class NestedValueWriter(ValueWriter):
+    """Writes the lines that bring the values inside other segments into locals."""
+
+    def wrap_tasks(self, wrap: Wrap, of: tuple[Segment, ...], scope: Scope, given: Given, tasks: list[Task]) -> None:
+        before = len(tasks)
+        for segment in of:
+            self.tasks_of(segment, scope, given, tasks)
+        if wrap.name in self.asked_for:
+            waits = {name for task in tasks[before:] for name in task.gives}
+            gives = (f"bytes of {wrap.name}",)
+            tasks.append(Task(gives, waits, lambda _: self.put_into_local(wrap, scope)))
+
+    def put_into_local(self, segment: Segment, scope: Scope) -> None:
+        """Writes the bytes of a segment into a local of their own."""
+        raise NotImplementedError
+
+    def nested_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
+        name = segment.name or ""
+        outer = self._outer_names(segment)
+        match segment:
+            case Inner():
+                return self._inner_tasks(segment, scope, given)
+            case Record() if segment.when is None:
+                return self._record_tasks(segment, outer, scope, given)
+            case Record():
+                both = (name, f"bytes of {name}")
+                return [Task(both, outer, lambda _: self.conditional_record(segment, scope, given))]
+            case Repeat():
+                return self._list_tasks(segment, scope, given)
+        names = tuple(inner for one in flat((segment,)) for inner in value_names(one))
+        assert isinstance(segment, (Choose, Optional))
+        return [Task((*names, f"bytes of {name}"), outer, lambda _: self.branches(segment, scope, given))]
+
+    def _inner_tasks(self, inner: Inner, scope: Scope, given: Given) -> list[Task]:
+        name, waits = inner.name, self.waits(inner.when)
+        tasks = [Task((name,), waits, lambda _: self._plain_given(inner, scope, given))]
+        if name in self.asked_for or isinstance(inner.size, Expression):
+            wire = (f"bytes of {name}",)
+            tasks.append(Task(wire, waits | {name}, lambda _: self.put_into_local(inner, scope)))
+        if isinstance(inner.size, Expression):
+            waits = waits | {f"bytes of {name}"} | self.waits(inner.size)
+            tasks.append(Task((), waits, lambda _: self._check_inner_size(inner, scope)))
+        return tasks
+
+    def _check_inner_size(self, inner: Inner, scope: Scope) -> None:
+        """A frame inside must take as many bytes as other values say."""
+        assert isinstance(inner.size, Expression)
+        check, wire = self.module.function("check_size"), self.wires[inner.name]
+        line = f"{check}({quoted(inner.name)}, len({wire}), {self.text(inner.size, scope)})"
+        if inner.when is None:
+            self.add(line)
+        else:
+            with self.out.block(f"if {self.text(inner.when, scope)}:"):
+                self.add(line)
+
+    def _record_tasks(self, record: Record, outer: set[str], scope: Scope, given: Given) -> list[Task]:
+        name = record.name
+        tasks = [Task((name,), outer, lambda _: self._record(record, scope, given))]
+        if name in self.asked_for:
+            tasks.append(Task((f"bytes of {name}",), {name}, lambda _: self.put_into_local(record, scope)))
+        return tasks
+
+    def _list_tasks(self, repeat: Repeat, scope: Scope, given: Given) -> list[Task]:
+        name = repeat.name
+        tasks = [Task((name,), self.waits(repeat.when), lambda _: self._list(repeat, scope, given))]
+        if isinstance(repeat.of, tuple):
+            gives = (f"items of {name}", f"bytes of {name}")
+            waits = self._outer_names(repeat) | {name}
+            tasks.append(Task(gives, waits, lambda _: self.records(repeat, scope, given)))
+        if isinstance(repeat.times, Expression) and not self._has_count(repeat):
+            waits = self.waits(repeat.times, repeat.when) | {name}
+            tasks.append(Task((), waits, lambda _: self._check_times(repeat, scope, given)))
+        return tasks
+
+    def _has_count(self, repeat: Repeat) -> bool:
+        """Whether a count follows the list by itself."""
+        return any(
+            isinstance(one, Count) and one.of == repeat.name and not one.plus and is_plain_name(repeat.times, one.name)
+            for one in self.by_name.values()
+        )
+
+    def _outer_names(self, segment: Segment) -> set[str]:
+        """What is read inside a segment but is not given there."""
+        inside = {name for one in everything((segment,)) for name in value_names(one)} - {segment.name}
+        read = self.waits(*expressions_of(segment))
+        own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
+        return read - own
+
+    def _plain_given(self, segment: Inner | Repeat, scope: Scope, given: Given) -> None:
+        """A local for a value that has to be given."""
+        local = self.names.fresh(segment.name)
+        key = f"{given.text}[{quoted(segment.name)}]"
+        if segment.when is None:
+            given.needed += 1
+            self.add(f"{local} = {key}")
+        else:
+            empty = "()" if isinstance(segment, Repeat) else "None"
+            self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
+        scope.entries[segment.name] = Entry(local, "list" if isinstance(segment, Repeat) else "inner", Scope())
+
+    def _list(self, repeat: Repeat, scope: Scope, given: Given) -> None:
+        self._plain_given(repeat, scope, given)
+        local = scope.entries[repeat.name].text
+        self.refuse_if(f"not isinstance({local}, (list, tuple))")
+        if isinstance(repeat.times, int):
+            self.refuse(repeat, scope, f"len({local}) != {repeat.times}")
+
+    def _check_times(self, repeat: Repeat, scope: Scope, given: Given) -> None:
+        """A list must have as many items as other values say."""
+        assert isinstance(repeat.times, Expression)
+        check, name = self.module.function("check_size"), quoted(given.path + repeat.name)
+        line = f"{check}({name}, len({scope.entries[repeat.name].text}), {self.text(repeat.times, scope)})"
+        if repeat.when is None:
+            self.add(line)
+        else:
+            with self.out.block(f"if {self.text(repeat.when, scope)}:"):
+                self.add(line)
+
+    def _record(self, record: Record, scope: Scope, given: Given) -> None:
+        local = self.names.fresh(record.name)
+        inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", f"{given.path}{record.name}.")
+        if is_needed(record.of):
+            given.needed += 1
+            self.add(f"{local} = {given.text}[{quoted(record.name)}]")
+        else:
+            self.add(f"{local} = {given.text}.get({quoted(record.name)}, {{}})")
+        inside = Scope(scope)
+        scope.entries[record.name] = Entry(local, "record", inside, direct=True)
+        self.values(record.of, inside, inner)
+        self.check_names(inner)
+
+    def conditional_record(self, record: Record, scope: Scope, given: Given) -> None:
+        raise NotImplementedError
+
+    def records(self, repeat: Repeat, scope: Scope, given: Given) -> None:
+        raise NotImplementedError
+
+    def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
+        raise NotImplementedError
