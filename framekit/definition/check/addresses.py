@@ -105,6 +105,6 @@ def _names(
         for node in walk(expression.root):
             if isinstance(node, Name) and node.name not in known:
                 yield Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known))
-            elif isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area":
-                if node.name not in columns | {"size"}:
-                    yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
+            of_area = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area"
+            if of_area and isinstance(node, Attribute) and node.name not in columns | {"size"}:
+                yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
