@@ -55,8 +55,12 @@ class Fields(Construct):
         self.plan = plan
         self.declared = frozenset(plan.values)
 
+    def open(self, stream: BytesIO, context: Container) -> Container:
+        """The context of a record that is going to be read; its values grow in `_values`."""
+        return open_context(context, context._state, stream, self.declared)
+
     def _parse(self, stream: BytesIO, context: Container, path: str) -> Container:
-        inner = open_context(context, context._state, stream, self.declared)
+        inner = self.open(stream, context)
         self.segments._parse(stream, inner, path)
         return inner._values
 
@@ -102,7 +106,9 @@ class RecordConstruct(ValueSegment):
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
         with reading.within(reading.room(context)):
-            reading.store(context, self.name, self.fields._parse(stream, context, path), place)
+            inner = self.fields.open(stream, context)
+            reading.store(context, self.name, inner._values, place)
+            self.fields.segments._parse(stream, inner, path)
 
     def fill(self, filling: Filling, name: str) -> Any:
         given = filling.given_of(name)
@@ -137,31 +143,37 @@ class RepeatConstruct(ValueSegment):
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
+        if self.fields is None:
+            self._read_values(reading, stream, context, place)
+            return
+        items: list[Any] = []
+        reading.store(context, self.name, items, place)
+        times = self._times(reading, context, place)
+        with reading.within(reading.room(context)):
+            while len(items) < times if times is not None else stream.tell() < reading.region.end:
+                before = stream.tell()
+                inner = self.fields.open(stream, context)
+                items.append(inner._values)
+                self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
+                if times is None and stream.tell() == before:
+                    raise reading.stop(place, "length", "items that take room", "0 bytes")
+
+    def _read_values(self, reading: Reading, stream: BytesIO, context: Container, place: Place) -> None:
+        """Plain values; there is no list when one of them cannot be read."""
+        assert isinstance(self.segment.of, FieldType)
         items: list[Any] = []
         times = self._times(reading, context, place)
         with reading.within(reading.room(context)):
-            reading.store(context, self.name, items, place)
             while len(items) < times if times is not None else stream.tell() < reading.region.end:
-                before = stream.tell()
-                item = self._item(stream, context, f"{path}[{len(items)}]", place)
-                if item is not DAMAGED:
-                    items.append(item)
-                elif times is not None:
-                    times -= 1
-                if times is None and stream.tell() == before:
-                    raise reading.stop(place, "length", "items that take room", "0 bytes")
+                items.append(read_wire(self.segment.of, stream, context, place))
+        if all(item is not DAMAGED for item in items):
+            reading.store(context, self.name, items, place)
 
     def _times(self, reading: Reading, context: Container, place: Place) -> int | None:
         times = self.segment.times
         if isinstance(times, Expression):
             return evaluated_size(times, reading, context, place)
         return None if times == "rest" else times
-
-    def _item(self, stream: BytesIO, context: Container, path: str, place: Place) -> Any:
-        if self.fields is not None:
-            return self.fields._parse(stream, context, path)
-        assert isinstance(self.segment.of, FieldType)
-        return read_wire(self.segment.of, stream, context, place)
 
     def fill(self, filling: Filling, name: str) -> Any:
         given = filling.given_of(name)
