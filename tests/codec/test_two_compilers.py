@@ -71,7 +71,7 @@ def read(decode: Any) -> Any:
     try:
         return decode()
     except FrameError as error:
-        return error.cause, error.refuse
+        return error.cause, error.refuse, error.offset, error.fields
 
 
 @cache

@@ -155,3 +155,40 @@ def test_real_time_calls_in_order_and_never_early() -> None:
         return seen
 
     assert asyncio.run(check()) == [("past", True), ("soon", True), ("early", True), ("late", True)]
+
+
+def test_real_time_keeps_the_order_however_late_it_is() -> None:
+    """Times so near to each other that the loop finds many of them due at once, some asked for too late."""
+
+    async def check() -> list[int]:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        seen: list[int] = []
+        begin, done = clock.now(), asyncio.Event()
+        for number in range(2000):
+            clock.call_at(begin + number // 2 * 3_000, lambda number=number: seen.append(number))
+        clock.call_at(begin + 20_000_000, done.set)
+        async with asyncio.timeout(20):
+            await done.wait()
+        return seen
+
+    assert asyncio.run(check()) == list(range(2000))
+
+
+def test_in_real_time_too_cancelled_calls_do_not_come_or_pile_up() -> None:
+    async def check() -> list[str]:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        seen: list[str] = []
+        done = asyncio.Event()
+        now = clock.now()
+        for _ in range(1000):
+            clock.call_at(now + 3_600_000_000_000, lambda: seen.append("cancelled")).cancel()
+        assert len(clock._calls) < 200
+        both = [clock.call_at(now, lambda: both[1].cancel()), clock.call_at(now, lambda: seen.append("too late"))]
+        clock.call_at(now + 1, lambda: [][0])
+        clock.call_at(now + 2, done.set)
+        clock.loop.set_exception_handler(lambda loop, context: seen.append(type(context["exception"]).__name__))
+        async with asyncio.timeout(20):
+            await done.wait()
+        return seen
+
+    assert asyncio.run(check()) == ["IndexError"]

@@ -139,8 +139,9 @@ def test_closing_before_it_is_open() -> None:
                 port.open(events)
                 port.write(b"too early")
                 port.close()
-                await asyncio.sleep(0)
-                await asyncio.sleep(0)
+                later = asyncio.Event()
+                real_clock().call_at(real_clock().now() + 5_000_000, later.set)
+                await later.wait()
                 assert events.seen == []
 
     run(check())
@@ -238,8 +239,9 @@ def test_sent_waits_until_the_system_has_taken_everything() -> None:
         server = await accepted.get()
         size = 20_000_000
         client.write(bytes(size))
-        await asyncio.sleep(0)
-        await asyncio.sleep(0)
+        later = asyncio.Event()
+        clock.call_at(clock.now() + 5_000_000, later.set)
+        await later.wait()
         assert "sent" not in events.seen, "nobody reads yet"
         there = await opened(server)
         assert len(await there.bytes(size)) == size

@@ -1,0 +1,189 @@
+"""One case for every kind of segment and every option: YAML, values and bytes.
+
+Both compilers are tested with them, and `docs/segments.md` is made of them, so the table can't go stale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A body, values to build it from, the bytes, and what reading gives beyond the values.
+
+    `bad` maps bytes that are not this frame to the cause. `top` is YAML before `frames:`, `keys` are keys of the frame.
+    """
+
+    title: str
+    body: str
+    values: dict[str, Any]
+    data: str
+    more: dict[str, Any] = field(default_factory=dict)
+    bad: dict[str, str] = field(default_factory=dict)
+    top: str = ""
+    keys: str = ""
+
+    @property
+    def yaml(self) -> str:
+        """A protocol whose only frame `f` has this body."""
+        lines = [f"      {line}" for line in self.body.splitlines()]
+        keys = f"    {self.keys}\n" if self.keys else ""
+        return f"protocol: case\n{self.top}frames:\n  f:\n{keys}    body:\n" + "\n".join(lines) + "\n"
+
+    @property
+    def bytes(self) -> bytes:
+        return bytes.fromhex(self.data)
+
+
+SECTIONS: dict[str, tuple[Case, ...]] = {
+    "Constants": (
+        Case("hex bytes", "- const: 1B 54", {}, "1B 54", bad={"1B 55": "constant", "1B": "short", "1B 54 00": "surplus"}),
+        Case("names of control characters", "- const: DLE STX", {}, "10 02"),
+        Case("text", "- text: WR44", {}, "57 52 34 34"),
+        Case("bytes nobody looks at", "- {skip: 3, fill: 20}", {}, "20 20 20"),
+    ),
+    "Numbers": (
+        Case("one byte", "- {field: a, type: u8}", {"a": 200}, "C8", bad={"": "short"}),
+        Case("big-endian word (the default order)", "- {field: a, type: u16}", {"a": 0x1234}, "12 34"),
+        Case("little-endian word", "- {field: a, type: u16, order: little}", {"a": 0x1234}, "34 12"),
+        Case("double word ABCD", "- {field: a, type: u32, order: ABCD}", {"a": 0x0A0B0C0D}, "0A 0B 0C 0D"),
+        Case("double word DCBA", "- {field: a, type: u32, order: DCBA}", {"a": 0x0A0B0C0D}, "0D 0C 0B 0A"),
+        Case("double word BADC", "- {field: a, type: u32, order: BADC}", {"a": 0x0A0B0C0D}, "0B 0A 0D 0C"),
+        Case("double word CDAB", "- {field: a, type: u32, order: CDAB}", {"a": 0x0A0B0C0D}, "0C 0D 0A 0B"),
+        Case("signed", "- {field: a, type: i16}", {"a": -2}, "FF FE"),
+        Case("three bytes", "- {field: a, type: u24}", {"a": 0x010203}, "01 02 03"),
+        Case("eight bytes", "- {field: a, type: u64, order: little}", {"a": 1}, "01 00 00 00 00 00 00 00"),
+        Case("float", "- {field: a, type: f32}", {"a": 1.5}, "3F C0 00 00"),
+        Case("float, words swapped", "- {field: a, type: f32, order: CDAB}", {"a": 1.5}, "00 00 3F C0"),
+        Case("double float", "- {field: a, type: f64}", {"a": -2.0}, "C0 00 00 00 00 00 00 00"),
+        Case(
+            "a number of computed size", "- {field: n, type: u8}\n- {field: a, type: uint, size: n}",
+            {"n": 3, "a": 0x010203}, "03 01 02 03",
+        ),
+    ),
+    "Numbers as digits": (
+        Case("hex digits", "- {field: a, type: hex, size: 4}", {"a": 0x2F}, "30 30 32 46", bad={"30 30 32 47": "digits"}),
+        Case("hex digits in lower case", "- {field: a, type: hex, size: 2, case: lower}", {"a": 0xAB}, "61 62"),
+        Case("hex digits, last byte's first", "- {field: a, type: hex, size: 4, order: little}", {"a": 0x0A}, "30 41 30 30"),
+        Case("decimal digits", "- {field: a, type: dec, size: 5}", {"a": 420}, "30 30 34 32 30"),
+        Case("octal digits", "- {field: a, type: oct, size: 3}", {"a": 8}, "30 31 30"),
+        Case("BCD", "- {field: a, type: bcd, size: 2}", {"a": 1299}, "12 99", bad={"12 9A": "digits"}),
+    ),
+    "Texts and bytes": (
+        Case("text of fixed size", "- {field: a, type: ascii, size: 3}", {"a": "abc"}, "61 62 63"),
+        Case("text filled up", "- {field: a, type: ascii, size: 5, pad: 20}", {"a": "abc"}, "61 62 63 20 20"),
+        Case("text with an end", "- {field: a, type: ascii, end: 00}\n- const: 05", {"a": "abc"}, "61 62 63 00 05"),
+        Case("bytes as a value", "- {field: a, type: bytes, size: 3}", {"a": b"\x01\x02\x03"}, "01 02 03"),
+    ),
+    "What a field may say": (
+        Case("a default", "- {field: a, type: u8, default: 7}", {}, "07", {"a": 7}),
+        Case("always computed", "- {field: a, type: u8}\n- {field: b, type: u8, is: a + 1}", {"a": 4}, "04 05", {"b": 5},
+             {"04 06": "value"}),
+        Case("computed unless given", "- {field: a, type: u8}\n- {field: b, type: u8, build: a * 2}", {"a": 4}, "04 08",
+             {"b": 8}),
+        Case("a range", "- {field: a, type: u8, range: 1..9}", {"a": 9}, "09", bad={"0A": "range"}),
+        Case("names of numbers", "- {field: a, type: u8, values: {6: ACK, 0x15: NAK}}", {"a": "NAK"}, "15", {"a": 0x15}),
+        Case("only these", "- {field: a, type: u8, values: {6: ACK, 0x15: NAK}, only: values}", {"a": 6}, "06",
+             bad={"07": "value"}),
+        Case("an offset", "- {field: a, type: u8, plus: 0x20}", {"a": 7}, "27"),
+        Case("a time", "- {field: a, type: u16, unit: 10 ms}", {"a": 500_000_000}, "00 32"),
+        Case("a long form", "- {field: a, type: u8, long: {mark: 0xFF, type: u16, order: little}}", {"a": 300}, "FF 2C 01"),
+        Case("the same, short", "- {field: a, type: u8, long: {mark: 0xFF, type: u16, order: little}}", {"a": 254}, "FE"),
+        Case("0 means 256", "- {field: a, type: u8, zero_means: 256}", {"a": 256}, "00"),
+        Case("there only on a condition", "- {field: a, type: u8}\n- {field: b, type: u8, when: a > 1, default: 9}",
+             {"a": 1}, "01", {"b": 9}),
+        Case("fixed for this frame", "- {field: a, type: ascii, size: 1}", {}, "72", {"a": "r"}, {"73": "where"},
+             keys="where: {a: [r, R]}"),
+    ),
+    "Bits": (
+        Case("bits of a byte", "- {bits: {ready: 0, code: 4-7}, of: u8}", {"ready": 1, "code": 10}, "A1"),
+        Case("bits of two hex digits", "- {bits: {write: 7, type: 0-6}, of: hex, size: 2}", {"write": 1, "type": 2}, "38 32"),
+        Case("bits that are fixed", "- {bits: {error: 7, function: 0-6}, of: u8, is: {error: 1}}", {"function": 3}, "83",
+             {"error": 1}, {"03": "value"}),
+    ),
+    "Data": (
+        Case("a fixed size", "- {data: d, size: 3}", {"d": b"\x01\x02\x03"}, "01 02 03"),
+        Case("a size from a field", "- {length: n, type: u8, of: [d]}\n- {data: d, size: n}", {"d": b"ab"}, "02 61 62",
+             {"n": 2}),
+        Case("the rest", "- {field: a, type: u8}\n- {data: d, size: rest}\n- const: ETX", {"a": 1, "d": b"xy"}, "01 78 79 03"),
+        Case("filled up", "- {data: d, size: 4, pad: 00}", {"d": b"\x09"}, "09 00 00 00", {"d": b"\x09\x00\x00\x00"}),
+        Case("Hex To ASCII: a byte is two digits", "- {data: d, size: 2, convert: hex_to_ascii}", {"d": b"\x12\xab"},
+             "31 32 41 42", bad={"31 32 41 47": "digits"}),
+        Case("ASCII To Hex: two digits are a byte", "- {data: d, size: 4, convert: ascii_to_hex}", {"d": b"4567"}, "45 67"),
+        Case("swap 2", "- {data: d, size: 8, swap: 2}", {"d": bytes.fromhex("1234567811223344")}, "34 12 78 56 22 11 44 33"),
+        Case("swap 4", "- {data: d, size: 8, swap: 4}", {"d": bytes.fromhex("1234567811223344")}, "78 56 34 12 44 33 22 11"),
+        Case("swap 8", "- {data: d, size: 8, swap: 8}", {"d": bytes.fromhex("1234567811223344")}, "44 33 22 11 78 56 34 12"),
+    ),
+    "Lengths and counts": (
+        Case("a length", "- {length: n, type: u8, of: [d]}\n- {data: d, size: n}", {"d": b"abc"}, "03 61 62 63", {"n": 3},
+             {"04 61 62 63": "short"}),
+        Case("of several segments, with more", "- {length: n, type: u8, of: [a, d], plus: 2}\n- {field: a, type: u8}\n"
+             "- {data: d, size: n - 3}", {"a": 9, "d": b"xy"}, "05 09 78 79", {"n": 5}),
+        Case("in words", "- {length: n, type: u8, of: [d], unit: words}\n- {data: d, size: n * 2}", {"d": b"abcd"},
+             "02 61 62 63 64", {"n": 2}),
+        Case("before conversion", "- {length: n, type: hex, size: 2, of: [d], plain: yes}\n"
+             "- {data: d, size: n, convert: hex_to_ascii}", {"d": b"\xaa\x15"}, "30 32 41 41 31 35", {"n": 2}),
+        Case("a count", "- {count: n, type: u8, of: list}\n- {repeat: list, times: n, of: u16}", {"list": [1, 2]},
+             "02 00 01 00 02", {"n": 2}),
+    ),
+    "Repeats, records, choices": (
+        Case("a list of records", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n"
+             "  of: [{field: a, type: u8}, {field: b, type: u8}]", {"list": [{"a": 1, "b": 2}, {"a": 3, "b": 4}]},
+             "02 01 02 03 04", {"n": 2}),
+        Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
+        Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
+        Case("a record", "- {include: pair, as: p}", {"p": {"a": 1, "b": 2}}, "01 02",
+             top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
+        Case("an include", "- include: pair", {"a": 1, "b": 2}, "01 02",
+             top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
+        Case("a choice", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    1: [{field: a, type: u8}]\n"
+             "    2: [{field: b, type: u16}]\n  else: [{const: FF}]", {"kind": 2, "b": 5}, "02 00 05"),
+        Case("the other case", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    1: [{field: a, type: u8}]\n"
+             "  else: [{const: FF}]", {"kind": 9}, "09 FF"),
+        Case("an optional part", "- {field: a, type: u8}\n- optional: [{field: b, type: u8}]", {"a": 1, "b": 2}, "01 02"),
+        Case("the same, left out", "- {field: a, type: u8}\n- optional: [{field: b, type: u8}]", {"a": 1}, "01"),
+        Case("a derived value", "- {field: name, type: ascii, size: 3}\n- {value: letter, read: 'name[1]'}", {"name": "%MW"},
+             "25 4D 57", {"letter": "M"}),
+        Case("a condition", "- {field: a, type: u8}\n- {require: a % 2 == 0}", {"a": 4}, "04", bad={"05": "require"}),
+    ),
+    "Wraps": (
+        Case("as hex digits", "- text: ':'\n- wrap: hex\n  of: [{field: a, type: u8}, {data: d, size: 2}]\n- const: CR LF",
+             {"a": 0xF1, "d": b"\x00\x0a"}, "3A 46 31 30 30 30 41 0D 0A"),
+        Case("with the escape byte doubled", "- const: DLE STX\n- wrap: {escape: DLE}\n  of: [{data: d, size: rest}]\n"
+             "- const: DLE ETX", {"d": b"\x01\x10\x02"}, "10 02 01 10 10 02 10 03"),
+    ),
+    "Check codes": (
+        Case("sum, low byte, as digits", "- const: STX\n- {data: d, size: 2}\n- const: ETX\n- {check: sum8, as: hex}",
+             {"d": b"RD"}, "02 52 44 03 39 42", bad={"02 52 44 03 39 43": "check"}),
+        Case("exclusive or", "- {data: d, size: 3}\n- {check: xor8}", {"d": b"\x01\x02\x04"}, "01 02 04 07"),
+        Case("LRC", "- {data: d, size: 2}\n- {check: lrc8}", {"d": b"\x11\x03"}, "11 03 EC"),
+        Case("CRC from the catalogue", "- {data: d, size: 6}\n- {check: crc16-modbus, order: little}",
+             {"d": bytes.fromhex("11 03 00 6B 00 03")}, "11 03 00 6B 00 03 76 87"),
+        Case("CRC by its parameters", "- {data: d, size: 9}\n- {check: mine}", {"d": b"123456789"},
+             "31 32 33 34 35 36 37 38 39 29 B1",
+             top="checks:\n  mine: {width: 16, poly: 0x1021, init: 0xFFFF}\n"),
+        Case("two's complement of the sum", "- {data: d, size: 2}\n- {check: mine}", {"d": b"\x01\x02"}, "01 02 FD",
+             top="checks:\n  mine: {method: sum8, complement: twos}\n"),
+        Case("initial value and mask", "- {data: d, size: 2}\n- {check: mine}", {"d": b"\xff\x01"}, "FF 01 05",
+             top="checks:\n  mine: {method: sum8, initial: 5, mask: 0x7F}\n"),
+        Case("an algorithm of one's own", "- {data: d, size: 3}\n- {check: mine}", {"d": b"\x01\x02\x03"}, "01 02 03 06",
+             top='checks:\n  mine: {fold: "rotl8(acc ^ byte, 1)", initial: 0}\n'),
+        Case("over named segments", "- {field: a, type: u8}\n- {const: 55, name: c}\n- {data: d, size: 1}\n"
+             "- {check: sum8, over: [a, d]}", {"a": 1, "d": b"\x02"}, "01 55 02 03"),
+        Case("from one segment on", "- const: STX\n- {field: a, type: u8}\n- {data: d, size: 1}\n"
+             "- {check: xor8, over: a..here}", {"a": 1, "d": b"\x02"}, "02 01 02 03"),
+        Case("from an offset on", "- const: STX\n- {data: d, size: 2}\n- {check: xor8, over: 1..here}", {"d": b"\x01\x02"},
+             "02 01 02 03"),
+        Case("inside a wrap", "- text: ':'\n- wrap: hex\n  of: [{data: d, size: 2}, {check: lrc8, over: d..here}]\n- const: CR",
+             {"d": b"\x11\x03"}, "3A 31 31 30 33 45 43 0D"),
+        Case("over what is undoubled", "- wrap: {escape: DLE}\n  of: [{data: d, size: rest}]\n- {const: DLE}\n"
+             "- {const: ETX, name: etx}\n- {check: sum8, over: [d, etx]}", {"d": b"\x10"}, "10 10 10 03 13"),
+        Case("as decimal digits", "- {data: d, size: 1}\n- {check: sum8, as: dec}", {"d": b"\x07"}, "07 30 30 37"),
+        Case("as split nibbles", "- {data: d, size: 1}\n- {check: sum8, as: nibbles}", {"d": b"\xab"}, "AB 3A 3B"),
+        Case("not compared", "- {data: d, size: 1}\n- {check: sum8, verify: off}", {"d": b"\x07"}, "07 07"),
+    ),
+}  # fmt: skip
+
+CASES = [case for cases in SECTIONS.values() for case in cases]
