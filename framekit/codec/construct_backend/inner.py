@@ -42,6 +42,7 @@ class InnerConstruct(ValueSegment):
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
+        start = stream.tell()
         data, exact = self._region(stream, reading, context, place)
         for name in self.candidates:
             outcome = self.frames[name].read(data, reading.names, context, f"{path} -> {name}", exact)
@@ -58,7 +59,7 @@ class InnerConstruct(ValueSegment):
         if outcome.fault is not None:
             inner = outcome.fault.place
             there = reading.place(stream, inner.label, outcome.refuse)
-            moved = Place(there.order, place.offset + inner.offset, there.label, there.refuse)
+            moved = Place(there.order, reading.offset(start + inner.offset), there.label, there.refuse)
             reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
 
     def _region(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> tuple[bytes, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -106,7 +107,8 @@ class HexConstruct(WrapConstruct):
             return support.ascii_to_hex(digits)
         except ValueError:
             reading.leaf(digits)
-            reading.note(place, "digits", "pairs of hex digits", digits)
+            bad = len(_leading_digits(digits))
+            reading.note(replace(place, offset=place.offset + bad), "digits", "pairs of hex digits", digits[bad:])
             return None
 
 
