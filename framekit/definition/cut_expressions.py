@@ -16,6 +16,7 @@ CUT = "the expression was cut at a comma"
 
 _QUOTED = re.compile(r"'[^']*'")
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_NO_SPACE = re.compile(r"[a-z_]+:[^:\s'\"()]+")
 _PROSE = re.compile(r"doc|about|source|second_source|\d+|0[xX][0-9A-Fa-f]+")
 _EXPRESSION = re.compile(r"[()\[\]{}'\"+*/%&|^~<>=]|\s(?:if|else|and|or|not|in|-)\s")
 
@@ -34,6 +35,11 @@ def without_cuts(node: Node) -> Cuts:
     cuts = Cuts(node)
     cuts.tree = _mended(node, cuts)
     return cuts
+
+
+def is_cut(problem: Problem) -> bool:
+    """Whether a problem is one of those that are noted here."""
+    return problem.what.endswith(" was cut at a comma")
 
 
 def looks_cut(text: str) -> bool:
@@ -92,15 +98,23 @@ def _note(node: Mapping | Sequence, piece: Scalar, before: Entry | None, depth: 
     if node.at in cuts.places:
         return
     cuts.places.add(node.at)
-    if isinstance(node, Mapping) and before is None:
+    if isinstance(node, Mapping) and (before is None or _NO_SPACE.fullmatch(piece.text)):
         cuts.problems.append(_no_value(piece))
     elif before is not None and _PROSE.fullmatch(before.key.text):
         cuts.problems.append(Problem(piece.at, "the text was cut at a comma", "quote the whole text"))
+    elif before is not None and piece.text.isdigit() and _is_number(before.value):
+        cuts.problems.append(Problem(piece.at, "the number was cut at a comma", "write it without"))
     elif depth == 0 and _NAME.fullmatch(piece.text):
         cuts.problems.append(Problem(piece.at, CUT, f"{QUOTE_EXPRESSION}, or give '{piece.text}' a value"))
     else:
         cuts.problems.append(Problem(piece.at, CUT, QUOTE_EXPRESSION))
 
 
+def _is_number(node: Node) -> bool:
+    return isinstance(node, Scalar) and node.text.isdigit()
+
+
 def _no_value(key: Scalar) -> Problem:
-    return Problem(key.at, f"the key '{key.text}' has no value", f"write {key.text}: value")
+    name, colon, value = key.text.partition(":")
+    todo = f"write {name}: {value.strip()} with a space" if colon and value else f"write {key.text}: value"
+    return Problem(key.at, f"the key '{key.text}' has no value", todo)

@@ -8,6 +8,7 @@ describe is not known here.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -198,7 +199,7 @@ class Messages:
         kinds = " or ".join(_SHAPES[name][0] for name in names)
         what = f"{self._subject(path)} must be {kinds}, not {_shape_of(node)}"
         if "scalar" not in names:
-            return self._value(path, what, _SHAPES[names[0]][1])
+            return self._value(path, what, _without_space(node) or _SHAPES[names[0]][1])
         expected = schema.get("x-expected", "one value")
         if names == ["scalar"] and not isinstance(node, Scalar) and node.flow:
             todo = QUOTE_EXPRESSION if "expression" in expected else "put it in quotes if the brackets belong to it"
@@ -211,6 +212,10 @@ class Messages:
             yield self._shape(path, ["string"], {})
             return
         words = [word for word in error.validator_value if isinstance(word, str)]
+        if node.text in (hints := schema.get("x-hints", {})):
+            what = f"'{node.text}' is not {schema.get('x-name', 'known here')}{self._inside(path)}"
+            yield self._value(path, what, hints[node.text])
+            return
         known = schema.get("x-known") or "known: " + ", ".join(words[:LONGEST_LIST])
         if not node.text.strip():
             yield self._value(path, f"{self._subject(path)} is empty", known)
@@ -266,7 +271,14 @@ _SHAPES = {
     "array": ("a list", "write [a, b], or lines that begin with '- '"),
     "scalar": ("a single value", ""),
 }
+_NO_SPACE = re.compile(r"([a-z_]+):(\S.*)")
 _ADD = ("add it", "add them")
+
+
+def _without_space(node: Node) -> str:
+    """What to do when a key and its value were written without a space between them."""
+    match = _NO_SPACE.fullmatch(node.text) if isinstance(node, Scalar) and not node.quoted else None
+    return f"write {match[1]}: {match[2]} with a space" if match else ""
 
 
 def _shape_of(node: Node) -> str:

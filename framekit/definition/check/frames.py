@@ -148,9 +148,10 @@ def _order_of_sizes(segments: tuple[Segment, ...], before: set[str]) -> Iterator
         for what, expression in _needed(segment):
             late = sorted((names_in(expression.root) & names) - known)
             for name in late:
-                yield Problem(
-                    expression.at, f"the {what} uses '{name}', which is read only later", f"move '{name}' before it"
-                )
+                told, todo = f"the {what} uses '{name}', which is read only later", f"move '{name}' before it"
+                if name == segment.name:
+                    told, todo = f"the {what} of '{name}' cannot come from '{name}' itself", "give a size"
+                yield Problem(expression.at, told, todo)
         if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
             yield from _order_of_sizes(segment.of, known)
         known.update(_value_names(segment))
@@ -200,7 +201,9 @@ def takes_rest(segment: Segment) -> bool:
 
 
 def _fixed(segment: Segment) -> bool:
-    return fixed_size(segment) is not None or isinstance(segment, (Bits, Field, Length, Count))
+    if fixed_size(segment) is not None:
+        return True
+    return isinstance(segment, (Bits, Field, Length, Count)) and segment.type.size is not None
 
 
 def _delimited(frame: Frame) -> Iterator[Problem]:
@@ -213,10 +216,11 @@ def _delimited(frame: Frame) -> Iterator[Problem]:
     end = first.data[0]
     for segment in flat(frame.body):
         if _may_hold(segment, end):
-            name = segment.name or "a segment"
+            name = segment.data.hex(" ").upper() if isinstance(segment, Const) else segment.name or "a segment"
+            verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
                 segment.at,
-                f"'{name}' may hold {end:02X}, the byte that ends the body of '{frame.name}'",
+                f"'{name}' {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
                 "leave delimited out, or send it as ASCII digits",
             )
 

@@ -24,12 +24,11 @@ def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
     problems = NameChecker(protocol, broken).check()
     for frame in protocol.frames.values():
         problems += check_frame(protocol, frame)
-    return [
-        *problems,
-        *check_sections(protocol),
-        *check_profile(protocol),
-        *check_procedure(protocol, broken),
-        *check_services(protocol, broken),
-        *check_kinds(protocol),
-        *(check_forms(protocol.addresses, protocol.areas, protocol.tables) if not broken else ()),
-    ]
+    problems += check_sections(protocol)
+    problems += check_profile(protocol)
+    problems += check_procedure(protocol, broken)
+    problems += check_services(protocol, broken)
+    if not broken:
+        problems += check_forms(protocol.addresses, protocol.areas, protocol.tables)
+    told = {problem.at for problem in problems}
+    return [*problems, *(problem for problem in check_kinds(protocol) if problem.at not in told)]

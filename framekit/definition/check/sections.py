@@ -101,12 +101,10 @@ def _shown(number: int, parameter: Parameter) -> str:
 
 def _variable(protocol: Protocol, variable: StateVariable) -> Iterator[Problem]:
     type_ = variable.type
-    known = [*PLAIN_TYPES, "u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64"]
-    if type_ not in PLAIN_TYPES and not _INTEGER.fullmatch(type_) and type_ not in protocol.layouts:
-        hint = did_you_mean(type_, [*known, *protocol.layouts])
-        yield Problem(
-            variable.at, f"the variable '{variable.name}' has no type '{type_}'", hint or "write u16, text, …"
-        )
+    plain = type_ in PLAIN_TYPES or _INTEGER.fullmatch(type_)
+    if variable.keys is not None and not plain and type_ not in protocol.layouts:
+        what = f"there is no type or layout '{type_}' for the entries of '{variable.name}'"
+        yield Problem(variable.at, what, did_you_mean(type_, [*PLAIN_TYPES, *protocol.layouts]) or "write u16, text, …")
     number = constant_number(variable.initial)
     match = _INTEGER.fullmatch(type_)
     if number is not None and match is not None and variable.initial is not None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
+from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, Unary
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
@@ -88,7 +88,7 @@ def _contradictions(field: Field) -> Iterator[Problem]:
 
 
 def _no_number(field: Field) -> Iterator[Problem]:
-    """Keys that only numbers have; constants as long as the field."""
+    """Keys that only numbers have; a computed constant as long as the field."""
     kind = {"ascii": "text", "bytes": "bytes", "float": "a number with a fraction"}[field.type.kind]
     keys = {
         "range": field.limits is not None and field.type.kind != "float",
@@ -102,8 +102,6 @@ def _no_number(field: Field) -> Iterator[Problem]:
         if there:
             yield Problem(field.at, f"{key}: belongs to whole numbers, '{field.name}' is {kind}", f"leave {key} out")
     size = field.type.fixed_size
-    for constant in field.constants or ():
-        yield from _size_of_constant(field, constant, size)
     root = None if field.is_ is None else field.is_.root
     if isinstance(root, (Text, Bytes)):
         yield from _size_of_constant(field, root.value, size)
@@ -122,28 +120,24 @@ def _size_of_constant(field: Field, constant: int | str | bytes, size: int | Non
 
 
 def _numbers(field: Field, bounds: tuple[int, int]) -> Iterator[Problem]:
-    """Numbers that the field would have to carry: constants, names, limits, and constant expressions."""
+    """Numbers that the field would have to carry: names, limits, and constant expressions."""
     if field.unit is None:
-        yield from _limits(field.type, field.limits, field.at, field.plus)
-    for number in (*(field.constants or ()), *(field.values or ())):
-        if isinstance(number, int) and not bounds[0] <= number + field.plus <= bounds[1]:
-            yield _too_large(number, bounds, field.at)
-    for number in field.constants or ():
-        yield from _allowed(field, number, field.at)
-    for expression in (field.is_, field.build, field.default):
-        number = constant_number(expression)
-        if expression is None or number is None or field.unit is not None:
-            continue
+        yield from _limits(field, field.plus)
+    for number in field.values or ():
         if not bounds[0] <= number + field.plus <= bounds[1]:
-            yield _too_large(number, bounds, expression.at)
+            yield _too_large(field, number, bounds, field.at)
+    for expression in (field.is_, field.build, field.default):
+        given = constant_number(expression)
+        if expression is None or given is None or field.unit is not None:
+            continue
+        if not bounds[0] <= given + field.plus <= bounds[1]:
+            yield _too_large(field, given, bounds, expression.at)
         else:
-            yield from _allowed(field, number, expression.at)
+            yield from _allowed(field, given, expression.at)
 
 
-def _allowed(field: Field, number: int | str | bytes, at: Position) -> Iterator[Problem]:
+def _allowed(field: Field, number: int, at: Position) -> Iterator[Problem]:
     """Whether a constant respects what the field says about its values."""
-    if not isinstance(number, int):
-        return
     if field.limits is not None and field.unit is None and not field.limits[0] <= number <= field.limits[1]:
         low, high = field.limits
         yield Problem(at, f"{number} is not in {low}..{high}, the range of '{field.name}'", "correct one of them")
@@ -153,21 +147,26 @@ def _allowed(field: Field, number: int | str | bytes, at: Position) -> Iterator[
 
 def constant_number(expression: Expression | None) -> int | None:
     """The number, if the expression is just one."""
-    root = None if expression is None else expression.root
-    return root.value if isinstance(root, Number) and not root.is_time else None
+    match expression.root if expression is not None else None:
+        case Number(value=value, is_time=False):
+            return value
+        case Unary(operator="-", operand=Number(value=value, is_time=False)):
+            return -value
+    return None
 
 
-def _limits(type_: FieldType, limits: tuple[int, int] | None, at: Position, plus: int = 0) -> Iterator[Problem]:
-    bounds = bounds_of(type_)
-    if bounds is not None and limits is not None:
-        for number in limits:
+def _limits(segment: Field | Length | Count, plus: int = 0) -> Iterator[Problem]:
+    bounds = bounds_of(segment.type)
+    if bounds is not None and segment.limits is not None:
+        for number in segment.limits:
             if not bounds[0] <= number + plus <= bounds[1]:
-                yield _too_large(number, bounds, at)
+                yield _too_large(segment, number, bounds, segment.at)
                 return
 
 
-def _too_large(number: int, bounds: tuple[int, int], at: Position) -> Problem:
-    return Problem(at, f"{number} does not fit: the field holds {bounds[0]} to {bounds[1]}", "use a wider type")
+def _too_large(segment: Field | Length | Count, number: int, bounds: tuple[int, int], at: Position) -> Problem:
+    what = f"{number} does not fit: '{segment.name}' holds {bounds[0] - segment.plus} to {bounds[1] - segment.plus}"
+    return Problem(at, what, "use a wider type")
 
 
 def _counting(segment: Length | Count) -> Iterator[Problem]:
@@ -176,7 +175,9 @@ def _counting(segment: Length | Count) -> Iterator[Problem]:
         what = f"{kind} is a whole number, '{segment.name}' is of another type"
         yield Problem(segment.at, what, "use u8, u16, hex, dec or bcd")
         return
-    yield from _limits(segment.type, segment.limits, segment.at)
+    yield from _limits(segment)
+    if isinstance(segment, Length) and not segment.of:
+        yield Problem(segment.at, f"the length '{segment.name}' counts nothing", "add of: [names of segments]")
     if isinstance(segment, Length) and segment.unit < 1:
         yield Problem(segment.at, f"a unit of {segment.unit} bytes counts nothing", "give 1 or more")
 
@@ -202,7 +203,7 @@ def _bits(bits: Bits) -> Iterator[Problem]:
 def _bits_part(part: BitsPart) -> Iterator[Problem]:
     """Constants of bits fit into them."""
     most = (1 << part.high - part.low + 1) - 1 if part.high < 1024 else None
-    constants = [(number, part.at) for number in (*(part.constants or ()), *(part.values or ()))]
+    constants = [(number, part.at) for number in part.values or ()]
     constants += [
         (number, expression.at)
         for expression in (part.is_, part.build)
@@ -217,6 +218,9 @@ def _bits_part(part: BitsPart) -> Iterator[Problem]:
 
 
 def _data(data: Data) -> Iterator[Problem]:
+    number = constant_number(data.size) if isinstance(data.size, Expression) else None
+    if number is not None and number < 0:
+        yield Problem(data.at, f"a size of {number} bytes cannot be", "give 0 or more, rest, or an expression")
     if isinstance(data.size, int):
         if data.least > data.size:
             what = f"'{data.name}' has {data.size} bytes and wants at least {data.least}"

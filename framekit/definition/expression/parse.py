@@ -91,6 +91,12 @@ class _Parser:
             return "'=' is no operator, comparison is '=='"
         if sign == "/":
             return "'/' is no operator, numbers are whole: use '//'"
+        if sign == "!":
+            return "'!' is no operator, write 'not'"
+        if sign == "?":
+            return "'?' is no operator, write 'a if condition else b'"
+        if sign == '"':
+            return "text stands in single quotes"
         return f"'{sign}' does not belong in an expression"
 
     def _position(self, offset: int) -> Position:
@@ -129,8 +135,15 @@ class _Parser:
         node = self._conditional()
         if self.place < len(self.tokens):
             found = self.tokens[self.place][1]
-            raise self._error(f"'{found}' was not expected here", self._here())
+            raise self._error(f"'{found}' was not expected here", self._here(), self._unit_hint(node))
         return node
+
+    def _unit_hint(self, node: Node) -> str:
+        """What to write for `3 sec` and `50 msec`."""
+        kind, word, _ = self.tokens[self.place]
+        if not isinstance(node, Number) or kind != "word":
+            return ""
+        return did_you_mean(word, [*UNITS, *LINE_UNITS]) or "units of time: " + ", ".join([*UNITS, *LINE_UNITS])
 
     def _conditional(self) -> Node:
         self.depth += 1
@@ -200,6 +213,8 @@ class _Parser:
         node = self._atom()
         while True:
             if self._accept("."):
+                if isinstance(node, Number) and self._peek() == "number":
+                    raise self._error("numbers are whole", node.at, "write 3, or a time with its unit, such as 3.5 s")
                 node = Attribute(node.at, node, self._word("a name must follow the dot"))
             elif self._accept("["):
                 node = self._subscript(node)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Mapping as MappingOf
+from typing import Any, Literal, TypeVar
 
 from framekit.definition.load.namespace import Namespace
 from framekit.definition.load.reader import Reader
@@ -10,6 +11,7 @@ from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
 from framekit.definition.nodes import Mapping, Node, Sequence
 
+T = TypeVar("T")
 Form = Literal["raw", "hex", "HEX", "dec", "nibbles"]
 FORMS: dict[str, Form] = {"raw": "raw", "hex": "HEX", "HEX": "HEX", "dec": "dec", "nibbles": "nibbles"}
 VERIFY: dict[str, Literal["error", "warn", "off"]] = {"error": "error", "warn": "warn", "off": "off"}
@@ -21,7 +23,7 @@ def load_check_segment(space: Namespace, keys: Mapping, common: dict[str, Any]) 
     node = keys.get("check")
     assert node is not None
     method = space.check(node)
-    form = FORMS[reader.maybe(reader.text, keys.get("as")) or "raw"]
+    form = _word(reader, keys.get("as"), FORMS, "a form of a check code") or "raw"
     if form == "HEX" and reader.maybe(reader.text, keys.get("case")) == "lower":
         form = "hex"
     over, span = _range(reader, keys.get("over"))
@@ -34,9 +36,13 @@ def load_check_segment(space: Namespace, keys: Mapping, common: dict[str, Any]) 
         form=form,
         order="little" if order == "little" else "big",
         size=_size(method, form) if size is None else reader.number(size),
-        verify=VERIFY[reader.maybe(reader.text, keys.get("verify")) or "error"],
+        verify=_word(reader, keys.get("verify"), VERIFY, "a way to verify") or "error",
         **common,
     )
+
+
+def _word(reader: Reader, node: Node | None, words: MappingOf[str, T], kind: str) -> T | None:
+    return None if node is None else reader.one_of(node, words, kind)
 
 
 def _range(reader: Reader, node: Node | None) -> tuple[tuple[str, ...] | None, tuple[str, str] | None]:

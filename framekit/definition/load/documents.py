@@ -10,6 +10,7 @@ from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from framekit.definition.cut_expressions import is_cut
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, read_nodes
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
@@ -52,6 +53,7 @@ class Documents:
         self.under_way: list[Path] = []
         self.schema_problems: set[Problem] = set()
         self.refused: set[Position] = set()
+        self.cut: set[tuple[str, int]] = set()
 
     def root(self, path: Path, kind: str = "protocol") -> Mapping:
         """The validated nodes of a file. Raises Broken when it can't be read at all."""
@@ -66,17 +68,22 @@ class Documents:
             self.reader.problems.extend(problems)
             self.schema_problems.update(problems)
             self.refused.update(problem.at for problem in problems)
+            self.cut.update((problem.at.file, problem.at.line) for problem in problems if is_cut(problem))
             if not isinstance(node, Mapping):
                 raise Broken(str(path))
             self.roots[path] = node
         return self.roots[path]
 
     def first_words(self, problems: list[Problem]) -> list[Problem]:
-        """The problems sorted, each once; where the schema spoke, what loaders said of the same place is left out."""
+        """The problems sorted, each once; where the schema spoke, what loaders said of the same place is left out.
+
+        So is what they said of a line in which YAML has cut something: the pieces mean nothing.
+        """
         return [
             problem
             for problem in sorted(set(problems))
-            if problem.at not in self.refused or problem in self.schema_problems
+            if problem in self.schema_problems
+            or (problem.at not in self.refused and (problem.at.file, problem.at.line) not in self.cut)
         ]
 
     def find(self, name: Node, beside: Path) -> Path:

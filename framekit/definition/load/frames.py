@@ -17,6 +17,8 @@ from framekit.definition.problems import did_you_mean
 
 SIDES: dict[str, Side] = {"client": "client", "server": "server", "both": "both", "none": "none"}
 INHERITED = ("from", "head", "tail", "echo", "announces", "delimited", "surplus", "size", "fill", "max", "doc")
+FRAME_KEYS = frozenset({*INHERITED, "group", "where", "body", "refuse"})
+GROUP_KEYS = frozenset({*INHERITED, "where", "extends"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,10 +169,12 @@ class FrameLoader:
         own = reader.mapping(outline.owned.entry.value)
         keys = self._inherited(space, outline.groups[0]) if outline.groups else {}
         keys |= {entry.key.text: entry.value for entry in own.entries if entry.key.text in INHERITED}
+        if not self._keys_known(outline, own):
+            raise Broken(outline.name)
         loader = SegmentLoader(space, self.find)
         before = len(reader.problems)
         head, body, tail = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
-        if any(not problem.warning for problem in reader.problems[before:]):
+        if loader.spoilt or any(not problem.warning for problem in reader.problems[before:]):
             raise Broken(outline.name)
         parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
         head, body, tail = resolve_references(reader, parts, loader.aliases)
@@ -196,6 +200,14 @@ class FrameLoader:
             refuse=reader.maybe(reader.number, own.get("refuse")),
             fixed_by_where=frozenset(self._where(outline, own)),
             doc=reader.maybe(reader.text, keys.get("doc")) or "",
+        )
+
+    def _keys_known(self, outline: Outline, own: Mapping) -> bool:
+        """Whether all keys of a frame and its groups are known; else what is missing may stand under another one."""
+        groups = outline.space.section("groups")
+        values = [groups[name].entry.value for name in outline.groups]
+        return all(entry.key.text in FRAME_KEYS for entry in own.entries) and all(
+            entry.key.text in GROUP_KEYS for value in values if isinstance(value, Mapping) for entry in value.entries
         )
 
     def _echo(self, node: Node | None) -> dict[str, Expression]:

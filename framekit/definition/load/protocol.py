@@ -199,6 +199,8 @@ class ProtocolLoader:
                 if name in wanted:
                     segments = resolve_references(self.reader, ((), segments, ()), loader.aliases)[1]
                 found[name] = Layout(name=name, segments=segments, at=at)
+                if loader.spoilt:
+                    self.broken_layouts.add(name)
             if any(not problem.warning for problem in self.reader.problems[before:]):
                 self.broken_layouts.add(name)
         return {name: layout for name, layout in found.items() if name in wanted and name not in self.broken_layouts}

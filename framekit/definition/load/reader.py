@@ -52,7 +52,7 @@ class Reader:
             yield
 
     def unknown(self, at: Position, kind: str, word: str, known: Iterator[str] | list[str]) -> Broken:
-        return self.broken(at, f"there is no {kind} '{word}'", did_you_mean(word, known))
+        return self.broken(at, f"there is no {kind} '{word}'", did_you_mean(word, known) or f"add it to {kind}s:")
 
     # ---- scalars ------------------------------------------------------------------------------------------
 

@@ -74,7 +74,8 @@ class _Resolver:
     def _repeat(self, count: Count) -> None:
         if not isinstance(self.names.get(count.of), Repeat):
             known = [name for name, segment in self.names.items() if name and isinstance(segment, Repeat)]
-            self.reader.note(count.at, f"there is no repeat '{count.of}' to count", did_you_mean(count.of, known))
+            todo = did_you_mean(count.of, known) or "name a segment repeat: in of"
+            self.reader.note(count.at, f"there is no repeat '{count.of}' to count", todo)
 
     def _check(self, check: Check) -> Segment:
         if check.over is not None:

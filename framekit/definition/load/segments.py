@@ -11,7 +11,7 @@ from framekit.definition.expression.syntax import Bytes, Expression, Logic
 from framekit.definition.load.checks import load_check_segment
 from framekit.definition.load.namespace import Namespace
 from framekit.definition.load.reader import Broken
-from framekit.definition.load.scalars import parse_bytes, parse_key, parse_number
+from framekit.definition.load.scalars import parse_bytes, parse_key
 from framekit.definition.load.types import load_size, load_type
 from framekit.definition.model import segments as model
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence
@@ -27,7 +27,8 @@ DEEPEST_INCLUDE = 32
 class SegmentLoader:
     """Reads lists of segments. `find_frames` gives the frames that an `inner` or `inside` means by a name.
 
-    `aliases` collects what a named include stands for: its name → the names of its segments.
+    `aliases` collects what a named include stands for: its name → the names of its segments. `spoilt` says that
+    segments were left out because they are broken.
     """
 
     def __init__(self, space: Namespace, find_frames: Callable[[Namespace, Node], tuple[str, ...]]) -> None:
@@ -37,13 +38,16 @@ class SegmentLoader:
         self.aliases: dict[str, tuple[str, ...]] = {}
         self.depth = 0
         self.unnamed = 0
+        self.spoilt = False
 
     def load(self, node: Node | None) -> tuple[model.Segment, ...]:
         """The segments of a list; those that are broken are left out after their problem is noted."""
         found: list[model.Segment] = []
         for item in self.reader.items(node):
-            with self.reader.going_on():
+            try:
                 found.extend(self._segment(self.reader.mapping(item)))
+            except Broken:
+                self.spoilt = True
         return tuple(found)
 
     def _segment(self, keys: Mapping) -> tuple[model.Segment, ...]:
@@ -93,7 +97,7 @@ class SegmentLoader:
         values = self.values(keys.get("values"))
         only = keys.get("only") is not None
         if only and values is None:
-            raise reader.broken(keys.at, "only: values needs values", "add values: with a table")
+            reader.note(keys.at, "only: values needs values", "add values: with a table")
         unit = keys.get("unit")
         return model.Field(
             type=type_,
@@ -101,7 +105,7 @@ class SegmentLoader:
             build=self._given(keys.get("build"), type_),
             default=self._given(keys.get("default"), type_),
             values=values,
-            only=only,
+            only=only and values is not None,
             limits=reader.maybe(reader.range, keys.get("range")),
             plus=reader.maybe(reader.number, keys.get("plus")) or 0,
             unit=None if unit is None else reader.time(unit),
@@ -134,7 +138,7 @@ class SegmentLoader:
         if node is None:
             return None
         if isinstance(node, Mapping):
-            return {parse_number(entry.key.text): self.reader.text(entry.value) for entry in node.entries}
+            return {self.reader.number(entry.key): self.reader.text(entry.value) for entry in node.entries}
         name = self.reader.text(node)
         table = self.space.table(name)
         if table is None:

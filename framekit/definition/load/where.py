@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.scalars import parse_bytes, parse_number
+from framekit.definition.load.scalars import parse_number
 from framekit.definition.model.segments import Bits, BitsPart, Choose, Field, Optional, Segment, Wrap
+from framekit.definition.model.sizes import bounds_of
 from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import did_you_mean
 
@@ -83,23 +84,63 @@ def change_all(segments: tuple[Segment, ...], change: Callable[[Segment], Segmen
 def _fixed_field(reader: Reader, field: Field, where: Where) -> Field:
     if where.build is not None:
         return replace(field, build=where.build)
-    return replace(field, constants=tuple(_constant(reader, field, scalar) for scalar in where.constants))
+    constants = tuple(_constant(reader, field, scalar) for scalar in where.constants)
+    for scalar, constant in zip(where.constants, constants, strict=True):
+        _fits(reader, field, scalar, constant)
+    return replace(field, constants=constants)
 
 
 def _fixed_bits(reader: Reader, part: BitsPart, where: Where) -> BitsPart:
     if where.build is not None:
         return replace(part, build=where.build)
-    return replace(part, constants=tuple(reader.number(scalar) for scalar in where.constants))
+    constants = tuple(_number(reader, part, scalar) for scalar in where.constants)
+    most = (1 << part.high - part.low + 1) - 1
+    for scalar, number in zip(where.constants, constants, strict=True):
+        if not 0 <= number <= most:
+            reader.note(scalar.at, f"{number} does not fit: '{part.name}' holds 0 to {most}", "give it more bits")
+    return replace(part, constants=constants)
 
 
 def _constant(reader: Reader, field: Field, scalar: Scalar) -> int | str | bytes:
-    text = scalar.text
     if field.type.kind == "ascii":
-        return text
-    if field.values is not None and text in field.values.values():
-        return next(number for number, name in field.values.items() if name == text)
+        return scalar.text
+    return reader.bytes(scalar) if field.type.kind == "bytes" else _number(reader, field, scalar)
+
+
+def _number(reader: Reader, field: Field | BitsPart, scalar: Scalar) -> int:
+    """A number, or a name of one. Raises Broken."""
+    for number, name in (field.values or {}).items():
+        if name == scalar.text:
+            return number
     try:
-        return parse_bytes(text) if field.type.kind == "bytes" else parse_number(text)
+        return parse_number(scalar.text)
     except ValueError as error:
         what, _, todo = str(error).partition(" – ")
+        if field.values:
+            what = f"'{scalar.text}' is neither a number nor a name in the values of '{field.name}'"
+            todo = did_you_mean(scalar.text, field.values.values())
         raise reader.broken(scalar.at, what, todo) from None
+
+
+def _fits(reader: Reader, field: Field, scalar: Scalar, constant: int | str | bytes) -> None:
+    """A constant has the size of its field, and respects what the field says about its values."""
+    if isinstance(constant, int):
+        _number_fits(reader, field, scalar, constant)
+        return
+    size = field.type.fixed_size
+    padded = field.type.pad is not None
+    if size is not None and (len(constant) > size or (len(constant) < size and not padded)):
+        what = f"'{scalar.text}' has {len(constant)} bytes, '{field.name}' has {size}"
+        reader.note(scalar.at, what, "shorten it" if padded else "correct it, or add pad: to the field")
+
+
+def _number_fits(reader: Reader, field: Field, scalar: Scalar, number: int) -> None:
+    bounds = bounds_of(field.type) if field.long is None else None
+    if bounds is not None and not bounds[0] <= number + field.plus <= bounds[1]:
+        what = f"{number} does not fit: '{field.name}' holds {bounds[0] - field.plus} to {bounds[1] - field.plus}"
+        reader.note(scalar.at, what, "use a wider type, or correct it")
+    elif field.limits is not None and field.unit is None and not field.limits[0] <= number <= field.limits[1]:
+        low, high = field.limits
+        reader.note(scalar.at, f"{number} is not in {low}..{high}, the range of '{field.name}'", "correct one of them")
+    elif field.only and field.values is not None and number not in field.values:
+        reader.note(scalar.at, f"{number} has no name in the values of '{field.name}'", "add it there, or correct it")
