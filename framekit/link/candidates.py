@@ -33,25 +33,25 @@ class Bad:
         self.bad, self.known_end = bad, known_end
 
 
-class Wants:
-    """Asked for `need` bytes from its start when there were `had`; in the first `seen` its end does not stand.
+class Complete:
+    """All its `size` bytes are there; whether anything is wrong with them has not been looked at yet."""
 
-    It may have found its end already and lack only what follows, so what it had at the call before is what is certain.
+    __slots__ = ("size",)
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+
+class Unfinished:
+    """Fits so far and wants more, or, if `silent`, waits for a silence.
+
+    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it had at the call before (`had`) is what is certain.
     """
 
-    __slots__ = ("had", "need", "seen")
+    __slots__ = ("had", "seen", "silent")
 
-    def __init__(self, need: int, had: int, seen: int) -> None:
-        self.need, self.had, self.seen = need, had, seen
-
-
-class Silent:
-    """Fits so far, but only silence ends it; `had` and `seen` as for `Wants`."""
-
-    __slots__ = ("had", "seen")
-
-    def __init__(self, had: int, seen: int) -> None:
-        self.had, self.seen = had, seen
+    def __init__(self, silent: bool, had: int, seen: int) -> None:
+        self.silent, self.had, self.seen = silent, had, seen
 
 
 class _No:
@@ -59,7 +59,7 @@ class _No:
 
 
 NO = _No()
-Result = Good | Bad | Wants | Silent | _No
+Result = Good | Bad | Complete | Unfinished | _No
 Trouble = Callable[[str, Exception], None]
 """Told about an expression of a frame that could not be worked out: the frame's name and what happened."""
 
@@ -88,9 +88,7 @@ class Candidates:
         position = stream.position
         seen = before = 0
         if said is not None:
-            if not isinstance(said, (Wants, Silent)):
-                return said
-            if end - position < (said.need if isinstance(said, Wants) else said.had + 1):
+            if type(said) is not Unfinished or end - position <= said.had:
                 return said
             seen, before = said.seen, said.had
         try:
@@ -98,17 +96,22 @@ class Candidates:
         except EVALUATION_ERRORS as error:
             self._trouble(info.name, error)
             length = 0
+        result: Result
         if length > 0:
-            result = self._read(info, position, position + length)
+            result = Complete(length)
         elif length == 0:
             result = NO
-        elif length == self._quiet:
-            result = Silent(end - position, before)
         elif length == self._lost:
             result = self._without_end(info, position, end)
         else:
-            result = Wants(end - position - length, end - position, before)
+            result = Unfinished(length == self._quiet, end - position, before)
         self._said[info.name] = result
+        return result
+
+    def read(self, info: FrameInfo, complete: Complete) -> Result:
+        """What a complete candidate holds: a good frame or a bad one."""
+        position = self._stream.position
+        result = self._said[info.name] = self._read(info, position, position + complete.size)
         return result
 
     def at_silence(self, info: FrameInfo, end: int) -> Result:

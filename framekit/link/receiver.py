@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived, Noise
-from framekit.link.candidates import Bad, Candidates, Good, Silent, Trouble, Wants
+from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, Unfinished
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import Codec, FrameInfo, FrameTable
@@ -133,7 +133,9 @@ class Receiver(Recovery):
             for info in infos:
                 if info.name not in self._declined:
                     result = self._candidates.ask(info, end)
-                    if isinstance(result, Good):
+                    if type(result) is Complete:
+                        result = self._candidates.read(info, result)
+                    if type(result) is Good:
                         return self._arrived(result, level == 1)
         return None
 
@@ -160,14 +162,16 @@ class Receiver(Recovery):
     # ---- one place ----------------------------------------------------------------------------------------
 
     def _at_once(self, interest: Interest) -> FrameArrived | None:
-        """The usual case: nothing strange has happened, and the first candidate is there and fits."""
+        """The usual case: nothing strange has happened, and the only candidate is there and fits."""
         stream = self.stream
         if self._noise.data or self._skipping or self._inside or stream.pauses or self._now != stream.last:
             return None
         candidates = interest.at(stream.buffer[stream.position])[0]
-        if not candidates:
+        if len(candidates) != 1:
             return None
         result = self._candidates.ask(candidates[0], len(stream.buffer))
+        if type(result) is Complete:
+            result = self._candidates.read(candidates[0], result)
         return self._arrived(result, False) if type(result) is Good else None
 
     def _look(self, interest: Interest) -> Arrival | Again | None:
@@ -190,26 +194,50 @@ class Receiver(Recovery):
         worst: Bad | None = None
         silent: list[FrameInfo] = []
         for level, infos in enumerate(levels):
-            wanting: list[FrameInfo] = []
-            for info in infos:
-                end = limit if self._inside is None else self._inside.end_for(info.name, limit, stream.base)
-                result = self._candidates.ask(info, end)
-                if isinstance(result, Good):
-                    return self._noise_before() or self._arrived(result, level == 1)
-                if isinstance(result, Wants):
-                    wanting.append(info)
-                elif isinstance(result, Silent):
-                    silent.append(info)
-                elif isinstance(result, Bad):
-                    worst = worse(worst, result)
+            good, bad, wanting = self._judge(infos, limit, silent)
+            if good is not None:
+                return self._noise_before() or self._arrived(good, level == 1)
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
+            worst = bad if worst is None or (bad is not None and bad.bad.place > worst.bad.place) else worst
             if wanting and worst is None:
                 worst = self._candidates.cut(wanting[0], limit)
         if worst is not None:
             return self._bad(worst)
         return self._ended_by_silence(silent) if silent else self._unusable()
+
+    def _judge(
+        self, infos: tuple[FrameInfo, ...], limit: int, silent: list[FrameInfo]
+    ) -> tuple[Good | None, Bad | None, list[FrameInfo]]:
+        """The good frame of these, the bad one that got furthest, and those that want more.
+
+        The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one.
+        """
+        complete: list[tuple[int, int, FrameInfo, Complete]] = []
+        wanting: list[FrameInfo] = []
+        worst: Bad | None = None
+        shortest: Good | None = None
+        for place, info in enumerate(infos):
+            end = limit if self._inside is None else self._inside.end_for(info.name, limit, self.stream.base)
+            result = self._candidates.ask(info, end)
+            if type(result) is Complete:
+                complete.append((result.size, place, info, result))
+            elif type(result) is Unfinished:
+                (silent if result.silent else wanting).append(info)
+            elif type(result) is Bad:
+                worst = worse(worst, result)
+            elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
+                shortest = result
+        for size, _, info, found in sorted(complete, key=_by_size):
+            if shortest is not None and size >= len(shortest.raw):
+                break
+            result = self._candidates.read(info, found)
+            if type(result) is Good:
+                return result, worst, wanting
+            if type(result) is Bad:
+                worst = worse(worst, result)
+        return shortest, worst, wanting
 
     def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
         self.waiting = tuple(info.name for info in infos)
@@ -291,3 +319,7 @@ class Receiver(Recovery):
         self._interest = interest
         self.starts = interest.starts
         return interest
+
+
+def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:
+    return item[0], item[1]

@@ -1,0 +1,103 @@
+"""Shipped protocols against streams of their own frames, damage and noise: cutting changes nothing, nothing raises."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from link.link_world import MS, cut_at, feed
+
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.load.vectors import load_vectors
+from framekit.link.engine import Engine
+from framekit.link.evaluate import Names
+from framekit.link.exchange import Exchange
+from framekit.link.frame_vectors import default_line
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
+from framekit.link.serving import MemoryServer
+from framekit.link.tested_side import ConversationMemory
+
+FRAMES = Path(__file__).parents[2] / "frames"
+NAMES = sorted(file.name.split(".")[0] for file in FRAMES.glob("*.vectors.yaml"))
+
+
+@cache
+def loaded(name: str) -> tuple[Any, Any, list[bytes]]:
+    protocol = load_protocol(FRAMES / f"{name}.yaml")
+    samples = [case.wire.exact for case in load_vectors(FRAMES / f"{name}.vectors.yaml").frames]
+    return protocol, compile_protocol(protocol), [data for data in samples if data]
+
+
+def receiver(name: str) -> Receiver:
+    protocol, codec, _ = loaded(name)
+    names = Names({"request": None, "buffer": b""}, Scope(protocol, line=default_line(protocol)))
+    return Receiver(codec, protocol, names)
+
+
+def streams(name: str) -> st.SearchStrategy[bytes]:
+    samples = loaded(name)[2]
+    damaged = st.tuples(st.sampled_from(samples), st.integers(0, 300), st.integers(1, 255)).map(
+        lambda item: item[0][: item[1] % len(item[0])]
+        + bytes([item[0][item[1] % len(item[0])] ^ item[2]])
+        + item[0][item[1] % len(item[0]) + 1 :]
+    )
+    part = st.one_of(st.sampled_from(samples), damaged, st.binary(max_size=5))
+    return st.lists(part, max_size=6).map(b"".join)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(data=st.data())
+@settings(max_examples=40, deadline=None)
+def test_cutting_changes_nothing(name: str, data: st.DataObject) -> None:
+    stream = data.draw(streams(name))
+    places = data.draw(st.lists(st.integers(0, 5000), max_size=8))
+    names = receiver(name).table.on_line
+    some = data.draw(st.integers(0, len(names)))
+    expected, others = names[:some], names[some:]
+    whole = feed(receiver(name), [stream], expected, others)
+    assert feed(receiver(name), cut_at(stream, places), expected, others) == whole
+    assert feed(receiver(name), [stream[at : at + 1] for at in range(len(stream))], expected, others) == whole
+
+
+EVENTS = ("bytes", "time", "exchange", "break", "lost")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(data=st.data())
+@settings(max_examples=25, deadline=None)
+def test_an_engine_survives_everything_that_may_happen(name: str, data: st.DataObject) -> None:
+    protocol, codec, _ = loaded(name)
+    role = data.draw(st.sampled_from([*protocol.roles, None]))
+    server = MemoryServer(protocol, codec, ConversationMemory(protocol).device) if protocol.services else None
+    engine = Engine(protocol, codec, role, own=1 if protocol.station.type == "number" else None, server=server)
+    now, started, ended = 0, 0, 0
+    engine.opened(now)
+
+    def done(outcome: Any) -> None:
+        nonlocal ended
+        ended += 1
+
+    for kind in data.draw(st.lists(st.sampled_from(EVENTS), max_size=12)):
+        if kind == "bytes":
+            engine.receive(data.draw(streams(name)), now)
+        elif kind == "time":
+            now = max(now, min(engine.deadline, now + data.draw(st.integers(0, 3000)) * MS))
+            engine.sent(now)
+            engine.tick(now)
+        elif kind == "exchange":
+            started += 1
+            engine.start(Exchange(station=1, expected=protocol.groups and tuple(protocol.frames)[:3], on_done=done), now)
+        elif kind == "break":
+            engine.line_break(now)
+        else:
+            engine.closed(now, "gone")
+            engine.opened(now)
+        assert engine.deadline >= now
+    engine.closed(now, "the end")
+    assert started == ended, "every exchange is told how it ended, exactly once"
