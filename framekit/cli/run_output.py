@@ -13,6 +13,7 @@ from framekit.memory.numbers import unit_bits
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
     from framekit.blocks.scheduler import BlockState
+    from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
     from framekit.service.run import RunService
     from framekit.transport.clock import Clock
@@ -127,15 +128,24 @@ def _stored(service: RunService, state: BlockState) -> list[tuple[str, str]]:
     block = state.block
     if block.instruction not in ("read", "receive") or not state.counters.done:
         return []
-    places = [*block.places, *block.data.values()]
-    count = MOST_WORDS if block.data else max(1, block.count * unit_bits(block.unit or "word") // 16)
+    sizes = {part.name: getattr(part, "size", None) for part in _segments(service, state)}
+    places = [(place, block.count * unit_bits(block.unit or place.address.unit)) for place in block.places]
+    for name, place in block.data.items():
+        size = sizes.get(name)
+        places.append((place, 8 * size if isinstance(size, int) else place.address.unit_bits))
     found = []
-    for place in places:
+    for place, bits in places:
         area = service.memory.area(place.address.area)
         first = place.address.first_bit // 16
-        words = area.read("word", first, min(count, MOST_WORDS, area.size_words - first))
+        words = area.read("word", first, min(max(1, bits // 16), MOST_WORDS, area.size_words - first))
         found.append((place.text, " ".join(f"{word:04X}" for word in words)))
     return found
+
+
+def _segments(service: RunService, state: BlockState) -> tuple[Segment, ...]:
+    """The segments of the frame that a RECEIVE block takes."""
+    frames = service.channels[state.block.channel].channel.protocol.frames
+    return frames[state.block.frame].segments if state.block.frame else ()
 
 
 def _row(state: BlockState) -> tuple[str, ...]:

@@ -1,0 +1,88 @@
+"""Every snippet of README.md and docs/ is carried out: consoles print what they show, YAML and Python work.
+
+A block that begins with `# file: NAME` is written to a copy of the examples first. `...` in an output stands for any
+lines.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from framekit.cli.main import main
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Snippet:
+    """One fenced block of a page."""
+
+    kind: str
+    text: str
+    line: int
+
+
+def snippets(page: Path) -> list[Snippet]:
+    text = page.read_text(encoding="utf-8")
+    return [Snippet(found[1], found[2], text.count("\n", 0, found.start()) + 1) for found in FENCE.finditer(text)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "examples"
+    shutil.copytree(ROOT / "examples", folder)
+    monkeypatch.chdir(folder)
+    for snippet in snippets(page):
+        where = f"{page.name}:{snippet.line}"
+        if snippet.kind == "console":
+            for command, expected in commands(snippet.text):
+                assert_shown(carry_out(command, capsys), expected, f"{where}: {command}")
+        elif snippet.text.startswith("# file: "):
+            (folder / snippet.text.split("\n", 1)[0].removeprefix("# file: ").strip()).write_text(snippet.text, "utf-8")
+        elif snippet.kind == "python":
+            exec(compile(snippet.text, where, "exec"), {"__name__": "snippet"})
+        assert snippet.kind in ("console", "yaml", "python", "text", "mermaid"), f"{where}: what is {snippet.kind}?"
+
+
+def commands(text: str) -> list[tuple[str, list[str]]]:
+    """The commands of a console block and the lines each prints."""
+    found: list[tuple[str, list[str]]] = []
+    for line in text.splitlines():
+        if line.startswith("$ "):
+            found.append((line[2:], []))
+        else:
+            assert found, "a console block begins with a command"
+            found[-1][1].append(line)
+    return found
+
+
+def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    words = shlex.split(command, comments=True)
+    if words[0] == "framekit":
+        with suppress(SystemExit):
+            main(words[1:])
+        output = capsys.readouterr()
+        return (output.out + output.err).splitlines()
+    assert words[0] == "python", f"'{words[0]}' is not carried out in tests"
+    done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
+
+
+def assert_shown(found: list[str], expected: list[str], what: str) -> None:
+    """The lines are as shown; `...` stands for any lines."""
+    while expected and not expected[-1]:
+        expected = expected[:-1]
+    pattern = "\n".join(".*" if line.strip() == "..." else re.escape(line.rstrip()) for line in expected)
+    text = "\n".join(line.rstrip() for line in found).rstrip()
+    assert re.fullmatch(pattern, text, re.DOTALL), f"{what}\n--- found\n{text}\n--- shown\n" + "\n".join(expected)
