@@ -240,6 +240,9 @@ class Messages:
         within = self._subject(path)
         return Problem(at, f"'{_short(error.instance)}' is not {expected}, in {within}", "")
 
+    def _blank(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        yield self._value(path, f"{self._subject(path)} is empty", "write some characters, or leave it out")
+
     def _few(self, error: Any, path: Path) -> Iterator[_Complaint]:
         yield self._value(path, f"{self._subject(path)} is empty", "write at least one entry")
 
@@ -261,6 +264,7 @@ _WORDS: dict[str, Callable[[Messages, Any, Path], Iterator[_Complaint]]] = {
     "type": Messages._type,
     "enum": Messages._one_of,
     "pattern": Messages._pattern,
+    "minLength": Messages._blank,
     "minItems": Messages._few,
     "minProperties": Messages._few,
     "maxProperties": Messages._many,

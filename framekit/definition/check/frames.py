@@ -29,7 +29,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.sizes import field_names, fixed_size, flat
 from framekit.definition.model.visit import parts_of
-from framekit.definition.problems import Problem, did_you_mean
+from framekit.definition.problems import Problem, did_you_mean, plural
 
 
 def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
@@ -66,7 +66,7 @@ def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
             yield Problem(inner.at, what, "leave it out of the group, or take data: for what is inside")
         sizes = [least_size(protocol.frames[name].segments) for name in inner.frames if name in protocol.frames]
         if isinstance(inner.size, int) and sizes and min(sizes) > inner.size:
-            what = f"every frame for '{inner.name}' has at least {min(sizes)} bytes, its size is {inner.size}"
+            what = f"every frame for '{inner.name}' has at least {plural(min(sizes), 'byte')}, its size is {inner.size}"
             yield Problem(inner.at, what, "correct size")
 
 
@@ -129,6 +129,8 @@ def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
     """A size that is a plain field must be computed by somebody: a length does it, `build` or `is` too."""
     assert isinstance(data.size, Expression)
     for segment in flat(level):
+        if segment is data:
+            return
         plain = (
             isinstance(segment, Field) and segment.is_ is None and segment.build is None and segment.constants is None
         )
@@ -179,7 +181,7 @@ def _ends(frame: Frame) -> Iterator[Problem]:
             if open_part is not None and not frame.delimited:
                 yield Problem(
                     segment.at,
-                    f"two parts take the rest: nothing shows where '{open_part.name}' ends",
+                    f"two parts take the rest: nothing shows where {_title(open_part)} ends",
                     "give one a size, or put a constant between them",
                 )
             open_part = segment
@@ -188,9 +190,18 @@ def _ends(frame: Frame) -> Iterator[Problem]:
         elif open_part is not None and not isinstance(segment, (Check, Skip, Require, Value)) and not _fixed(segment):
             yield Problem(
                 segment.at,
-                f"nothing shows where '{open_part.name}' ends and '{segment.name}' begins",
+                f"nothing shows where {_title(open_part)} ends and {_title(segment)} begins",
                 "give one of them a size, or put a constant between them",
             )
+
+
+def _title(segment: Segment) -> str:
+    """What a segment is called in a message."""
+    if isinstance(segment, Const):
+        return f"the constant {segment.data.hex(' ').upper()}"
+    if segment.name and not segment.name.startswith("_"):
+        return f"'{segment.name}'"
+    return f"the {type(segment).__name__.lower()} part"
 
 
 def takes_rest(segment: Segment) -> bool:
@@ -216,11 +227,10 @@ def _delimited(frame: Frame) -> Iterator[Problem]:
     end = first.data[0]
     for segment in flat(frame.body):
         if _may_hold(segment, end):
-            name = segment.data.hex(" ").upper() if isinstance(segment, Const) else segment.name or "a segment"
             verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
                 segment.at,
-                f"'{name}' {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
+                f"{_title(segment)} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
                 "leave delimited out, or send it as ASCII digits",
             )
 
@@ -240,5 +250,5 @@ def _whole_size(frame: Frame) -> Iterator[Problem]:
     for limit, key in ((frame.size, "size"), (frame.most, "max")):
         if limit is not None and least > limit:
             yield Problem(
-                frame.at, f"'{frame.name}' takes at least {least} bytes, {key} says {limit}", f"correct {key}"
+                frame.at, f"'{frame.name}' takes at least {plural(least, 'byte')}, {key} says {limit}", f"correct {key}"
             )

@@ -184,7 +184,8 @@ class KindChecker:
         kinds = [self._kind(argument) for argument in node.arguments]
         for argument, kind, takes in zip(node.arguments, kinds, _TAKES.get(node.function, ()), strict=False):
             if kind != "any" and kind not in takes:
-                wanted = " or ".join(WORDS[one] for one in takes)
+                wanted = ", ".join(WORDS[one] for one in takes[:-1])
+                wanted += (" or " if wanted else "") + WORDS[takes[-1]]
                 self._inside(argument.at, f"'{node.function}' takes {wanted} here, this is {WORDS[kind]}")
         gives = FUNCTIONS[node.function].gives
         if gives == "same":
@@ -209,8 +210,7 @@ class KindChecker:
             if operator in ("in", "not in"):
                 self._membership(operands[place], operand, left, right)
             elif "any" not in (left, right) and left != right and not _zero_time(operands[place], operand, left, right):
-                what = f"{WORDS[left]} is never compared with {WORDS[right]}"
-                self._inside(operand.at, what, _how_to_compare(left, right))
+                self._incomparable(operand, left, right)
         return "number"
 
     def _membership(self, item: Node, holder: Node, left: Kind, right: Kind) -> None:
@@ -220,9 +220,11 @@ class KindChecker:
             for one in holder.items:
                 kind = self._kind(one)
                 if "any" not in (kind, left) and kind != left and not _zero_time(item, one, left, kind):
-                    self._inside(
-                        one.at, f"{WORDS[left]} is never compared with {WORDS[kind]}", _how_to_compare(left, kind)
-                    )
+                    self._incomparable(one, left, kind)
+
+    def _incomparable(self, operand: Node, left: Kind, right: Kind) -> None:
+        what = f"{WORDS[left]} cannot be compared with {WORDS[right]}"
+        self._inside(operand.at, what, _how_to_compare(operand, left, right))
 
 
 def _combined(operator: str, left: Kind, right: Kind) -> Kind | None:
@@ -264,9 +266,11 @@ def _how_to_join(left: Kind, right: Kind) -> str:
     return ""
 
 
-def _how_to_compare(left: Kind, right: Kind) -> str:
+def _how_to_compare(operand: Node, left: Kind, right: Kind) -> str:
     if {left, right} == {"number", "time"}:
         return "give the number a unit, such as 50 ms"
+    if {left, right} == {"number", "text"} and isinstance(operand, Number):
+        return "put the number in quotes"
     if {left, right} == {"number", "text"}:
         return "leave the quotes out, or give the field values: with names"
     if {left, right} == {"bytes", "text"}:

@@ -53,7 +53,10 @@ class NameChecker:
             self._echo(frame)
         for layout in protocol.layouts.values():
             self._segments(layout.segments, EXCHANGE)
-        self._expressions([*protocol.params.values(), *protocol.state.values()], EXCHANGE)
+        for parameter in protocol.params.values():
+            default = None if parameter.type == "choice" else parameter.default
+            self._expressions([default, parameter.is_], EXCHANGE)
+        self._expressions([*protocol.state.values()], EXCHANGE)
         self._expressions([protocol.line, protocol.receiver, *protocol.sessions.values()], ())
         self._expressions(protocol.roles, EXCHANGE)
         for sequence in protocol.sequences.values():

@@ -25,7 +25,7 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 from framekit.definition.model.sizes import bounds_of, fixed_size
-from framekit.definition.problems import Position, Problem
+from framekit.definition.problems import Position, Problem, plural
 
 NUMBERS = ("int", "digits", "bcd")
 
@@ -176,8 +176,6 @@ def _counting(segment: Length | Count) -> Iterator[Problem]:
         yield Problem(segment.at, what, "use u8, u16, hex, dec or bcd")
         return
     yield from _limits(segment)
-    if isinstance(segment, Length) and not segment.of:
-        yield Problem(segment.at, f"the length '{segment.name}' counts nothing", "add of: [names of segments]")
     if isinstance(segment, Length) and segment.unit < 1:
         yield Problem(segment.at, f"a unit of {segment.unit} bytes counts nothing", "give 1 or more")
 
@@ -256,7 +254,7 @@ def _check(check: Check) -> Iterator[Problem]:
     """A code has the places its digits need."""
     bits = {"raw": 8, "hex": 4, "HEX": 4, "nibbles": 4}.get(check.form)
     if bits is not None and check.size * bits < check.method.width:
-        what = f"a code of {check.method.width} bits does not fit into {check.size} bytes"
+        what = f"a code of {check.method.width} bits does not fit into {plural(check.size, 'byte')}"
         todo = "leave size out" if check.form == "raw" else "each digit holds 4 bits: leave size out"
         yield Problem(check.at, what, todo)
     if check.form == "dec" and 10**check.size <= (1 << check.method.width) - 1:

@@ -258,7 +258,9 @@ class _Parser:
             return List(at, self._items("]"))
         if kind == "word" and word not in _RESERVED:
             return self._name(word, at)
-        raise self._error(f"'{word}' was not expected here", at)
+        doubled = self.place > 1 and self.tokens[self.place - 2][1] == word
+        todo = {"&": "write 'and'", "|": "write 'or'"}.get(word, "") if doubled else ""
+        raise self._error(f"'{word}' was not expected here", at, todo)
 
     def _name(self, word: str, at: Position) -> Node:
         if self._accept("("):

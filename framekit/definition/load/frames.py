@@ -172,9 +172,8 @@ class FrameLoader:
         if not self._keys_known(outline, own):
             raise Broken(outline.name)
         loader = SegmentLoader(space, self.find)
-        before = len(reader.problems)
         head, body, tail = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
-        if loader.spoilt or any(not problem.warning for problem in reader.problems[before:]):
+        if loader.spoilt:
             raise Broken(outline.name)
         parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
         head, body, tail = resolve_references(reader, parts, loader.aliases)

@@ -197,9 +197,13 @@ class SegmentLoader:
     def _length(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:
         reader = self.reader
         unit = keys.get("unit")
+        of = reader.texts(keys.get("of"))
+        if not of:
+            name = reader.text(keys.get("length"))
+            reader.note(keys.at, f"the length '{name}' counts nothing", "add of: [names of segments]")
         return model.Length(
             type=load_type(self.space, keys, keys.get("type")),
-            of=reader.texts(keys.get("of")),
+            of=of,
             plain=reader.flag(keys.get("plain")),
             unit=1 if unit is None else self._length_unit(unit),
             plus=reader.maybe(reader.number, keys.get("plus")) or 0,
