@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, print_json
+from framekit.cli.common import add_json, near, print_json, told
 
 if TYPE_CHECKING:
     from framekit.definition.problems import Problem
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         return int(failed)
     for name, what, problems in results:
         for problem in problems:
-            print(problem, file=sys.stderr)
+            print(told(problem), file=sys.stderr)
         if not any(not problem.warning for problem in problems):
             print(f"{name}: {what}")
     return int(failed)
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _as_json(problem: Problem) -> dict[str, object]:
     return {
-        "file": problem.at.file,
+        "file": near(problem.at.file),
         "line": problem.at.line,
         "column": problem.at.column,
         "what": problem.what,

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
     from framekit.definition.model.protocol import Protocol
+    from framekit.definition.problems import Problem
     from framekit.link.scope import Scope
 
 
@@ -32,13 +34,24 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def told(problem: Problem) -> str:
+    """A problem as it is printed: with the path as seen from the current folder."""
+    return str(replace(problem, at=replace(problem.at, file=near(problem.at.file))))
+
+
+def near(file: str) -> str:
+    """A path relative to the current folder, where it lies below that."""
+    path = Path(file)
+    return str(path.relative_to(Path.cwd())) if path.is_absolute() and path.is_relative_to(Path.cwd()) else file
+
+
 def load(name: str) -> Protocol:
     """The protocol of a command line. Raises DefinitionError; warnings go to standard error."""
     from framekit.definition.load import load_protocol
 
     protocol = load_protocol(name, Path.cwd())
     for warning in protocol.warnings:
-        print(warning, file=sys.stderr)
+        print(told(warning), file=sys.stderr)
     return protocol
 
 

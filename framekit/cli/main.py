@@ -62,7 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         if not isinstance(error, DefinitionError):
             raise
-        print(error, file=sys.stderr)
+        from framekit.cli.common import told
+
+        print("\n".join(told(problem) for problem in error.problems), file=sys.stderr)
         return 1
 
 

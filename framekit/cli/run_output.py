@@ -99,7 +99,10 @@ class JsonOutput(Output):
             "fields": plain.to_plain(seen.frame, seen.fields),
             "reason": seen.reason,
         }
-        print(json.dumps({key: value for key, value in line.items() if value != ""}, ensure_ascii=False), flush=True)
+        print(
+            json.dumps({key: value for key, value in line.items() if value not in ("", {})}, ensure_ascii=False),
+            flush=True,
+        )
 
     def summary(self, service: RunService) -> None:
         for state in service.states.values():

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json
+from framekit.cli.common import add_json, told
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     loaded = load_run(arguments.run)
     output = JsonOutput(loaded) if arguments.json else TextOutput(loaded)
     for warning in loaded.warnings:
-        output.warning(str(warning))
+        output.warning(told(warning))
     try:
         if arguments.virtual:
             assert duration is not None
