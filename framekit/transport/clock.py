@@ -48,43 +48,38 @@ class Lagging(Protocol):
         """Tells everything that has happened up to `until`, the time that `behind` gave."""
 
 
-class _VirtualHandle:
-    __slots__ = ("callback", "clock")
+class _Call:
+    """A call in a heap; when it has been made or cancelled it holds nothing any more."""
 
-    def __init__(self, clock: VirtualClock, callback: Callback) -> None:
-        self.clock = clock
+    __slots__ = ("callback", "heap")
+
+    def __init__(self, heap: _CallHeap, callback: Callback) -> None:
+        self.heap = heap
         self.callback: Callback | None = callback
 
     def cancel(self) -> None:
         if self.callback is not None:
             self.callback = None
-            self.clock.note_cancelled()
+            self.heap.note_cancelled()
+
+    def make(self) -> None:
+        callback, self.callback = self.callback, None
+        if callback is not None:
+            callback()
 
 
-class VirtualClock:
-    """Time that only moves when told to. Calls come in order of time, then of asking; a call may ask for more.
+class _CallHeap:
+    """Calls in order of time, then of asking."""
 
-    What a callback raises comes out of the method that moved the time.
-    """
-
-    def __init__(self, start: int = 0) -> None:
-        self._now = start
-        self._calls: list[tuple[int, int, _VirtualHandle]] = []
+    def __init__(self) -> None:
+        self._calls: list[tuple[int, int, _Call]] = []
         self._order = itertools.count()
         self._cancelled = 0
-        self._lagging: dict[Lagging, None] = {}
 
-    def now(self) -> int:
-        return self._now
-
-    def call_at(self, when: int, callback: Callback) -> Handle:
-        handle = _VirtualHandle(self, callback)
-        now = self._now
-        heapq.heappush(self._calls, (when if when > now else now, next(self._order), handle))
-        return handle
-
-    def call_soon(self, callback: Callback) -> Handle:
-        return self.call_at(self._now, callback)
+    def _put(self, when: int, callback: Callback) -> _Call:
+        call = _Call(self, callback)
+        heapq.heappush(self._calls, (when, next(self._order), call))
+        return call
 
     def note_cancelled(self) -> None:
         """Cancelled calls are thrown out of the heap when they make up most of it."""
@@ -93,6 +88,42 @@ class VirtualClock:
             self._calls = [call for call in self._calls if call[2].callback is not None]
             heapq.heapify(self._calls)
             self._cancelled = 0
+
+    @property
+    def next_call(self) -> int | None:
+        """When the next call is due; None if there is none."""
+        calls = self._calls
+        while calls and calls[0][2].callback is None:
+            heapq.heappop(calls)
+            self._cancelled -= 1
+        return calls[0][0] if calls else None
+
+    @property
+    def pending(self) -> int:
+        """How many calls are to come."""
+        return len(self._calls) - self._cancelled
+
+
+class VirtualClock(_CallHeap):
+    """Time that only moves when told to. Calls come in order of time, then of asking; a call may ask for more.
+
+    What a callback raises comes out of the method that moved the time.
+    """
+
+    def __init__(self, start: int = 0) -> None:
+        super().__init__()
+        self._now = start
+        self._lagging: dict[Lagging, None] = {}
+
+    def now(self) -> int:
+        return self._now
+
+    def call_at(self, when: int, callback: Callback) -> Handle:
+        now = self._now
+        return self._put(when if when > now else now, callback)
+
+    def call_soon(self, callback: Callback) -> Handle:
+        return self._put(self._now, callback)
 
     # ---- those who lag behind -----------------------------------------------------------------------------
 
@@ -118,20 +149,6 @@ class VirtualClock:
         return True
 
     # ---- moving -------------------------------------------------------------------------------------------
-
-    @property
-    def next_call(self) -> int | None:
-        """When the next call is due; None if there is none."""
-        calls = self._calls
-        while calls and calls[0][2].callback is None:
-            heapq.heappop(calls)
-            self._cancelled -= 1
-        return calls[0][0] if calls else None
-
-    @property
-    def pending(self) -> int:
-        """How many calls are to come."""
-        return len(self._calls) - self._cancelled
 
     def run_until(self, time: int) -> None:
         """Makes every call due up to `time`, and stands there."""
@@ -166,28 +183,57 @@ class VirtualClock:
             return True
         if due is None or due > limit:
             return False
-        when, _, handle = heapq.heappop(self._calls)
-        callback, handle.callback = handle.callback, None
-        self._now = when
-        if callback is not None:
-            callback()
+        self._now, _, call = heapq.heappop(self._calls)
+        call.make()
         return True
 
 
-class AsyncioClock:
-    """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`; threads may ask for `now`."""
+class AsyncioClock(_CallHeap):
+    """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`; threads may ask for `now`.
+
+    However late the loop is, calls come in order of time, then of asking (timers of a loop alone do not).
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
         self.loop = loop
+        self._timer: asyncio.Handle | None = None
+        self._timer_at = 0
+        self._ringing = False
 
     def now(self) -> int:
         return time.monotonic_ns()
 
     def call_at(self, when: int, callback: Callback) -> Handle:
-        delay = when - time.monotonic_ns()
-        if delay <= 0:
-            return self.loop.call_soon(callback)
-        return self.loop.call_later((delay + NEVER_EARLY) / 1e9, callback)
+        call = self._put(when, callback)
+        self._set_timer()
+        return call
 
     def call_soon(self, callback: Callback) -> Handle:
-        return self.loop.call_soon(callback)
+        return self.call_at(time.monotonic_ns(), callback)
+
+    def _set_timer(self) -> None:
+        """One timer of the loop, for the next call; no timer where it is due, since loops wait whole milliseconds."""
+        due = self.next_call
+        if due is None or self._ringing or (self._timer is not None and self._timer_at <= due):
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer_at = due
+        delay = due - time.monotonic_ns()
+        if delay <= 0:
+            self._timer = self.loop.call_soon(self._ring)
+        else:
+            self._timer = self.loop.call_later((delay + NEVER_EARLY) / 1e9, self._ring)
+
+    def _ring(self) -> None:
+        """Makes what is due. What a call raises goes to the loop, and the others come all the same."""
+        self._timer = None
+        self._ringing = True
+        now = time.monotonic_ns()
+        try:
+            while (due := self.next_call) is not None and due <= now:
+                heapq.heappop(self._calls)[2].make()
+        finally:
+            self._ringing = False
+            self._set_timer()

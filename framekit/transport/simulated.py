@@ -179,11 +179,11 @@ class SimulatedLine:
 
     # ---- breaks, connections ------------------------------------------------------------------------------
 
-    def break_from(self, sender: SimulatedPort, duration: int) -> None:
-        """The line is held in break state from now on; the others notice when that has lasted a character."""
+    def break_from(self, sender: SimulatedPort, start: int, duration: int) -> None:
+        """The line is held in break state from `start`, now; the others notice when that has lasted a character."""
         if self.settings is None:
             return
-        begin = self.clock.now() + self.latency
+        begin = start + self.latency
         if not self.full_duplex:
             for other_sender, other in self._under_way:
                 if other_sender is not sender:

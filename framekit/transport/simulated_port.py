@@ -117,7 +117,7 @@ class SimulatedPort(Port):
             return
         start = max(self._free, self._clock.now())
         self._free = start + duration
-        self._later(start, lambda: self.line.break_from(self, duration))
+        self._later(start, lambda: self.line.break_from(self, start, duration))
         self._tell_when_sent()
 
     def _tell_when_sent(self) -> None:

@@ -59,6 +59,15 @@ class Waiting:
             if found == kind:
                 return value
 
+    async def sent_and_heard(self, count: int) -> bytes:
+        """So many bytes, and `sent` before, between or behind them."""
+        data, sent = b"", False
+        while len(data) < count or not sent:
+            kind, value = await self.queue.get()
+            sent = sent or kind == "sent"
+            data += value[0] if kind == "received" else b""
+        return data
+
     async def bytes(self, count: int) -> bytes:
         data = b""
         while len(data) < count:

@@ -156,8 +156,7 @@ def test_a_loop_hears_itself() -> None:
         events = await opened(port)
         port.set_rts(False)
         port.write(b"around")
-        assert await events.bytes(6) == b"around"
-        await events.until("sent")
+        assert await events.sent_and_heard(6) == b"around"
         port.close()
 
     run(check())
