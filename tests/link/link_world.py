@@ -119,7 +119,7 @@ class Side:
         self.commands: list[Command] = []
         self._waiting: list[Command] = []
         self._leaving: int | None = None
-        self.lossless = True
+        self.forwarded = 0
         self.do(self.engine.opened(0))
 
     # ---- what happens to it -------------------------------------------------------------------------------
@@ -195,6 +195,7 @@ class Side:
         """What was sent since the last call."""
         found = [data for _, data in self.sent]
         self.sent.clear()
+        self.forwarded = 0
         return found
 
     def reasons(self, kind: str) -> list[str]:
@@ -204,16 +205,15 @@ class Side:
 def connect(one: Side, other: Side, time: int, damage: Callable[[bytes], bytes] = lambda data: data) -> None:
     """Lets two sides talk for a time; `damage` changes what goes over the line."""
     end = one.now + time
-    given = {id(one): len(one.sent), id(other): len(other.sent)}
     while True:
         at = min(one.next_time(), other.next_time())
-        if at > end or at >= NEVER:
+        if (at > end or at >= NEVER) and all(side.forwarded == len(side.sent) for side in (one, other)):
             break
         for side, peer in ((one, other), (other, one)):
-            if side.next_time() <= at:
+            if side.next_time() <= at <= end:
                 side.run(at - side.now)
-            fresh = side.sent[given[id(side)] :]
-            given[id(side)] = len(side.sent)
+            fresh = side.sent[side.forwarded :]
+            side.forwarded = len(side.sent)
             for started, data in fresh:
                 took = side.engine.scope.line.chars(len(data))
                 side.run(max(0, started + took - side.now))

@@ -175,6 +175,61 @@ def test_bad_frames_go_to_the_lane_that_names_them() -> None:
     assert side.taken() == [b"\x15"] and side.reasons("bad") == ["check"]
 
 
+CARRIED = """
+protocol: carried
+state: {seq: {type: u8}}
+groups:
+  request: {head: [{const: 01}, {field: seq, type: u8, build: seq}]}
+  reply:   {head: [{const: 02}, {field: seq, type: u8}], echo: [seq]}
+frames:
+  box:  {body: [{const: STX}, {inner: body, of: [request, reply]}, {check: sum8}]}
+  ask:  {group: request, body: [{field: x, type: u8}]}
+  tell: {group: reply, body: [{field: y, type: u8}]}
+receiver: {quiet: 3 chars}
+sequences:
+  exchange:
+    takes: [request]
+    gives: {reply: found}
+    local: {found: frame}
+    steps:
+      - step: ask
+        set: {seq: seq + 1}
+        send: {box: {body: request}}
+        receive: [{frame: box, when: it.body.frame in expected, set: {found: it.body}, then: end}]
+        within: 1 s
+  listen:
+    local: {request: frame}
+    steps:
+      - step: idle
+        receive: [{frame: box, set: {request: it.body}, then: next}]
+      - step: answer
+        call: deliver
+        with: {message: {box: {body: {tell: {y: request.x}}}}}
+  deliver:
+    takes: [message]
+    steps:
+      - step: one
+        send: message
+roles:
+  client: {lanes: {main: {exchange: exchange}}}
+  server: {lanes: {main: {listen: listen}}}
+"""
+
+
+def test_what_a_carried_request_was_computed_as_has_to_be_repeated() -> None:
+    one, other = Side(CARRIED, "client"), Side(CARRIED, "server")
+    one.engine.scope.set("seq", 6)
+    one.ask(FrameValue("ask", {"x": 3}), expected=("tell",))
+    connect(one, other, 100 * MS)
+    assert one.outcomes[0].reply.fields == {"seq": 7, "y": 3}
+    one.ask(FrameValue("ask", {"x": 4}), expected=("tell",))
+    one.run(50 * MS)
+    one.gets(b"\x02\x02\x09\x04\x11")
+    assert len(one.outcomes) == 1, "another number: a reply to something else"
+    one.gets(b"\x02\x02\x08\x04\x10")
+    assert one.outcomes[1].ok
+
+
 # ---- listening gives way; rooms; holding ----------------------------------------------------------------------------
 
 PEER = """
