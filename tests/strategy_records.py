@@ -267,17 +267,19 @@ class _Record:
         if isinstance(size, int):
             if data.pad is not None and self.draw(st.booleans()):
                 size = self.draw(st.integers(0, size))
-            return self.maker.bytes(size) if 0 <= size <= 4096 else None
+            return self._content(data, size) if 0 <= size <= 4096 else None
         lengths = [part for part in self.all if isinstance(part, model.Length) and data.name in part.of]
         unit = max((part.unit for part in lengths), default=1)
         if data.convert == "ascii_to_hex":
             unit = max(unit, 2)
         least, most = self._free_sizes(data.name, data.least)
-        if data.convert == "ascii_to_hex":
-            digits = self.draw(st.text("0123456789ABCDEF", min_size=least, max_size=most))
-            return digits[: len(digits) // 2 * 2].encode()
-        found = self.maker.bytes(self.draw(st.integers(-(-least // unit), most // unit)) * unit)
+        found = self._content(data, self.draw(st.integers(-(-least // unit), most // unit)) * unit)
         return self._suiting(data, found)
+
+    def _content(self, data: model.Data, size: int) -> bytes:
+        if data.convert == "ascii_to_hex":
+            return bytes(self.draw(st.text("0123456789ABCDEF", min_size=size, max_size=size)).encode())
+        return self.maker.bytes(size)
 
     def _suiting(self, data: model.Data, found: bytes) -> Any:
         """Bytes of the size that follows from giving `found`, where the size depends on what is given."""
@@ -287,7 +289,7 @@ class _Record:
             del self.given[data.name]
             if not isinstance(wanted, int) or wanted == len(found):
                 return found
-            found = self.maker.bytes(max(wanted, 0))
+            found = self._content(data, max(wanted, 0))
         return found
 
     def _wanted_length(self, size: Expression) -> Any:

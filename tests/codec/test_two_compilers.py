@@ -12,13 +12,14 @@ from functools import cache
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
+from segment_cases import CASES, Case
 from strategies import FrameValues
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.shipped import shipped_folder
 
@@ -28,7 +29,7 @@ EXAMPLES = settings(
     database=None,
     derandomize=True,
     phases=[Phase.generate, Phase.shrink],
-    suppress_health_check=list(HealthCheck),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.large_base_example, HealthCheck.data_too_large],
 )
 """A few examples of every frame by default; with FRAMEKIT_EXAMPLES=200 the comparison takes minutes."""
 
@@ -36,8 +37,8 @@ EXAMPLES = settings(
 class Pair:
     """One protocol compiled both ways."""
 
-    def __init__(self, name: str) -> None:
-        self.protocol = loaded(name)
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
         self.made = FrameValues(self.protocol)
         self.reference = self.made.codec
         self.compiled = compile_protocol(self.protocol)
@@ -81,7 +82,7 @@ def loaded(name: str) -> Protocol:
 
 @cache
 def pair(name: str) -> Pair:
-    return Pair(name)
+    return Pair(loaded(name))
 
 
 def shipped() -> Iterator[Any]:
@@ -101,7 +102,16 @@ def test_there_are_frames() -> None:
 
 @pytest.mark.parametrize(("name", "frame"), shipped())
 def test_both_compilers_agree(name: str, frame: str) -> None:
-    both = pair(name)
+    agree(pair(name), frame)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+def test_both_compilers_agree_on_every_kind_of_segment(case: Case) -> None:
+    agree(Pair(load_protocol_text(case.yaml)), "f")
+
+
+def agree(both: Pair, frame: str) -> None:
+    """On made values, on damaged bytes, and on values that are wrong."""
 
     @EXAMPLES
     @given(both.made.frame(frame), st.data())
@@ -118,8 +128,8 @@ def test_both_compilers_agree(name: str, frame: str) -> None:
 def same_bytes_and_values(both: Pair, frame: str, values: dict[str, Any], context: dict[str, Any]) -> bytes:
     """Valid values make the same bytes, and are read back from them."""
     reference, compiled = both.build(frame, values, context)
-    assert isinstance(reference, bytes)
     assert compiled == reference
+    assume(isinstance(reference, bytes))
     one, other = both.read(frame, reference, context)
     assert other == one
     if isinstance(one, dict) and same_frames(one, values):
@@ -135,7 +145,7 @@ def same_fault(both: Pair, frame: str, damaged: bytes, context: dict[str, Any]) 
     if one_frame is None:
         assert isinstance(one, tuple) == isinstance(other, tuple)
     else:
-        assert other == one
+        assert other == one or repr(other) == repr(one)  # no float that is none equals itself
 
 
 # ---- damage -------------------------------------------------------------------------------------------------
