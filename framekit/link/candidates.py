@@ -45,7 +45,8 @@ class Complete:
 class Unfinished:
     """Fits so far and wants more, or, if `silent`, waits for a silence.
 
-    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it had at the call before (`had`) is what is certain.
+    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it had at
+    the call before (`had`) is what is certain.
     """
 
     __slots__ = ("had", "seen", "silent")
@@ -65,9 +66,9 @@ Trouble = Callable[[str, Exception], None]
 
 
 class Candidates:
-    """What candidates said about the current place; `forget` when the place changes."""
+    """What candidates said about the current place (`said`, by their names); `forget` when the place changes."""
 
-    __slots__ = ("_context", "_lost", "_quiet", "_said", "_stream", "_trouble")
+    __slots__ = ("_context", "_lost", "_quiet", "_stream", "_trouble", "said")
 
     def __init__(self, stream: Stream, context: Names, quiet: int, lost: int, trouble: Trouble) -> None:
         self._stream = stream
@@ -75,15 +76,15 @@ class Candidates:
         self._quiet = quiet
         self._lost = lost
         self._trouble = trouble
-        self._said: dict[str, Result] = {}
+        self.said: dict[str, Result] = {}
 
     def forget(self) -> None:
-        if self._said:
-            self._said = {}
+        if self.said:
+            self.said = {}
 
     def ask(self, info: FrameInfo, end: int) -> Result:
         """What `info` is at the current place, with the bytes up to buffer index `end`."""
-        said = self._said.get(info.name)
+        said = self.said.get(info.name)
         stream = self._stream
         position = stream.position
         seen = before = 0
@@ -105,19 +106,19 @@ class Candidates:
             result = self._without_end(info, position, end)
         else:
             result = Unfinished(length == self._quiet, end - position, before)
-        self._said[info.name] = result
+        self.said[info.name] = result
         return result
 
     def read(self, info: FrameInfo, complete: Complete) -> Result:
         """What a complete candidate holds: a good frame or a bad one."""
         position = self._stream.position
-        result = self._said[info.name] = self._read(info, position, position + complete.size)
+        result = self.said[info.name] = self._read(info, position, position + complete.size)
         return result
 
     def at_silence(self, info: FrameInfo, end: int) -> Result:
         """A frame that silence ends, ended at buffer index `end`."""
         result = self._read(info, self._stream.position, end)
-        self._said[info.name] = result
+        self.said[info.name] = result
         return result
 
     def _read(self, info: FrameInfo, start: int, end: int) -> Result:

@@ -162,17 +162,30 @@ class Receiver(Recovery):
     # ---- one place ----------------------------------------------------------------------------------------
 
     def _at_once(self, interest: Interest) -> FrameArrived | None:
-        """The usual case: nothing strange has happened, and the only candidate is there and fits."""
+        """The usual case: nothing strange has happened, and a frame is there whole. Else None; nothing is changed."""
         stream = self.stream
-        if self._noise.data or self._skipping or self._inside or stream.pauses or self._now != stream.last:
+        if self._noise.data or self._skipping or self._inside is not None or self._candidates.said:
             return None
-        candidates = interest.at(stream.buffer[stream.position])[0]
-        if len(candidates) != 1:
+        if stream.pauses or stream.faults or self._now != stream.last:
             return None
-        result = self._candidates.ask(candidates[0], len(stream.buffer))
-        if type(result) is Complete:
-            result = self._candidates.read(candidates[0], result)
-        return self._arrived(result, False) if type(result) is Good else None
+        buffer, position, names = stream.buffer, stream.position, self._names
+        end, size, chosen = len(buffer), 0, None
+        try:
+            for info in interest.at(buffer[position])[0]:
+                length = info.measure(buffer, position, end, names)
+                if length > 0 and (length < size or chosen is None):
+                    size, chosen = length, info
+            if chosen is None:
+                return None
+            raw = bytes(buffer[position : position + size])
+            fields = chosen.decode(raw, names)
+        except EVALUATION_ERRORS:
+            return None
+        self._given = size
+        self._declined.append(chosen.name)
+        value = self.table.received_as(chosen, fields, raw, None)
+        started = stream.time_of(position)
+        return FrameArrived(value, raw, stream.offset, started, stream.time_of(position + size - 1))
 
     def _look(self, interest: Interest) -> Arrival | Again | None:
         stream = self.stream

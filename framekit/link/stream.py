@@ -19,7 +19,7 @@ class Stream:
     """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them."""
 
     __slots__ = (
-        "_ends", "_faults", "_removed", "_times", "base", "buffer", "last", "pauses", "position", "removed", "silences",
+        "_ends", "_removed", "_times", "base", "buffer", "faults", "last", "pauses", "position", "removed", "silences",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Stream:
         self.last = 0
         self._ends: list[int] = []
         self._times: list[int] = []
-        self._faults: list[tuple[int, LineFault]] = []
+        self.faults: list[tuple[int, LineFault]] = []
         self.silences: list[int] = []
         self.pauses: list[int] = []
 
@@ -39,6 +39,8 @@ class Stream:
     def offset(self) -> int:
         """The stream offset of the current position, frames taken out of the middle of others included."""
         place = self.base + self.position
+        if not self._removed:
+            return place + self.removed
         while self._removed and self._removed[0][0] <= place:
             self.removed += self._removed.pop(0)[1]
         return place + self.removed
@@ -50,7 +52,7 @@ class Stream:
         self._ends.append(start + len(data))
         self._times.append(now)
         for fault in faults:
-            self._faults.append((start + fault.index, fault.fault))
+            self.faults.append((start + fault.index, fault.fault))
         self.last = now
 
     def tidy(self) -> None:
@@ -61,8 +63,8 @@ class Stream:
             self.buffer.clear()
             self._ends.clear()
             self._times.clear()
-            if self._faults or self.silences or self.pauses:
-                self._faults.clear()
+            if self.faults or self.silences or self.pauses:
+                self.faults.clear()
                 self.silences.clear()
                 self.pauses.clear()
         elif position > MOVE_AT and position * 2 > size:
@@ -70,7 +72,7 @@ class Stream:
             self.base += position
             used = bisect_right(self._ends, self.base)
             del self._ends[:used], self._times[:used]
-            self._faults = [item for item in self._faults if item[0] >= self.base]
+            self.faults = [item for item in self.faults if item[0] >= self.base]
             self.silences = [item for item in self.silences if item >= self.base]
             self.pauses = [item for item in self.pauses if item >= self.base]
         else:
@@ -79,14 +81,13 @@ class Stream:
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
-        if len(self._times) == 1:
-            return self._times[0]
-        return self._times[bisect_right(self._ends, self.base + index)]
+        times = self._times
+        return times[0] if len(times) == 1 else times[bisect_right(self._ends, self.base + index)]
 
     def fault_in(self, start: int, end: int) -> LineFault | None:
         """The first fault of a character in `buffer[start:end]`."""
         low, high = self.base + start, self.base + end
-        for place, fault in self._faults:
+        for place, fault in self.faults:
             if low <= place < high:
                 return fault
         return None
@@ -102,9 +103,9 @@ class Stream:
         del self.buffer[start:end]
         self._removed.append((low + 1, count))
         self._ends = [place - count if place > low else place for place in self._ends]
-        self._faults = [
+        self.faults = [
             (place - count if place >= low + count else place, fault)
-            for place, fault in self._faults
+            for place, fault in self.faults
             if not low <= place < low + count
         ]
         self.silences = [max(place - count, low) if place > low else place for place in self.silences]
