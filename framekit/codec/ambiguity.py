@@ -34,13 +34,15 @@ SHOWN = 24
 class _Candidate:
     """A frame that is waited for, and where that stands. `free`: its row takes it whatever it holds.
 
-    Frames of one `row` lead to the same, so that it matters little which of them is found.
+    Frames of one `row` lead to the same, so that it matters little which of them is found. `inside`: it stands in
+    another frame, which ends it.
     """
 
     frame: str
     free: bool
     at: Position
     row: int | None = None
+    inside: bool = False
 
 
 def check_matrices(protocol: Protocol) -> list[Problem]:
@@ -74,13 +76,13 @@ def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:
             yield [_Candidate(frame.name, True, frame.at) for frame in frames_], order_todo
     for frame in protocol.frames.values():
         for inner in parts_of(frame.segments, Inner):
-            yield [_Candidate(name, True, protocol.frames[name].at) for name in inner.frames], order_todo
+            yield [_Candidate(name, True, protocol.frames[name].at, inside=True) for name in inner.frames], order_todo
 
 
 def _of_rows(rows: list[Row]) -> Iterator[_Candidate]:
     for number, row in enumerate(rows):
         for name in row.frames:
-            yield _Candidate(name, row.when is None and row.at_most is None, row.places.get("frame", row.at), number)
+            yield _Candidate(name, row.when is None, row.places.get("frame", row.at), number)
 
 
 def _comes_from(frame: Frame, side: str) -> bool:
@@ -91,7 +93,7 @@ class _Checker:
     def __init__(self, codec: Codec, sampler: Sampler) -> None:
         self.codec = codec
         self.sampler = sampler
-        self.judged: dict[tuple[str, str], Sample | None] = {}
+        self.judged: dict[tuple[str, str, bool], Sample | None] = {}
 
     def matrix(self, candidates: list[_Candidate], todo: str) -> Iterator[Problem]:
         """Frames of one matrix that earlier ones always take."""
@@ -99,7 +101,7 @@ class _Checker:
             if any(earlier.frame == later.frame for earlier in candidates[:place]):
                 continue
             for earlier in candidates[:place]:
-                if self._matters(earlier, later) and (sample := self._taken(earlier.frame, later.frame)) is not None:
+                if self._matters(earlier, later) and (sample := self._taken(earlier, later)) is not None:
                     shown = sample.data[:SHOWN].hex(" ").upper() + (" …" if len(sample.data) > SHOWN else "")
                     what = f"'{later.frame}' is always taken for '{earlier.frame}', which is tried first"
                     yield Problem(later.at, f"{what}: {shown} fits both", todo)
@@ -112,13 +114,13 @@ class _Checker:
         one, other = (self.codec.protocol.frames[each.frame] for each in (earlier, later))
         return one.side == other.side and one.groups[:1] == other.groups[:1] != ()
 
-    def _taken(self, earlier: str, later: str) -> Sample | None:
+    def _taken(self, earlier: _Candidate, later: _Candidate) -> Sample | None:
         """A sample of `later`, if each of them would be taken for `earlier`."""
-        key = earlier, later
+        key = earlier.frame, later.frame, later.inside
         if key not in self.judged:
-            samples = self.sampler.samples(later)
-            enough = len(samples) >= FEWEST or (len(samples) == 1 and self._is_constant(later))
-            taken = enough and all(self._fits(earlier, sample) for sample in samples)
+            samples = self.sampler.samples(later.frame)
+            enough = len(samples) >= FEWEST or (len(samples) == 1 and self._is_constant(later.frame))
+            taken = enough and all(self._fits(earlier.frame, sample, later.inside) for sample in samples)
             self.judged[key] = samples[0] if taken else None
         return self.judged[key]
 
@@ -126,11 +128,11 @@ class _Checker:
         """Whether one sample is all there is: nothing in the frame varies."""
         return not self.sampler.samples(frame)[0].values
 
-    def _fits(self, frame: str, sample: Sample) -> bool:
-        """Whether a receiver that looks for `frame` first takes it out of the sample's bytes."""
+    def _fits(self, frame: str, sample: Sample, inside: bool) -> bool:
+        """Whether a receiver that looks for `frame` first takes it out of the sample's bytes (`inside`: all of them)."""
         context = self.sampler.context
         try:
-            length = self.codec.measure(frame, sample.data, ctx=context)
+            length = len(sample.data) if inside else self.codec.measure(frame, sample.data, ctx=context)
             if length <= 0:
                 return False
             values = self.codec.decode(frame, sample.data[:length], context)

@@ -32,6 +32,11 @@ def check_forms(
         yield from _names(form, parts, columns, tables)
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text can be a unit at all: a word of the language, or `6 bytes`."""
+    return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
+
+
 def parts_in(form: AddressForm) -> Iterator[Part]:
     """The parts in braces, those in optional text too."""
     for item in form.parts:
@@ -85,7 +90,7 @@ def _unit(
     if form.unit is not None and form.unit not in units and not _UNIT.fullmatch(form.unit):
         hint = did_you_mean(form.unit, [*units, *tables])
         yield Problem(form.at, f"'{form.unit}' is neither a unit nor a table of units", hint)
-    if any(part.what == "unit" for part in parts) and form.units_table is None:
+    if any(part.what == "unit" for part in parts) and form.units_table is None and form.unit is None:
         yield Problem(form.at, f'nothing says what {{unit}} of "{form.text}" may be', "add unit: TABLE, letter: unit")
     table = tables.get(form.units_table or "")
     for key, unit in table.entries.items() if table is not None else ():

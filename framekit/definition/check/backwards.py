@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from framekit.definition.check.addresses import parts_in
+from framekit.definition.check.names import OFFERED
 from framekit.definition.expression.syntax import Binary, Expression, Name, Node, names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow
@@ -38,9 +40,20 @@ def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
         what = f"'{leaf}' of a request cannot be read backwards by a server"
         yield Problem(leaf.at, what, "add back: {…} with what it means, or client_only: yes")
         return
+    if not read <= _known_names(protocol, row):
+        return  # what is misspelt is told elsewhere
     for missing in _missing(row, read):
         what = f"a server cannot tell the {missing} that this {row.service} asks for"
         yield Problem(row.at, what, f"put it into the request, or add back: {{{missing}: …}}, or client_only: yes")
+
+
+def _known_names(protocol: Protocol, row: ServiceRow) -> set[str]:
+    """Names that the leaves of a request may have."""
+    known = {*OFFERED, *NOT_COMPARED, "memory", *row.back, *(argument.name for argument in row.takes)}
+    known |= protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
+    for form in protocol.addresses:
+        known |= form.results.keys() | {part.name for part in parts_in(form)}
+    return known
 
 
 def _missing(row: ServiceRow, read: set[str]) -> Iterator[str]:

@@ -93,6 +93,8 @@ class KindChecker:
         what = f"{WORDS[wanted]} is wanted here, '{expression}' is {WORDS[found]}"
         if wanted == "time" and isinstance(expression.root, Number):
             todo = f"write it with its unit, such as {expression} ms"
+        elif wanted == "time" and found == "number":
+            todo = "multiply it by a unit, such as 1 ms, or make it a time"
         elif wanted == "number" and found == "time":
             todo = "write it without a unit"
         elif wanted in ("text", "bytes") and found in ("text", "bytes"):

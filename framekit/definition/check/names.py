@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
-from framekit.definition.expression.syntax import Attribute, Expression, Name, walk
+from framekit.definition.expression.syntax import Attribute, Compare, Expression, Name, Text, walk
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Record, Repeat, Segment
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.sizes import field_names, flat
+from framekit.definition.model.values import Value
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
@@ -24,6 +26,7 @@ ONLY_THERE = {
     "cause": "it is known in on_bad and other handlers",
     "frame": "it is known in on_bad and other handlers; a frame's name is it.frame",
     "outcome": "it is known in on_fail",
+    "reply": "it is what serve: answers: add serve: {request: …} before",
 }
 """Words that have a value only in some places."""
 
@@ -42,6 +45,7 @@ class NameChecker:
         self.broken = broken
         self.globally = BUILT_IN | protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
         self.globally |= protocol.queues.keys()
+        self.serves = any(step.serve is not None for step in parts_of(dict(protocol.sequences), Step))
         self.problems: list[Problem] = []
 
     def check(self) -> list[Problem]:
@@ -86,8 +90,12 @@ class NameChecker:
             if node.name in ONLY_THERE:
                 self._note(node.at, f"'{node.name}' has no value here", ONLY_THERE[node.name])
                 continue
-            quote = f"write '{node.name}' in quotes if text is meant"
-            self._note(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known) or quote)
+            self._note(node.at, f"there is no name '{node.name}' here", self._hint(node.name, known))
+
+    def _hint(self, name: str, known: Collection[str]) -> str:
+        if name in self.protocol.frames:
+            return f"write {{{name}: {{}}}} if the frame is meant"
+        return did_you_mean(name, known) or f"write '{name}' in quotes if text is meant"
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -115,6 +123,8 @@ class NameChecker:
 
     def _sequence(self, sequence: Sequence) -> None:
         local = EXCHANGE | set(sequence.takes) | sequence.local.keys()
+        if not self.serves and not {"reply"} & {*sequence.takes, *sequence.local}:
+            local -= {"reply"}
         taken = local | {"it"} if _takes_something(sequence) else local
         self._expressions(sequence.gives, taken)
         self._expressions(sequence.always, local | {"it"})
@@ -122,7 +132,8 @@ class NameChecker:
         for step in sequence.steps:
             here = taken | {"part"} if step.parts is not None else taken
             parts = [getattr(step, key) for key in step.__dataclass_fields__ if key not in ("receive", "handlers")]
-            self._expressions([part for part in parts if part is not None], here)
+            self._expressions([part for part in parts if part is not None and part is not step.send], here)
+            self._sent(step.send, here)
             self._expressions(step.receive, here | {"it"})
             self._expressions(step.handlers, here | {"it"} | IN_HANDLERS)
             self._targets(step, here)
@@ -131,17 +142,26 @@ class NameChecker:
         for row in sequence.always:
             self._row(row)
 
+    def _sent(self, value: Value | None, known: Collection[str]) -> None:
+        """A bare word in `send` is a frame or a variable."""
+        root = value.root if isinstance(value, Expression) else None
+        if isinstance(root, Name) and root.name not in {*self.globally, *known, *self.broken, *ONLY_THERE}:
+            hint = did_you_mean(root.name, [*self.protocol.frames, *set(known) - EXCHANGE])
+            self._note(root.at, f"there is no frame or variable '{root.name}' to send", hint)
+        else:
+            self._expressions(value, known)
+
     def _targets(self, step: Step, local: Collection[str]) -> None:
         """What `set` writes must be a variable; parameters and the clock may be set too."""
         known = set(local) | self.protocol.state.keys() | self.protocol.params.keys() | {"clock"}
+        named = known - EXCHANGE - {"it", "part"}
         actions: list[Action | Step] = [step, *(step.receive or ()), *(step.branch or ())]
         actions += [action for handler in step.handlers.values() for action in handler]
         for action in actions:
             for target, _ in action.set:
                 if target.name not in known and target.name not in self.broken:
-                    self._note(
-                        action.at, f"there is no variable '{target.name}' to set", did_you_mean(target.name, known)
-                    )
+                    at = action.places.get("set", action.at)
+                    self._note(at, f"there is no variable '{target.name}' to set", did_you_mean(target.name, named))
 
     def _row(self, row: Row) -> None:
         """`it.field` must be a field of a frame that the row takes."""
@@ -150,8 +170,9 @@ class NameChecker:
             return
         fields = set().union(*(field_names(frame.segments) for frame in frames)) | OF_EVERY_FRAME
         for expression in expressions_of(row):
+            asked = fields | _asked_for(expression)
             for node in walk(expression.root):
-                if isinstance(node, Attribute) and node.value == Name(node.value.at, "it") and node.name not in fields:
+                if isinstance(node, Attribute) and node.value == Name(node.value.at, "it") and node.name not in asked:
                     names = ", ".join(f"'{frame.name}'" for frame in frames[:3])
                     what = f"no frame of this row has a field '{node.name}' ({names})"
                     self._note(node.at, what, did_you_mean(node.name, fields))
@@ -171,6 +192,11 @@ class NameChecker:
                 alias = part.get("as") if isinstance(part, dict) else None
                 if isinstance(alias, Expression):
                     local.add(alias.text)
+        run = None if row.run is None else row.run.root
+        if isinstance(run, Name) and run.name not in self.globally | local:
+            hint = did_you_mean(run.name, self.protocol.sequences)
+            self._note(run.at, f"there is no sequence '{run.name}' to run", hint)
+            row = replace(row, run=None)
         self._expressions(row, local)
 
     def _errors(self) -> None:
@@ -183,6 +209,15 @@ class NameChecker:
                 return
             fields |= field_names(self.protocol.frames[name].segments)
         self._expressions(errors, fields | EXCHANGE | {"code"})
+
+
+def _asked_for(expression: Expression) -> set[str]:
+    """Fields that an expression asks for first: `'station' in it`."""
+    return {
+        node.first.value
+        for node in walk(expression.root)
+        if isinstance(node, Compare) and isinstance(node.first, Text) and node.rest[0][0] in ("in", "not in")
+    }
 
 
 def _takes_something(sequence: Sequence) -> bool:

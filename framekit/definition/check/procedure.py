@@ -40,8 +40,9 @@ class _SequenceChecker:
             self._step(step)
         for action in shared_actions(self.sequence):
             self._word(action.then, action.places.get("then", action.at))
-        self._reachable()
-        self._circles()
+        if self.sequence.name not in self.broken:
+            self._reachable()
+            self._circles()
         return self.found
 
     def _note(self, at: Position, what: str, todo: str = "") -> None:
@@ -66,8 +67,9 @@ class _SequenceChecker:
             self._note(step.ask.at, f"there is no service '{step.ask.frame}' to ask", hint)
         for action in actions_of(step):
             self._word(action.then, action.places.get("then", action.at))
-        self._rows(step)
-        self._limits(step)
+        if self.sequence.name not in self.broken:
+            self._rows(step)
+            self._limits(step)
 
     def _call(self, step: Step, call: CallOf) -> None:
         at = step.places.get("call", step.at)
@@ -103,7 +105,7 @@ class _SequenceChecker:
                 self._note(
                     row.at, f"this row is never reached: a row above takes every {names}", "move it up, or drop it"
                 )
-            if row.when is None and row.at_most is None:
+            if row.when is None:
                 taken |= set(row.frames)
 
     def _limits(self, step: Step) -> None:
@@ -202,19 +204,27 @@ def gets_on(step: Step) -> bool:
 
 
 def _calls_in_circles(protocol: Protocol) -> Iterator[Problem]:
+    """One problem for every circle of calls, at the first of its sequences."""
     calls = {
-        name: {step.call.sequence for step in sequence.steps if step.call is not None}
+        name: [step.call.sequence for step in sequence.steps if step.call is not None]
         for name, sequence in protocol.sequences.items()
     }
+    told: set[str] = set()
     for name in calls:
-        ahead, seen = list(calls[name]), set()
-        while ahead:
-            other = ahead.pop()
-            if other == name:
-                yield Problem(
-                    protocol.sequences[name].at, f"'{name}' calls itself", "sequences may not call in a circle"
-                )
-                break
-            if other not in seen:
-                seen.add(other)
-                ahead.extend(calls.get(other, ()))
+        circle = _circle(calls, name, [])
+        if circle and not told & set(circle):
+            told |= set(circle)
+            chain = " → ".join([*circle, name])
+            what = f"sequences call each other in a circle: {chain}" if len(circle) > 1 else f"'{name}' calls itself"
+            yield Problem(protocol.sequences[name].at, what, "let one of them end instead")
+
+
+def _circle(calls: dict[str, list[str]], name: str, before: list[str]) -> list[str]:
+    """The sequences of a circle that begins with the first of `before`, or with `name`; none if there is no such."""
+    chain = [*before, name]
+    for called in calls.get(name, ()):
+        if called == chain[0]:
+            return chain
+        if called not in chain and (found := _circle(calls, called, chain)):
+            return found
+    return []

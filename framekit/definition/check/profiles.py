@@ -18,7 +18,7 @@ def check_profile(protocol: Protocol) -> list[Problem]:
         return []
     if protocol.profile not in PROFILES:
         hint = did_you_mean(protocol.profile, PROFILES)
-        return [Problem(protocol.at, f"there is no profile '{protocol.profile}'", hint)]
+        return [Problem(protocol.profile_at, f"there is no profile '{protocol.profile}'", hint)]
     check = PROFILES[protocol.profile]
     return [problem for frame in protocol.frames.values() for problem in check(frame)]
 

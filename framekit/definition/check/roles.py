@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from framekit.definition.check.actions import actions_of
+from framekit.definition.expression.syntax import Text, walk
 from framekit.definition.model.procedure import Lane, Role, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem, did_you_mean
@@ -23,6 +24,24 @@ def check_roles(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem
             yield from _lane(protocol, role, lane)
     for session in protocol.sessions.values():
         yield from _session(protocol, session)
+    yield from _never_run(protocol)
+
+
+def _never_run(protocol: Protocol) -> Iterator[Problem]:
+    """Sequences that nothing leads to. Without roles a definition is there for others to extend."""
+    run = {name for role in protocol.roles.values() for lane in role.lanes for name in (*lane.exchange, lane.listen)}
+    for session in protocol.sessions.values():
+        run |= {*session.open, *session.close, session.keep_alive_run}
+    for rows in protocol.services.values():
+        for row in rows:
+            nodes = walk(row.run.root) if row.run is not None else ()
+            run |= {node.value for node in nodes if isinstance(node, Text)}
+    for sequence in protocol.sequences.values():
+        run |= {step.call.sequence for step in sequence.steps if step.call is not None}
+    for name, sequence in protocol.sequences.items():
+        if name not in run and protocol.roles:
+            what = f"nothing runs the sequence '{name}'"
+            yield Problem(sequence.at, what, "name it in a role, or drop it", warning=True)
 
 
 def exchanged(protocol: Protocol) -> set[str]:
@@ -45,15 +64,16 @@ def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
     if not lane.exchange and lane.listen is None:
         what = f"lane '{lane.name}' of role '{role.name}' does nothing"
         yield Problem(lane.at, what, "add exchange: or listen: with a sequence")
-    if lane.listen is not None and lane.listen in lane.exchange:
-        what = f"lane '{lane.name}' listens with '{lane.listen}' and runs it for exchanges too"
-        yield Problem(lane.places.get("listen", lane.at), what, "make two sequences of it")
     for name in lane.exchange:
         sequence = protocol.sequences.get(name)
         for argument in sequence.takes if sequence is not None else ():
             if argument not in OF_EXCHANGES:
                 what = f"an exchange has no '{argument}' for '{name}'"
                 yield Problem(lane.places.get("exchange", lane.at), what, "known: " + ", ".join(sorted(OF_EXCHANGES)))
+    if lane.listen is not None and lane.listen in lane.exchange:
+        what = f"lane '{lane.name}' listens with '{lane.listen}' and runs it for exchanges too"
+        yield Problem(lane.places.get("listen", lane.at), what, "make two sequences of it")
+        return
     listening = protocol.sequences.get(lane.listen or "")
     if listening is not None:
         yield from _listening(lane, listening)

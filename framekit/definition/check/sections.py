@@ -160,5 +160,5 @@ def _line(protocol: Protocol) -> Iterator[Problem]:
     if line.formats and line.format not in line.formats:
         listed = ", ".join(line.formats)
         yield Problem(at, f"the default format {line.format} is none of its choices", f"add it, or choose of {listed}")
-    if line.kind == "stream" and line.tcp is not None and not 1 <= line.tcp <= 65535:
+    if line.tcp is not None and not 1 <= line.tcp <= 65535:
         yield Problem(at, f"{line.tcp} is no port number", "use 1 to 65535")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
+from framekit.definition.check.addresses import is_unit
 from framekit.definition.check.backwards import check_backwards
 from framekit.definition.check.segments import constant_number
 from framekit.definition.expression.syntax import Text, names_in
@@ -56,7 +57,7 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
         if area not in protocol.areas and area not in broken:
             yield Problem(row.at, f"there is no area '{area}'", did_you_mean(area, protocol.areas))
     for unit in row.units:
-        if unit not in UNIT_BITS and not any(unit == area.unit for area in protocol.areas.values()):
+        if is_unit(unit) and unit not in UNIT_BITS and all(unit != area.unit for area in protocol.areas.values()):
             yield Problem(row.at, f"'{unit}' is not a unit of any area", did_you_mean(unit, UNIT_BITS))
     if row.reply and row.reply[-1].when is not None and not row.client_only:
         yield Problem(row.reply[-1].at, "the last reply has a condition", "a server must have a reply for every case")
@@ -143,7 +144,7 @@ def _areas(protocol: Protocol) -> Iterator[Problem]:
         if area.size < 1:
             yield Problem(area.at, f"area '{area.name}' has no places", "give size: 1 or more")
         for unit in area.codes:
-            if unit not in UNIT_BITS and unit != area.unit:
+            if is_unit(unit) and unit not in UNIT_BITS and unit != area.unit:
                 what = f"'{unit}' in the codes of area '{area.name}' is not a unit"
                 yield Problem(area.at, what, did_you_mean(unit, UNIT_BITS))
     if protocol.areas and not protocol.addresses and {"read", "write"} & protocol.services.keys():
@@ -157,7 +158,8 @@ def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
         return
     for name in errors.names:
         if name not in protocol.tables and name not in broken:
-            yield Problem(errors.at, f"there is no table '{name}'", did_you_mean(name, protocol.tables))
+            hint = did_you_mean(name, protocol.tables) or "add it to tables:"
+            yield Problem(errors.at, f"there is no table '{name}'", hint)
     if errors.frame is not None and errors.code is None:
         yield Problem(errors.at, f"nothing says where the code stands in '{errors.frame}'", "add code: FIELD")
 

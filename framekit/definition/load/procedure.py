@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.reader import Broken, Reader
@@ -24,13 +25,25 @@ from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import Position, did_you_mean
 
+T = TypeVar("T")
+
 
 class ProcedureLoader:
-    """Reads the sections `sequences`, `roles` and `sessions`."""
+    """Reads the sections `sequences`, `roles` and `sessions`. `partly`: sequences of which something is missing."""
 
     def __init__(self, values: ValueLoader) -> None:
         self.values = values
         self.reader: Reader = values.reader
+        self.spoilt = False
+        self.partly: set[str] = set()
+
+    def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        """What stands under a key; None for nothing, and for something broken: the rest is read all the same."""
+        try:
+            return None if node is None else read(node)
+        except Broken:
+            self.spoilt = True
+            return None
 
     # ---- actions and rows ---------------------------------------------------------------------------------
 
@@ -50,17 +63,17 @@ class ProcedureLoader:
         return {
             "at": keys.at,
             "places": places_of(keys),
-            "when": reader.maybe(reader.expression, keys.get("when")),
-            "at_most": reader.maybe(reader.expression, keys.get("at_most")),
-            "otherwise": None if otherwise is None else self.action(otherwise),
-            "take": reader.maybe(reader.text, keys.get("take")),
-            "set": self.values.settings(keys.get("set")),
-            "store": self._store(keys.get("store")),
-            "put": self._put(keys.get("put")),
-            "deliver": None if deliver is None else self.values.sent(deliver),
-            "send": None if send is None else self.values.sent(send),
-            "then": reader.maybe(reader.text, keys.get("then")),
-            "fail": reader.maybe(reader.text, keys.get("fail")),
+            "when": self._maybe(reader.expression, keys.get("when")),
+            "at_most": self._maybe(reader.expression, keys.get("at_most")),
+            "otherwise": self._maybe(self.action, otherwise),
+            "take": self._maybe(reader.text, keys.get("take")),
+            "set": self._maybe(self.values.settings, keys.get("set")) or (),
+            "store": self._maybe(self._store, keys.get("store")) or (),
+            "put": self._maybe(self._put, keys.get("put")) or (),
+            "deliver": self._maybe(self.values.sent, deliver),
+            "send": self._maybe(self.values.sent, send),
+            "then": self._maybe(reader.text, keys.get("then")),
+            "fail": self._maybe(reader.text, keys.get("fail")),
         }
 
     def _store(self, node: Node | None) -> tuple[tuple[Expression, str], ...]:
@@ -79,8 +92,8 @@ class ProcedureLoader:
             if self.reader.text(item) == "expected":
                 expected = True
             else:
-                found = self.values.frames.find(self.values.space, item)
-                frames.extend(name for name in found if name not in frames)
+                found = self._maybe(lambda name: self.values.frames.find(self.values.space, name), item)
+                frames.extend(name for name in found or () if name not in frames)
         return Row(
             frames=tuple(frames),
             expected=expected,
@@ -90,14 +103,13 @@ class ProcedureLoader:
         )
 
     def rows(self, node: Node | None) -> tuple[Row, ...]:
-        found = []
-        for item in self.reader.items(node):
-            with self.reader.going_on():
-                found.append(self.row(item))
-        return tuple(found)
+        found = [self._maybe(self.row, item) for item in self.reader.items(node)]
+        return tuple(row for row in found if row is not None)
 
     def handlers(self, keys: Mapping) -> dict[str, tuple[Action, ...]]:
-        return {name: self.actions(node) for name in HANDLERS if (node := keys.get(name)) is not None}
+        return {
+            name: self._maybe(self.actions, node) or () for name in HANDLERS if (node := keys.get(name)) is not None
+        }
 
     # ---- steps and sequences ------------------------------------------------------------------------------
 
@@ -110,25 +122,25 @@ class ProcedureLoader:
             name=reader.text(keys.get("step")),
             at=keys.at,
             places=places_of(keys),
-            when=reader.maybe(reader.expression, keys.get("when")),
-            session=reader.maybe(reader.text, keys.get("session")),
-            parts=self._parts(keys.get("parts")),
-            wait=reader.maybe(reader.expression, keys.get("wait")),
-            hold_break=reader.maybe(reader.expression, keys.get("break")),
-            set=self.values.settings(keys.get("set")),
-            serve=self._serve(keys.get("serve")),
-            call=self._call(keys),
-            ask=None if ask is None else self._ask(ask),
-            put=self._put(keys.get("put")),
-            deliver=None if deliver is None else self.values.sent(deliver),
-            send=None if send is None else self.values.sent(send),
+            when=self._maybe(reader.expression, keys.get("when")),
+            session=self._maybe(reader.text, keys.get("session")),
+            parts=self._maybe(self._parts, keys.get("parts")),
+            wait=self._maybe(reader.expression, keys.get("wait")),
+            hold_break=self._maybe(reader.expression, keys.get("break")),
+            set=self._maybe(self.values.settings, keys.get("set")) or (),
+            serve=self._maybe(self._serve, keys.get("serve")),
+            call=self._maybe(lambda _: self._call(keys), keys.get("call")),
+            ask=self._maybe(self._ask, ask),
+            put=self._maybe(self._put, keys.get("put")) or (),
+            deliver=self._maybe(self.values.sent, deliver),
+            send=self._maybe(self.values.sent, send),
             receive=None if receive is None else self.rows(receive),
-            branch=None if branch is None else self.actions(branch),
-            then=reader.maybe(reader.text, keys.get("then")) or "next",
-            within=reader.maybe(reader.expression, keys.get("within")),
-            complete=reader.maybe(reader.expression, keys.get("complete")),
-            gap=reader.maybe(reader.expression, keys.get("gap")),
-            retries=reader.maybe(reader.expression, keys.get("retries")),
+            branch=self._maybe(self.actions, branch),
+            then=self._maybe(reader.text, keys.get("then")) or "next",
+            within=self._maybe(reader.expression, keys.get("within")),
+            complete=self._maybe(reader.expression, keys.get("complete")),
+            gap=self._maybe(reader.expression, keys.get("gap")),
+            retries=self._maybe(reader.expression, keys.get("retries")),
             handlers=self.handlers(keys),
         )
 
@@ -167,22 +179,22 @@ class ProcedureLoader:
         return FrameOf(entry.key.text, self.values.fields(entry.value), entry.key.at)
 
     def sequence(self, entry: Entry) -> Sequence:
-        """Raises Broken when a step or a row of it is broken."""
+        """Raises Broken when nothing of it can be read."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
-        before = len(reader.problems)
-        steps = []
-        for item in reader.items(keys.get("steps")):
-            with reader.going_on():
-                steps.append(self.step(item))
+        self.spoilt = False
+        steps = [step for item in reader.items(keys.get("steps")) if (step := self._maybe(self.step, item)) is not None]
         always = self.rows(keys.get("always"))
         handlers = self.handlers(keys)
-        if any(not problem.warning for problem in reader.problems[before:]) or not steps:
+        gives = self._maybe(self.values.expressions, keys.get("gives")) or {}
+        if self.spoilt:
+            self.partly.add(entry.key.text)
+        if not steps:
             raise Broken(entry.key.text)
         return Sequence(
             name=entry.key.text,
             at=entry.key.at,
             takes=reader.texts(keys.get("takes")),
-            gives=self.values.expressions(keys.get("gives")),
+            gives=gives,
             local={local.key.text: reader.text(local.value) for local in reader.entries(keys.get("local"))},
             always=always,
             handlers=handlers,

@@ -50,13 +50,14 @@ class ProtocolLoader:
         self.space = Namespace(reader, source)
         self.frames = FrameLoader(self.space)
         self.values = ValueLoader(self.space, self.frames)
+        self.procedure = ProcedureLoader(self.values)
         self.broken_layouts: set[str] = set()
 
     def load(self) -> Protocol:
         """The protocol as far as it could be read."""
         frames = self.frames.load_all()
         groups = self.frames.load_groups()
-        procedure = ProcedureLoader(self.values)
+        procedure = self.procedure
         sequences = self._each("sequences", procedure.sequence)
         names = set(self.space.section("sequences"))
         roles = self._each("roles", lambda entry: procedure.role(entry, names))
@@ -100,11 +101,12 @@ class ProtocolLoader:
             sources=self.source.files + (self.source.application.files if self.source.application else ()),
             warnings=(),
             at=self.source.at,
+            profile_at=self.source.at if (profile := self.source.root.get("profile")) is None else profile.at,
         )
 
     def broken(self, loaded: Protocol) -> frozenset[str]:
-        """Names of things that could not be read: whoever mentions one is not wrong because of that."""
-        missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts
+        """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
+        missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
         for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
         return frozenset(missing | (self._elsewhere("areas").section("areas").keys() - loaded.areas.keys()))

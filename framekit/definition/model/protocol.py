@@ -130,6 +130,7 @@ class Protocol:
     sources: tuple[str, ...]
     warnings: tuple[Problem, ...]
     at: Position
+    profile_at: Position = NOWHERE
 
     @property
     def frames_alone(self) -> bool:

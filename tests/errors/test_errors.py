@@ -1,0 +1,64 @@
+"""Wrong definitions and run files, each with the exact messages it has to give.
+
+Every file of the folders beside this one begins with comments `# expect: FILE:LINE:COLUMN: what – todo`, one for every
+problem, in order; FILE is the file itself, other files stand by their names. A file without such comments is right.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from framekit.cli.check_verb import check_file
+from framekit.cli.main import main
+
+HERE = Path(__file__).parent
+FILES = sorted([*HERE.glob("definitions/*.yaml"), *HERE.glob("runs/*.yaml")])
+MARK = "# expect: "
+SHIPPED = HERE.parents[1] / "frames"
+
+
+def expected(path: Path) -> list[str]:
+    """The problems that the head of a file announces."""
+    lines = path.read_bytes().decode("utf-8", errors="replace").splitlines()
+    return [line.removeprefix(MARK) for line in lines if line.startswith(MARK)]
+
+
+def told(path: Path) -> list[str]:
+    """The problems that are found, with file names as the corpus writes them."""
+    names = {f"{path.resolve()}:": "FILE:", f"{path}:": "FILE:", f"{path.parent.resolve()}/": "", f"{SHIPPED}/": ""}
+    found = []
+    for problem in check_file(str(path))[1]:
+        text = str(problem)
+        for name, short in names.items():
+            text = text.replace(name, short)
+        found.append(text)
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_messages(path: Path) -> None:
+    assert told(path) == expected(path)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_exit_status_and_no_traceback(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = [line for line in expected(path) if ": warning: " not in line]
+    assert main(["check", str(path)]) == (1 if wrong else 0)
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err + captured.out
+    assert len(captured.err.splitlines()) == len(expected(path))
+
+
+def test_there_are_enough_of_them() -> None:
+    wrong = [path for path in FILES if expected(path)]
+    assert len([path for path in wrong if path.parent.name == "definitions"]) >= 45
+    assert len([path for path in wrong if path.parent.name == "runs"]) >= 20
+    assert len([path for path in wrong if len(expected(path)) >= 3]) >= 30, "problems of a file come all at once"
+
+
+def test_every_file_that_is_right_says_so() -> None:
+    good = [path for path in FILES if path.stem.startswith("good-")]
+    assert good
+    assert all(not expected(path) for path in good)
