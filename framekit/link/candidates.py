@@ -12,6 +12,7 @@ from typing import Any
 from framekit.link.arrivals import BadFrame
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameInfo
+from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
 
 
@@ -45,8 +46,8 @@ class Complete:
 class Unfinished:
     """Fits so far and wants more, or, if `silent`, waits for a silence.
 
-    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it had at
-    the call before (`had`) is what is certain.
+    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it
+    had at the call before (`had`) is what is certain.
     """
 
     __slots__ = ("had", "seen", "silent")
@@ -114,6 +115,39 @@ class Candidates:
         position = self._stream.position
         result = self.said[info.name] = self._read(info, position, position + complete.size)
         return result
+
+    def judge(
+        self, infos: tuple[FrameInfo, ...], limit: int, silent: list[FrameInfo], inside: InsideFinder | None
+    ) -> tuple[Good | None, Bad | None, list[FrameInfo]]:
+        """The good frame of these, the bad one that got furthest, and those that want more than there is up to `limit`.
+
+        The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one. Those
+        that silence ends are added to `silent`.
+        """
+        complete: list[tuple[int, int, FrameInfo, Complete]] = []
+        wanting: list[FrameInfo] = []
+        furthest: Bad | None = None
+        shortest: Good | None = None
+        for place, info in enumerate(infos):
+            end = limit if inside is None else inside.end_for(info.name, limit, self._stream.base)
+            result = self.ask(info, end)
+            if type(result) is Complete:
+                complete.append((result.size, place, info, result))
+            elif type(result) is Unfinished:
+                (silent if result.silent else wanting).append(info)
+            elif type(result) is Bad:
+                furthest = worse(furthest, result)
+            elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
+                shortest = result
+        for size, _, info, found in sorted(complete, key=_by_size):
+            if shortest is not None and size >= len(shortest.raw):
+                break
+            result = self.read(info, found)
+            if type(result) is Good:
+                return result, furthest, wanting
+            if type(result) is Bad:
+                furthest = worse(furthest, result)
+        return shortest, furthest, wanting
 
     def at_silence(self, info: FrameInfo, end: int) -> Result:
         """A frame that silence ends, ended at buffer index `end`."""
@@ -201,3 +235,12 @@ class Candidates:
             place=place,
             message=message,
         )
+
+
+def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:
+    return item[0], item[1]
+
+
+def worse(first: Bad | None, second: Bad) -> Bad:
+    """The one that got further; of two that got equally far, the one asked first."""
+    return second if first is None or second.bad.place > first.bad.place else first

@@ -11,14 +11,14 @@ from collections.abc import Iterable
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived, Noise
-from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, Unfinished
+from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, worse
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import Codec, FrameInfo, FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.interest import Interest
 from framekit.link.pauses import Pauses, scope_of
-from framekit.link.recovery import Again, Recovery, worse
+from framekit.link.recovery import Again, Recovery
 from framekit.link.stream import Stream
 
 
@@ -207,7 +207,7 @@ class Receiver(Recovery):
         worst: Bad | None = None
         silent: list[FrameInfo] = []
         for level, infos in enumerate(levels):
-            good, bad, wanting = self._judge(infos, limit, silent)
+            good, bad, wanting = self._candidates.judge(infos, limit, silent, self._inside)
             if good is not None:
                 return self._noise_before() or self._arrived(good, level == 1)
             if wanting and not is_cut:
@@ -219,38 +219,6 @@ class Receiver(Recovery):
         if worst is not None:
             return self._bad(worst)
         return self._ended_by_silence(silent) if silent else self._unusable()
-
-    def _judge(
-        self, infos: tuple[FrameInfo, ...], limit: int, silent: list[FrameInfo]
-    ) -> tuple[Good | None, Bad | None, list[FrameInfo]]:
-        """The good frame of these, the bad one that got furthest, and those that want more.
-
-        The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one.
-        """
-        complete: list[tuple[int, int, FrameInfo, Complete]] = []
-        wanting: list[FrameInfo] = []
-        worst: Bad | None = None
-        shortest: Good | None = None
-        for place, info in enumerate(infos):
-            end = limit if self._inside is None else self._inside.end_for(info.name, limit, self.stream.base)
-            result = self._candidates.ask(info, end)
-            if type(result) is Complete:
-                complete.append((result.size, place, info, result))
-            elif type(result) is Unfinished:
-                (silent if result.silent else wanting).append(info)
-            elif type(result) is Bad:
-                worst = worse(worst, result)
-            elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
-                shortest = result
-        for size, _, info, found in sorted(complete, key=_by_size):
-            if shortest is not None and size >= len(shortest.raw):
-                break
-            result = self._candidates.read(info, found)
-            if type(result) is Good:
-                return result, worst, wanting
-            if type(result) is Bad:
-                worst = worse(worst, result)
-        return shortest, worst, wanting
 
     def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
         self.waiting = tuple(info.name for info in infos)
@@ -332,7 +300,3 @@ class Receiver(Recovery):
         self._interest = interest
         self.starts = interest.starts
         return interest
-
-
-def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:
-    return item[0], item[1]

@@ -140,8 +140,3 @@ class Recovery:
 
     def _noise_before(self) -> Noise | None:
         return self._noise.take() if self._noise else None
-
-
-def worse(first: Bad | None, second: Bad) -> Bad:
-    """The one that got further; of two that got equally far, the one asked first."""
-    return second if first is None or second.bad.place > first.bad.place else first
