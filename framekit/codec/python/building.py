@@ -8,21 +8,16 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.shape import everything, names_read
-from framekit.codec.python.source import Source
+from framekit.codec.python.source import Source, quoted
 from framekit.definition.expression.emit import OR, PRODUCT
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children
 from framekit.definition.model.segments import (
-    Choose,
     Data,
     Field,
     FieldType,
-    Inner,
     Length,
-    Optional,
-    Record,
     Repeat,
     Segment,
-    Wrap,
 )
 
 Placed = tuple[Segment, Scope]
@@ -49,7 +44,6 @@ class Building:
             name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
         }
         self.wires: dict[str, str] = {}
-        self.grows = any(isinstance(segment, (Choose, Optional)) for segment in everything(segments))
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -58,6 +52,11 @@ class Building:
         """The values are refused if `condition` holds; the rules tell why."""
         if condition not in self.conditions:
             self.conditions.append(condition)
+
+    def complain_if(self, condition: str, field: str, message: str) -> None:
+        """The values are refused with a message of its own if `condition` holds; {…} in it are worked out then."""
+        with self.out.block(f"if {condition}:"):
+            self.add(f"raise EncodeError({filled_in(field)}, {filled_in(message)})")
 
     def flush(self) -> None:
         if self.conditions:
@@ -174,6 +173,6 @@ class Building:
         return self.if_present(segment, scope, text, "0")
 
 
-def has_parts(segment: Segment) -> bool:
-    """Whether a segment's bytes are put together from others."""
-    return isinstance(segment, (Inner, Record, Repeat, Choose, Optional, Wrap))
+def filled_in(text: str) -> str:
+    """A text in quotes; what stands in {…} is worked out when it is used."""
+    return f"{'f' if '{' in text else ''}{quoted(text)}"

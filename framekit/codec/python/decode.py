@@ -26,6 +26,8 @@ def write_decoder(
     else:
         reader.read(segments, Scope(), fields)
         reader.close()
+    for action in function.late:
+        action()
     if frame is not None and frame.most is not None:
         _limit(function, frame.most, segments)
     function.flush()

@@ -38,8 +38,6 @@ def write_encoder(
     writer = EncodeWriter(module, identifier, segments)
     given = Given("values", rules)
     scope = Scope()
-    if writer.grows:
-        writer.add("computed: dict[str, Any] = {}")
     writer.values(segments, scope, given)
     writer.flush()
     writer.check_names(given)
@@ -105,8 +103,10 @@ class EncodeWriter(PieceWriter):
         if whole:
             self.add(f"{complete} = []")
         inside = Scope(scope)
-        inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", f"{given.path}{repeat.name}.")
-        with self.out.block(f"for {item} in {items}:"):
+        place = self.names.fresh("place")
+        path = f"{given.path}{repeat.name}[{{{place}}}]."
+        inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
+        with self.out.block(f"for {place}, {item} in enumerate({items}):"):
             self.values(repeat.of, inside, inner)
             self.flush()
             self.check_names(inner)
@@ -160,12 +160,18 @@ class EncodeWriter(PieceWriter):
         else:
             self.add(f'{wire} = b""')
         outside = self._names_for_others(segment, scope)
-        for header, segments in self._cases(segment, scope, given):
+        cases = self._cases(segment, scope, given)
+        everywhere = {name for one in flat((segment,)) for name in value_names(one)}
+        for header, segments in cases:
             with self.out.block(header):
                 if segments is None:
                     self.add('raise EncodeError("", "no case fits")')
                     continue
                 inside = self._branch(segments, scope, given, outside)
+                others = everywhere - {name for one in flat(segments) for name in value_names(one)}
+                if others:
+                    assert given.in_cases is not None
+                    self.add(f"{given.in_cases[1]} += {literal(tuple(sorted(others)))}")
                 if has_checks:
                     self.late[name].append((header, segments, inside))
                 else:
@@ -206,13 +212,14 @@ class EncodeWriter(PieceWriter):
 
     def _branch(self, segments: tuple[Segment, ...], scope: Scope, given: Given, outside: dict[str, str]) -> Scope:
         """The values of a case, in a scope of their own."""
-        inner = Given(given.text, given.rules, given.path)
+        inner = Given(given.text, given.rules, given.path, in_cases=given.in_cases)
         inside = Scope(scope)
         self.values(segments, inside, inner)
         self.flush()
         if inner.computed:
             entries = ", ".join(f"{quoted(name)}: {text}" for name, text in inner.computed.items())
-            self.add(f"computed |= {{{entries}}}")
+            assert given.in_cases is not None
+            self.add(f"{given.in_cases[0]} |= {{{entries}}}")
         for name, local in outside.items():
             if name in inside.entries:
                 self.add(f"{local} = {inside.entries[name].text}")

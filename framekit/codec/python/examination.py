@@ -218,18 +218,22 @@ class Examination(ExaminationState):
             self.note(cause, name, self.bounds[name][1], str(right), str(found), refuse)
 
     def check(self, name: str, size: int, code: Ask, digits: bool = False, verify: bool = True) -> None:
-        """A check code, compared with the bytes it should be; `digits` may be in upper or lower case."""
+        """A check code over what was read before it; `digits` may be in upper or lower case."""
         start = self.begin(name)
-        found = self.take(name, size)
-        self.show(name, start, found)
+        self.show(name, start, self.take(name, size))
+        end, self.at = self.at, start
+        self.verify(name, code, digits, verify)
+        self.at = end
+
+    def verify(self, name: str, code: Ask, digits: bool = False, verify: bool = True) -> None:
+        """Compares a check code that was read with the bytes it should be."""
+        data, start, end = self.bounds[name]
+        found = data[start:end]
         try:
-            self.at = start
             wanted = code(self)
         except EVALUATION_ERRORS:
             self.notes.unchecked = self.notes.unchecked or verify
             return
-        finally:
-            self.at = start + size
         if found == wanted or (digits and found.upper() == wanted.upper()):
             return
         fault = FrameError("check", self.path + shown(name), self.wire(start), wanted.hex(" "), found.hex(" "))

@@ -158,13 +158,26 @@ class ExaminationState:
             yield
             if self.at < self.end:
                 self.note("surplus", "frame", self.at, "its end", f"{self.end - self.at} bytes more", surplus)
-            elif self.at > self.end:
-                self.note("short", "frame", self.end, f"{self.at - self.end} bytes more", "none")
         except Stop:
             del self.scopes[scopes:]
             self.path = path
             self.notes.unchecked = self.notes.unchecked or checks
         self.at, self.end = self.end, whole
+
+    @contextmanager
+    def attempt(self, behind: int | Ask, checks: bool = False) -> Iterator[None]:
+        """A part with `behind` bytes behind it, which are read all the same if the part cannot be."""
+        start, whole = self.at, self.end
+        tail = whole - self.ask(behind, "short", "frame")
+        scopes, path = len(self.scopes), self.path
+        try:
+            yield
+        except Stop:
+            if tail < start:
+                raise
+            del self.scopes[scopes:]
+            self.at, self.end, self.path = tail, whole, path
+            self.notes.unchecked = self.notes.unchecked or checks
 
     @contextmanager
     def record(self, name: str) -> Iterator[None]:
@@ -186,8 +199,10 @@ class ExaminationState:
         self.scopes[-1][name] = items
         outer, index = self.path, 0
         count = None if times is None else self.ask(times, "length", name)
-        end = start + self.rest(behind, name) if count is None else 0
-        while self.at < end if count is None else index < count:
+        whole = self.end
+        if count is None:
+            self.end = start + self.rest(behind, name)
+        while self.at < self.end if count is None else index < count:
             before = self.at
             items.append({})
             self.path = f"{outer}{name}[{index}]."
@@ -198,6 +213,7 @@ class ExaminationState:
             index += 1
             if self.at == before and (count is None or index > len(self.data)):
                 raise self.stop("length", name, "items with bytes", "an empty one")
+        self.end = whole
         self.bounds[name] = (self.data, start, self.at)
 
     @contextmanager
@@ -241,10 +257,14 @@ def hex_content(raw: bytes) -> Opened:
     return bytes.fromhex(raw.decode("ascii")), range(0, len(raw) + 1, 2), ""
 
 
-def doubled_content(raw: bytes, escape: int) -> Opened:
-    """Content without the second ones of doubled escape bytes."""
+def doubled_content(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Opened:
+    """Content without the second ones of doubled escape bytes, and without what is embedded in it."""
     plain, places, place = bytearray(), [], 0
     while place < len(raw):
+        frame = next((frame for frame in embedded if raw.startswith(frame, place)), None)
+        if frame is not None:
+            place += len(frame)
+            continue
         places.append(place)
         plain.append(raw[place])
         if raw[place] == escape:

@@ -45,6 +45,7 @@ def write_examiner(
     with body.block(f"with n.part({options.removeprefix(', ')}):"):
         writer.out = body
         writer.region(segments, Scope(), frame)
+        writer.compare_late_checks()
     out = Source()
     with out.block(f"def examine_{identifier}(data: bytes, ctx: Context) -> Examination:"):
         write_docstring(out, f"Read `{name}` carefully: all its places, and the first fault.", "")
@@ -71,21 +72,25 @@ class ExamineWriter(SegmentExaminer):
     def region(self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None) -> None:
         """A whole buffer. What stands behind its last variable part is read from the end, whatever came before."""
         self.declare(segments, scope)
-        surplus = "" if frame is None or frame.surplus is None else f", surplus={frame.surplus:#x}"
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
-            parts = frame.head, frame.body, frame.tail
-            behind = f"n.until_tail({frame.tail[0].data[0]:#04x})"
+            self._delimited(frame, scope, frame.tail[0].data[0])
         else:
-            parts = self._parts(segments)
-            behind = self.behind(tuple((segment, scope) for segment in parts[2]))
-        if parts[1] or (frame is not None and frame.delimited):
-            self.list(parts[0], scope, (), finish=False)
-            with self.out.block(f"with n.part({behind}{surplus}{_checks_option(parts[1])}):"):
-                self.list(parts[1], scope, (), finish=False)
-            self.list(parts[2], scope, (), finish=False)
-        else:
-            self.list(segments, scope, ())
+            front, middle, tail = self._parts(segments)
+            behind = tuple((segment, scope) for segment in tail)
+            self.list(front, scope, (), finish=False)
+            if middle:
+                with self.out.block(f"with n.attempt({self.behind(behind)}{_checks_option(middle)}):"):
+                    self.list(middle, scope, behind, finish=False)
+            self.list(tail, scope, (), finish=False)
         self.finish()
+
+    def _delimited(self, frame: Frame, scope: Scope, mark: int) -> None:
+        """A frame whose body ends where its tail begins, whatever is in it."""
+        surplus = "" if frame.surplus is None else f", surplus={frame.surplus:#x}"
+        self.list(frame.head, scope, (), finish=False)
+        with self.out.block(f"with n.part(n.until_tail({mark:#04x}){surplus}{_checks_option(frame.body)}):"):
+            self.list(frame.body, scope, (), finish=False)
+        self.list(frame.tail, scope, (), finish=False)
 
     def _parts(
         self, segments: tuple[Segment, ...]
@@ -213,7 +218,6 @@ class ExamineWriter(SegmentExaminer):
     def _wrap(self, wrap: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = self.shapes.all(wrap.of).fixed
         option = ""
-        known = all(self.shapes.present(segment).fixed is not None for segment, _ in behind)
         if wrap.how == "hex":
             open_up = self.module.function("hex_content")
             size = "None" if fixed is None else str(2 * fixed)
@@ -222,17 +226,19 @@ class ExamineWriter(SegmentExaminer):
             escape = f"{wrap.escape or 0:#04x}"
             open_up = f"lambda raw: {self.module.function('doubled_content')}(raw, {escape})"
             size = "None"
-            if known:
-                option = self._behind_option(True, behind)
-            elif fixed is not None:
+            inside = self.module.embedded(wrap)
+            if inside:
+                open_up = f"lambda raw: {self.module.function('doubled_content')}(raw, {escape}, {inside})"
+            if fixed is not None:
                 size = f"lambda n: {self.module.function('end_of_doubled')}(n.data, n.at, {escape}, {fixed}) - n.at"
-            else:
-                size = f"lambda n: {self.module.function('end_of_region')}(n.data, n.at, {escape}) - n.at"
+            elif any(self.shapes.present(segment).fixed != 0 for segment, _ in behind):
+                more = f", {inside}" if inside else ""
+                size = f"lambda n: {self.module.function('end_of_region')}(n.data, n.at, {escape}{more}) - n.at"
         with self.out.block(f"with n.inside({self.named(wrap)}, {size}, {open_up}{option}):"):
             self._limits_of(wrap, scope)
-            deferred, self.deferred = self.deferred, []
+            outside, self.deferred = self.deferred, []
             self.region(wrap.of, scope)
-            self.deferred = deferred
+            self.deferred = outside
 
     def _limits_of(self, wrap: Wrap, scope: Scope) -> None:
         refuse = self.refuse(wrap)

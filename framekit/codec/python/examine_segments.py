@@ -8,7 +8,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.examining import Behind, Examining
 from framekit.codec.python.expressions import Scope, constant_of
-from framekit.codec.python.function import span_names
+from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.shape import Fill, follows_its_length, is_plain_name
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
@@ -177,8 +177,17 @@ class SegmentExaminer(Examining):
         options += "" if check.verify == "error" else ", verify=False"
         if check.verify == "off":
             self.out.add(f"n.skip({self.named(check)}, {check.size})")
+        elif covers_later(check, self.segments):
+            name = quoted(check.name or "check")
+            self.out.add(f"n.skip({name}, {check.size})")
+            self.late_checks.append(f"n.verify({name}, lambda n: {code}{options})")
         else:
             self.out.add(f"n.check({self.named(check)}, {check.size}, lambda n: {code}{options})")
+
+    def compare_late_checks(self) -> None:
+        """Check codes that stand before what they cover."""
+        for line in self.late_checks:
+            self.out.add(line)
 
     def _in_one_buffer(self, check: Check) -> bool:
         """Whether a check stands in the same buffer as everything it covers."""

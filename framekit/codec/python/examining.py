@@ -1,4 +1,4 @@
-"""What writers of careful functions share: texts of sizes, of what stands behind, of names as such functions know them."""
+"""What writers of careful functions share: sizes, what stands behind, names as such functions know them."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ class Examining:
         self.names = Names(module.words())
         self.hoisted: dict[str, str] = {}
         self.deferred: list[str] = []
+        self.late_checks: list[str] = []
         self.asked_for = self._asked_for()
 
     def _asked_for(self) -> set[str]:

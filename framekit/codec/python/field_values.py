@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import default_text
-from framekit.codec.python.building import Building
+from framekit.codec.python.building import Building, filled_in
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
 from framekit.codec.python.shape import follows_its_length
@@ -18,13 +18,17 @@ from framekit.definition.model.segments import BitsPart, Data, Field, Length, Se
 
 @dataclass(slots=True)
 class Given:
-    """A mapping of values being used up: its text, how many have to be there, and what is computed beside them."""
+    """A mapping of values being used up: its text, how many have to be there, and what is computed beside them.
+
+    `in_cases`: the locals with what the cases that are taken compute, and with the names of the others.
+    """
 
     text: str
     rules: str
     path: str = ""
     needed: int = 0
     computed: dict[str, str] = field(default_factory=dict)
+    in_cases: tuple[str, str] | None = None
 
 
 class FieldValueWriter(Building):
@@ -121,6 +125,11 @@ class FieldValueWriter(Building):
         if isinstance(size, int):
             exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
             self.refuse(item, scope, f"len({local}) {'!=' if exact else '>'} {size}")
+        elif item.type.end is not None:
+            condition = f"{literal(item.type.end.decode('latin-1'))} in {local}"
+            if item.when is not None:
+                condition = f"{self.text(item.when, scope, AND)} and {condition}"
+            self.complain_if(condition, item.name, f"'{item.name}' holds its own end")
 
     def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
         if item.when is not None:
@@ -182,8 +191,10 @@ class FieldValueWriter(Building):
     def _data(self, data: Data, scope: Scope, given: Given) -> None:
         local = self.names.fresh(data.name)
         key = f"{given.text}[{quoted(data.name)}]"
+        if data.pad is not None:
+            key = f'{given.text}.get({quoted(data.name)}, b"")'
         if data.when is None:
-            given.needed += 1
+            given.needed += data.pad is None
             self.add(f"{local} = {key}")
         else:
             self.add(f'{local} = {key} if {self.text(data.when, scope, OR)} else b""')
@@ -198,7 +209,7 @@ class FieldValueWriter(Building):
         local = scope.entries[data.name].text
         size = self.text(data.size, scope)
         found = f"len({local})" if data.pad is None else f"min(len({local}), {size})"
-        line = f"{self.module.function('check_size')}({quoted(given.path + data.name)}, {found}, {size})"
+        line = f"{self.module.function('check_size')}({filled_in(given.path + data.name)}, {found}, {size})"
         conditions = [] if data.when is None else [self.text(data.when, scope, AND)]
         for name in sorted(self.waits(data.size)):
             state = self.module.protocol.state.get(name)

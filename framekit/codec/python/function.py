@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope
@@ -48,6 +48,7 @@ class Function:
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.names_of_values: dict[str, str] = {}
         self.in_branch = 0
+        self.late: list[Callable[[], None]] = []
         self.bounds: dict[str, Bounds] = {}
         self.parts = {
             segment.name: tuple(leaf.name for leaf in leaves((segment,)) if leaf.name)
@@ -214,6 +215,16 @@ def ends_of(segment: Segment) -> tuple[str | None, str | None]:
     """The names of the first and the last leaf of a segment."""
     found = [leaf.name for leaf in leaves((segment,))]
     return (found[0], found[-1]) if found else (None, None)
+
+
+def covers_later(check: Check, segments: tuple[Segment, ...]) -> bool:
+    """Whether a check covers something that stands behind it."""
+    order = [leaf.name or "" for leaf in leaves(segments)]
+    if check.name not in order:
+        return False
+    behind = set(order[order.index(check.name) + 1 :])
+    covered = (leaf.name or "" for leaf in _named(segments, check.over or ()))
+    return bool(behind & {*covered, *span_names(check, segments)})
 
 
 def span_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:

@@ -15,7 +15,7 @@ from framekit.codec.python.defaults import default_values
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examine import write_examiner
 from framekit.codec.python.measure import write_measurer
-from framekit.codec.python.module import Module
+from framekit.codec.python.module import Module, pasted_names
 from framekit.codec.python.names import identifier
 from framekit.codec.python.shape import everything, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
@@ -23,6 +23,7 @@ from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Choose, Length, Optional, Record, Repeat, Segment, Wrap
 
+_FUNCTIONS = ("encode", "decode", "measure", "examine")
 _RULE = "# " + "-" * 98
 _MEASURE_NOTE = """\
 `measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
@@ -44,6 +45,7 @@ class ModuleWriter:
         self.protocol = protocol
         self.standalone = standalone
         self.module = Module(protocol)
+        self.helpers = pasted_names()
         self.identifiers: dict[str, str] = {}
         self.layouts: dict[str, str] = {}
         self.frames_part: list[Source] = []
@@ -73,7 +75,7 @@ class ModuleWriter:
         wanted, number = identifier(name).strip("_"), 1
         taken = {*self.identifiers.values(), *self.layouts.values()}
         found = wanted
-        while found in taken:
+        while found in taken or any(f"{what}_{found}" in self.helpers for what in _FUNCTIONS):
             number += 1
             found = f"{wanted}_{number}"
         return found
@@ -197,7 +199,7 @@ class ModuleWriter:
             out.add(f"{name} = {text}")
         out.add("FRAMES: dict[str, Frame] = {")
         for name, known in self.identifiers.items():
-            functions = ", ".join(f"{what}_{known}" for what in ("encode", "decode", "measure", "examine"))
+            functions = ", ".join(f"{what}_{known}" for what in _FUNCTIONS)
             refuse = self.protocol.frames[name].refuse
             more = "" if refuse is None else f", refuse={refuse:#x}"
             out.depth = 1

@@ -274,7 +274,9 @@ class MeasureWriter(SegmentMeasurer):
             return
         find = self.module.function("find_region_end")
         resume = self.resume(after)
-        self.add(f"at = {find}(data, at, end, {escape}{'' if resume is None else f', {resume}'})")
+        embedded = self.module.embedded(wrap)
+        more = f", {embedded}" if embedded else ""
+        self.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
         with self.out.block("if at < 0:"):
             self.not_found(max(behind - 1, 1))
 

@@ -20,6 +20,7 @@ from framekit.codec.python.source import Source, literal
 from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Const, Wrap
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
 _LONGEST_FORMAT_NAME = 30
@@ -138,6 +139,16 @@ class Module:
         if frames not in self.choices:
             self.choices[frames] = self.names.constant(*name)
         return self.choices[frames]
+
+    def embedded(self, wrap: Wrap) -> str:
+        """Text of the frames that may stand in a wrap, as far as they are nothing but constants; '' for none."""
+        found = []
+        for name in wrap.inside:
+            segments = self.protocol.frames[name].segments
+            data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
+            if all(isinstance(segment, Const) for segment in segments) and data[:1] == bytes((wrap.escape or 0,)):
+                found.append(data)
+        return literal(tuple(found)) if found else ""
 
     # ---- check codes --------------------------------------------------------------------------------------
 

@@ -196,6 +196,7 @@ class Reader(BranchReader):
     def _undoubled(self, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...]) -> str:
         """Text of the content of a region with doubled escape bytes."""
         name, escape = self.module.function, f"{wrap.escape or 0:#04x}"
+        embedded = self.module.embedded(wrap)
         if all(self.shapes.present(other.segment).fixed is not None for other in after):
             first, last = self.take_rest(item, after)
         else:
@@ -204,10 +205,14 @@ class Reader(BranchReader):
             if fixed is not None:
                 self.advance(f"{name('end_of_doubled')}({self.buffer}, {start}, {escape}, {fixed})")
             else:
-                self.advance(f"{name('end_of_region')}({self.buffer}, {start}, {escape})")
+                more = f", {embedded}" if embedded else ""
+                self.advance(f"{name('end_of_region')}({self.buffer}, {start}, {escape}{more})")
             last = self.place
             self.function.stands(wrap, self.buffer, first, last)
-        return f"{name('undouble_escape')}({between(self.buffer, first, last)}, {escape})"
+        raw = between(self.buffer, first, last)
+        if embedded:
+            raw = f"{name('without_embedded')}({raw}, {escape}, {embedded})"
+        return f"{name('undouble_escape')}({raw}, {escape})"
 
     def _inner(self, item: Item, inner: Inner, after: tuple[Item, ...]) -> None:
         function = self.function

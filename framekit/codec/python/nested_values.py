@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from framekit.codec.python.building import filled_in
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import Given
 from framekit.codec.python.order import Task
@@ -134,7 +135,7 @@ class NestedValueWriter(ValueWriter):
     def _check_times(self, repeat: Repeat, scope: Scope, given: Given) -> None:
         """A list must have as many items as other values say."""
         assert isinstance(repeat.times, Expression)
-        check, name = self.module.function("check_size"), quoted(given.path + repeat.name)
+        check, name = self.module.function("check_size"), filled_in(given.path + repeat.name)
         line = f"{check}({name}, len({scope.entries[repeat.name].text}), {self.text(repeat.times, scope)})"
         if repeat.when is None:
             self.add(line)

@@ -12,9 +12,10 @@ from typing import Literal
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import leaves
+from framekit.codec.python.function import covers_later, leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.packing import PackingWriter, Placed, sum_of
+from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import Fill, without_when
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression.emit import OR
@@ -84,6 +85,7 @@ class PieceWriter(PackingWriter):
         """
         placed = self.placed(segments, scope)
         texts: list[str] = []
+        waiting: list[tuple[str, Check, Scope]] = []
         place = 0
         while place < len(placed):
             segment, inside = placed[place]
@@ -91,7 +93,10 @@ class PieceWriter(PackingWriter):
             if tail is not None and segment is tail[0]:
                 texts = [self._gather(texts, buffer)]
                 self._keep_apart(buffer, tail)
-            if isinstance(segment, Check):
+            if isinstance(segment, Check) and covers_later(segment, self.segments):
+                texts.append(f"<{segment.name}>")
+                waiting.append((texts[-1], segment, inside))
+            elif isinstance(segment, Check):
                 if segment.name in self.coverage.whole:
                     texts = [self._gather(texts, buffer)] if texts else []
                 texts.append(self._check(segment, inside, [before, *texts]))
@@ -105,6 +110,10 @@ class PieceWriter(PackingWriter):
                 count = self.length_of_run(placed[place:])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
             place += count
+        for mark, check, inside in waiting:
+            if mark not in texts:
+                raise not_possible(check, "a check covers what comes later, and is covered itself", "put it last")
+            texts[texts.index(mark)] = self._check(check, inside, [])
         return sum_of(texts)
 
     def _keep_apart(self, buffer: str, tail: tuple[Const, int]) -> None:

@@ -175,12 +175,10 @@ class BufferReader:
 
 def without_end(segment: Segment) -> DefinitionError:
     """The complaint about a segment of which nothing says where it begins."""
-    return DefinitionError(
-        [
-            Problem(
-                segment.at,
-                "nothing says where the segment before this one ends",
-                "give it a size, or a constant behind",
-            )
-        ]
-    )
+    what = "nothing says where the segment before this one ends"
+    return not_possible(segment, what, "give it a size, or a constant behind")
+
+
+def not_possible(segment: Segment, what: str, todo: str) -> DefinitionError:
+    """The complaint about something that cannot be compiled."""
+    return DefinitionError([Problem(segment.at, what, todo)])

@@ -33,10 +33,15 @@ class Rule(NamedTuple):
 Rules = Mapping[str, Rule]
 
 
-def check_given(values: Context, rules: Rules, computed: Context, path: str = "") -> None:
-    """Every value must be known, and what is computed must be as computed. Raises EncodeError."""
+def check_given(
+    values: Context, rules: Rules, computed: Context, path: str = "", elsewhere: tuple[str, ...] = ()
+) -> None:
+    """Every value must be known, and what is computed must be as computed; `elsewhere`: names of cases not taken.
+
+    Raises EncodeError.
+    """
     for name in values:
-        if name not in rules:
+        if name not in rules or name in elsewhere:
             raise EncodeError(path + name, f"there is no '{path}{name}' in this frame")
     for name, right in computed.items():
         if name in values:
@@ -54,9 +59,23 @@ def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
     found = find_misfit(values, rules, "") if isinstance(values, Mapping) else None
     if found is not None:
         return found
+    missing = path_of(error.args[0], rules) if isinstance(error, KeyError) else None
+    if missing is not None:
+        return EncodeError(missing, f"'{missing}' is missing")
     if isinstance(error, KeyError):
         return EncodeError("", f"{error.args[0]!r} is needed to build this frame: give it in ctx")
     return EncodeError("", f"the values do not fit into this frame{f': {error}' if str(error) else ''}")
+
+
+def path_of(name: Any, rules: Rules) -> str | None:
+    """The path of the value of that name, None if there is none."""
+    if name in rules:
+        return str(name)
+    for outer, rule in rules.items():
+        inner = path_of(name, rule.inside) if rule.inside else None
+        if inner is not None:
+            return f"{outer}.{inner}"
+    return None
 
 
 def find_misfit(values: Context, rules: Rules, path: str) -> EncodeError | None:
@@ -81,13 +100,13 @@ def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
             return None
         return EncodeError(name, f"'{name}' is one of {', '.join(rule.names)}, not {value!r}")
     kinds: dict[str, Any] = {"number": int, "float": (int, float), "text": str, "bytes": (bytes, bytearray)}
-    kinds |= {"list": (list, tuple), "mapping": Mapping, "any": object}
+    kinds |= {"digits": (bytes, bytearray), "list": (list, tuple), "mapping": Mapping, "any": object}
     if not isinstance(value, kinds[rule.type]):
         return EncodeError(name, f"'{name}' must be a {rule.type}, not {type(value).__name__}")
     if rule.type in ("number", "float"):
         size, what = value, f"'{name}' is {value}"
     else:
-        size = len(value) if rule.type in ("text", "bytes", "list") else 0
+        size = len(value) if rule.type in ("text", "bytes", "digits", "list") else 0
         what = f"'{name}' has a length of {size}"
     if rule.least is not None and size < rule.least:
         return EncodeError(name, f"{what}, less than {rule.least}")
@@ -95,6 +114,8 @@ def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
         return EncodeError(name, f"{what}, more than {rule.most}")
     if rule.unit != 1 and value % rule.unit:
         return EncodeError(name, f"{what}, no multiple of {rule.unit}")
+    if rule.type == "digits" and (size % 2 or value.strip(b"0123456789ABCDEFabcdef")):
+        return EncodeError(name, f"'{name}' is not made of pairs of hex digits")
     if rule.type == "text" and any(ord(sign) > 255 for sign in value):
         return EncodeError(name, f"'{name}' has characters that are no bytes")
     return None if rule.inside is None else misfit_inside(value, rule.inside, name)
@@ -125,7 +146,7 @@ def check_size(name: str, found: int, wanted: int) -> None:
 
 NEEDS: dict[str, tuple[str, ...]] = {
     "check_given": ("Rule",),
-    "encode_error": ("find_misfit",),
+    "encode_error": ("find_misfit", "path_of"),
     "find_misfit": ("Rule", "misfit_of"),
     "misfit_of": ("Rule", "misfit_inside"),
     "misfit_inside": ("find_misfit", "misfit_of"),

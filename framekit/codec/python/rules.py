@@ -55,7 +55,8 @@ class RuleWriter:
                     most = (1 << part.high - part.low + 1) - 1
                     yield part.name, self._rule("number", forms.Range(0, most), False, names)
             case Data():
-                yield segment.name, self._rule("bytes", _data_range(segment, lengths), always)
+                kind = "digits" if segment.convert == "ascii_to_hex" else "bytes"
+                yield segment.name, self._rule(kind, _data_range(segment, lengths), always and segment.pad is None)
             case Repeat():
                 yield segment.name, self._repeat(segment, always, lengths)
             case Record(name=name, of=of):
@@ -124,7 +125,7 @@ def is_needed(segments: tuple[Segment, ...]) -> bool:
             case Field() if segment.build is None and segment.default is None and segment.is_ is None:
                 if segment.constants is None:
                     return True
-            case Data() | Repeat() | Inner():
+            case Data(pad=None) | Repeat() | Inner():
                 return True
             case Record(of=of):
                 if is_needed(of):

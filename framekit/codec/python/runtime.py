@@ -145,25 +145,28 @@ def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
             try:
                 return frame.encode(fields, ctx)
             except EncodeError as error:
-                raise EncodeError(f"{name}.{error.field}" if error.field else name, str(error)) from None
+                field = f"{name}.{wanted}.{error.field}" if error.field else name
+                raise EncodeError(field, str(error)) from None
     raise EncodeError(name, f"'{name}' cannot be a '{wanted}'")
 
 
 # ---- doubled escape bytes ----------------------------------------------------------------------------------
 
 
-def end_of_region(data: bytes | bytearray, at: int, escape: int) -> int:
+def end_of_region(data: bytes | bytearray, at: int, escape: int, embedded: tuple[bytes, ...] = ()) -> int:
     """The place of the first escape byte that is not doubled. Raises ValueError if there is none."""
-    place = find_region_end(data, at, len(data), escape)
+    place = find_region_end(data, at, len(data), escape, 0, embedded)
     if place < 0:
         raise ValueError("the region does not end")
     return place
 
 
-def find_region_end(data: bytes | bytearray, at: int, end: int, escape: int, seen: int = 0) -> int:
+def find_region_end(
+    data: bytes | bytearray, at: int, end: int, escape: int, seen: int = 0, embedded: tuple[bytes, ...] = ()
+) -> int:
     """The place of the first escape byte before `end` that is not doubled; -1 if it is not there yet.
 
-    `seen`: up to there nothing was found before.
+    `seen`: up to there nothing was found before. `embedded`: what may stand in the region all the same.
     """
     place = max(at, seen)
     while place > at and data[place - 1] == escape:
@@ -172,9 +175,29 @@ def find_region_end(data: bytes | bytearray, at: int, end: int, escape: int, see
         place = data.find(escape, place, end)
         if place < 0 or place + 1 >= end:
             return -1
-        if data[place + 1] != escape:
+        if data[place + 1] == escape:
+            place += 2
+            continue
+        frame = next((frame for frame in embedded if data.startswith(frame[:2], place)), None)
+        if frame is None:
             return place
-        place += 2
+        place += len(frame)
+
+
+def without_embedded(data: bytes, escape: int, embedded: tuple[bytes, ...]) -> bytes:
+    """Content of a region without the frames that stand in it."""
+    if not any(frame in data for frame in embedded):
+        return data
+    parts, start, place = [], 0, data.find(escape)
+    while place >= 0:
+        frame = next((frame for frame in embedded if data.startswith(frame, place)), None)
+        if frame is not None:
+            parts.append(data[start:place])
+            start = place + len(frame)
+            place = data.find(escape, start)
+        else:
+            place = data.find(escape, place + (2 if data[place + 1 : place + 2] == bytes((escape,)) else 1))
+    return b"".join(parts) + data[start:]
 
 
 def end_of_doubled(data: bytes | bytearray, at: int, escape: int, size: int, end: int | None = None) -> int:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from framekit.codec.python import forms
+from framekit.codec.python.building import filled_in
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import FieldValueWriter, Given
 from framekit.codec.python.order import Task, run_in_order
+from framekit.codec.python.shape import flat
 from framekit.codec.python.source import quoted
-from framekit.definition.expression.emit import BIT_OR, COMPARE
+from framekit.definition.expression.emit import AND, BIT_OR, COMPARE
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Bits,
@@ -34,6 +36,11 @@ class ValueWriter(FieldValueWriter):
 
     def values(self, segments: Iterable[Segment], scope: Scope, given: Given) -> None:
         """All values of a list of segments, also those in its wraps."""
+        segments = tuple(segments)
+        if given.in_cases is None and any(isinstance(segment, (Choose, Optional)) for segment in flat(segments)):
+            given.in_cases = self.names.fresh("computed_in_cases"), self.names.fresh("elsewhere")
+            self.add(f"{given.in_cases[0]}: dict[str, Any] = {{}}")
+            self.add(f"{given.in_cases[1]}: tuple[str, ...] = ()")
         tasks: list[Task] = []
         for segment in segments:
             self.tasks_of(segment, scope, given, tasks)
@@ -45,11 +52,12 @@ class ValueWriter(FieldValueWriter):
         """What is given beyond what is needed must be known, or as computed."""
         check = self.module.function("check_given")
         computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
-        if self.grows and given.path == "":
-            computed = f"computed | {computed}" if given.computed else "computed"
-        path = f", {quoted(given.path)}" if given.path else ""
+        options = f", {filled_in(given.path)}" if given.path else ""
+        if given.in_cases is not None:
+            computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
+            options += f", elsewhere={given.in_cases[1]}"
         with self.out.block(f"if len({given.text}) != {given.needed}:"):
-            self.add(f"{check}({given.text}, {given.rules}, {computed}{path})")
+            self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
         match segment:
@@ -108,7 +116,14 @@ class ValueWriter(FieldValueWriter):
         scope.entries[number.name] = Entry(local, sized=False, wire=self._fixed_room(number, scope))
         given.computed[number.name] = local
         if number.limits is not None or number.zero_means is not None:
-            self.judge_range(number, scope, local, forms.value_range(number))
+            limits = forms.value_range(number)
+            message = (
+                f"'{given.path}{number.name}' is computed as {{{local}}}, it must be {limits.least}..{limits.most}"
+            )
+            condition = f"not {limits.least} <= {local} <= {limits.most}"
+            if number.when is not None:
+                condition = f"{self.text(number.when, scope, AND)} and {condition}"
+            self.complain_if(condition, given.path + number.name, message)
 
     def _value_tasks(self, value: Value, scope: Scope, given: Given) -> list[Task]:
         waits = self.waits(value.build or value.read)
@@ -136,11 +151,11 @@ class ValueWriter(FieldValueWriter):
         read = self.text(value.read, scope, BIT_OR)
         with self.out.block(f"if {local} != {read if ' if ' not in read else f'({read})'}:"):
             message = f"'{given.path}{value.name}' does not agree with the other values"
-            self.add(f"raise EncodeError({quoted(given.path + value.name)}, {quoted(message)})")
+            self.add(f"raise EncodeError({filled_in(given.path + value.name)}, {filled_in(message)})")
 
     def _require(self, segment: Segment, condition: Expression, scope: Scope) -> None:
         text = self.writer(scope).negated(condition)
         if segment.when is not None:
             text = f"{self.text(segment.when, scope, COMPARE)} and {text}"
         with self.out.block(f"if {text}:"):
-            self.add(f'raise EncodeError("", {quoted(f"it must hold that {condition}")})')
+            self.add(f'raise EncodeError("require", {quoted(f"it must hold that {condition}")})')

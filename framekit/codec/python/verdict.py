@@ -8,9 +8,9 @@ from dataclasses import replace
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_text
 from framekit.codec.python.expressions import Entry, Scope, constant_of
-from framekit.codec.python.function import span_names
+from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.places import between
-from framekit.codec.python.reader import START, BufferReader, Item
+from framekit.codec.python.reader import START, BufferReader, Item, not_possible
 from framekit.codec.python.shape import follows_its_length, is_plain_name
 from framekit.codec.python.source import literal
 from framekit.definition.expression.emit import BIT_OR
@@ -88,6 +88,14 @@ class JudgingReader(BufferReader):
 
     def judge_check(self, check: Check, local: str, is_slice: bool) -> None:
         """Compares a check code that was read into `local` with that of its range."""
+        if covers_later(check, self.function.segments):
+            if self.function.in_branch:
+                raise not_possible(check, "a check under a condition covers what comes later", "put it behind that")
+            self.function.late.append(lambda: self._compare_check(check, local, is_slice))
+        else:
+            self._compare_check(check, local, is_slice)
+
+    def _compare_check(self, check: Check, local: str, is_slice: bool) -> None:
         code = code_text(self.module, check, self.range_text(check))
         found = self._code_of(check, local) if is_slice else local
         self.function.misfit_if(f"{found} != {code}")
