@@ -1,0 +1,1 @@
+"""Definitions: YAML with positions, schemas, the model, expressions, and the checker."""

@@ -1,0 +1,1 @@
+"""Device memory: areas, watches over them, snapshots and profiles."""

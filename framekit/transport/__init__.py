@@ -1,0 +1,1 @@
+"""Clocks and ports, real and simulated: the only layer that touches real I/O."""

@@ -1,4 +1,4 @@
-"""Frames in words, for docstrings: `station u8 · function u8 = 3 · count u16 big · check crc16-modbus`."""
+"""Frames in words, for docstrings: `station u8 · function u8 = 3 · count u16 big · check crc16-arc`."""
 
 from __future__ import annotations
 
