@@ -94,6 +94,12 @@ def _colon(error: _Error) -> _Finding | None:
     return _line_start(found), "this line does not fit the one above", todo
 
 
+def _no_space(error: _Error) -> _Finding | None:
+    if "unexpected ':'" not in error.words:
+        return None
+    return error.found, "a space is missing behind ':'", "write key: value"
+
+
 def _token(error: _Error) -> _Finding | None:
     if "cannot start any token" not in error.words:
         return None
@@ -202,6 +208,7 @@ def _line_start(place: _Place) -> _Place:
 _EXPLANATIONS: tuple[Callable[[_Error], _Finding | None], ...] = (
     _tab,
     _colon,
+    _no_space,
     _token,
     _first_sign,
     _directive,
