@@ -22,7 +22,6 @@ from framekit.blocks.model import (
 )
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.scalars import parse_constant
 from framekit.definition.model.segments import Data, Field
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
@@ -208,7 +207,7 @@ class BlockLoader:
         }
 
     def _plain(self, node: Node) -> Any:
-        return parse_constant(self.reader.text(node))
+        return self.reader.constant(node)
 
     # ---- triggers -----------------------------------------------------------------------------------------
 

@@ -6,7 +6,6 @@ import difflib
 from collections.abc import Mapping as MappingOf
 from typing import Literal
 
-from framekit.definition.load import scalars
 from framekit.definition.load.addresses import load_address_forms
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.tables import load_table
@@ -132,7 +131,7 @@ class ProfileLoader:
                 continue
             if difflib.get_close_matches(key, _AREA_KEYS, n=1, cutoff=0.75):
                 self.reader.note(entry.key.at, f"an area has no key '{key}'", did_you_mean(key, _AREA_KEYS))
-            columns[key] = scalars.parse_constant(self.reader.text(entry.value))
+            columns[key] = self.reader.constant(entry.value)
         return columns
 
     # --- bits the memory sets by itself

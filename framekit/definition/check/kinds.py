@@ -90,7 +90,8 @@ class KindChecker:
             return
         if wanted == "time" and _is_zero(expression.root):
             return
-        what = f"{WORDS[wanted]} is wanted here, '{expression}' is {WORDS[found]}"
+        shown = expression.text if "'" in expression.text else f"'{expression}'"
+        what = f"{WORDS[wanted]} is wanted here, {shown} is {WORDS[found]}"
         if wanted == "time" and isinstance(expression.root, Number):
             todo = f"write it with its unit, such as {expression} ms"
         elif wanted == "time" and found == "number":

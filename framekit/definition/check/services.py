@@ -36,7 +36,7 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
     holders = [protocol.sequences, protocol.services, protocol.errors]
     for made in parts_of(holders, FrameOf):
         frame = protocol.frames.get(made.frame)
-        if frame is not None:
+        if frame is not None and made.frame not in broken:
             yield from _fields(made, "frame", made.frame, field_names(frame.segments))
     for layout in parts_of(holders, LayoutOf):
         if layout.layout in protocol.layouts:

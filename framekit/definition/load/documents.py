@@ -100,15 +100,21 @@ class Documents:
         return found
 
     def _near(self, text: str, beside: Path) -> str:
-        known = {path.stem for folder in (beside.parent, shipped_folder("frames")) for path in folder.glob("*.yaml")}
+        folders = (beside.parent, shipped_folder("frames"))
+        known = {file.stem for folder in folders for file in folder.glob("*.yaml") if "." not in file.stem}
         return did_you_mean(text, known) or f"put {text}.yaml beside {beside.name}"
 
-    def source(self, path: Path) -> Source:
-        """The definition in `path` with everything it extends and uses. Raises Broken for cycles and missing files."""
+    def source(self, path: Path, named: Position | None = None) -> Source:
+        """The definition in `path` with everything it extends and uses; `named`: where it was asked for.
+
+        Raises Broken for cycles and missing files.
+        """
         path = path.resolve()
         if path in self.under_way:
-            chain = " → ".join(step.stem for step in [*self.under_way, path])
-            raise self.reader.broken(self.roots[path].at, f"definitions refer to each other in a circle: {chain}")
+            chain = " → ".join(step.stem for step in [*self.under_way[self.under_way.index(path) :], path])
+            at = self.roots[path].at if named is None else named
+            what = f"definitions refer to each other in a circle: {chain}"
+            raise self.reader.broken(at, what, "put what both need into a file of its own")
         root = self.root(path)
         self.under_way.append(path)
         try:
@@ -121,18 +127,32 @@ class Documents:
         files: tuple[str, ...] = (str(path),)
         uses: dict[str, Source] = {}
         application: Source | None = None
-        base_name = root.get("extends")
-        if base_name is not None:
-            base = self.source(self.find(base_name, path))
+        wanted = 0
+        base = self._named(root.get("extends"), path)
+        if base is not None:
             root = merged(base.root, root)
             names, files, uses = names + base.names, files + base.files, dict(base.uses)
             application = base.application
         for name in self.reader.items(root.get("uses")):
-            with self.reader.going_on():
-                uses[self.reader.text(name)] = self.source(self.find(name, path))
-        if (node := self.roots[path].get("application")) is not None and self.roots[path].get("protocol") is not None:
-            application = self.source(self.find(node, path))
+            used = self._named(name, path)
+            wanted += 1
+            if used is not None:
+                uses[self.reader.text(name)] = used
+        own = self.roots[path]
+        carried = own.get("application") if own.get("protocol") is not None else None
+        application = self._named(carried, path) or application
+        missing = (own.get("extends") is not None and base is None) or (carried is not None and application is None)
+        if missing or len(uses) < wanted:
+            raise Broken(str(path))  # without them nearly everything would be unknown
         return Source(root, path, names, files, uses, application)
+
+    def _named(self, name: Node | None, path: Path) -> Source | None:
+        """The definition that a node of `path` names; None for no node, and for a file that cannot be had."""
+        if name is None:
+            return None
+        with self.reader.going_on():
+            return self.source(self.find(name, path), name.at)
+        return None
 
 
 def find_definition(name: str, folder: Path) -> Path | None:

@@ -102,6 +102,8 @@ class FrameLoader:
             if self.knows(rest):
                 return self.members(rest)
         known = [*self.outlines, *self.groups]
+        if found is not None:
+            known = [f"{name.partition('.')[0]}.{other}" for other in known]
         raise self.reader.broken(node.at, f"there is no frame or group '{name}'", did_you_mean(name, known))
 
     # ---- then the frames ----------------------------------------------------------------------------------

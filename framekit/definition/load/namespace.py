@@ -24,12 +24,18 @@ class Owned:
 
 
 class Namespace:
-    """Looks names up for the loaders. One for every source; used files have their own."""
+    """Looks names up for the loaders. One for every source; used files have their own.
+
+    `circles`: layouts that include each other, as far as that has been told. `twice`: names of a protocol and of its
+    application too, so that nobody knows which is meant.
+    """
 
     def __init__(self, reader: Reader, source: Source) -> None:
         self.reader = reader
         self.source = source
         self.uses = {name: Namespace(reader, used) for name, used in self._used()}
+        self.circles: set[frozenset[str]] = set()
+        self.twice: set[str] = set()
         self._tables: dict[str, Table | None] = {}
         self._checks: dict[str, CheckMethod | None] = {}
         self._sections: dict[str, dict[str, Owned]] = {}
@@ -58,11 +64,10 @@ class Namespace:
                 inner = source is not self.source
                 for entry in source.section(key):
                     if entry.key.text in found and key in ("frames", "groups", "layouts", "sequences"):
-                        self.reader.note(
-                            entry.key.at,
-                            f"'{entry.key.text}' stands in the protocol and in its application",
-                            "give one of them another name",
-                        )
+                        at = found[entry.key.text].entry.key.at
+                        what = f"'{entry.key.text}' stands in the protocol and in its application"
+                        self.reader.note(at, what, "give one of them another name")
+                        self.twice.add(entry.key.text)
                     found.setdefault(entry.key.text, Owned(entry, source, inner))
             self._sections[key] = found
         return self._sections[key]
@@ -88,7 +93,8 @@ class Namespace:
             name, space = found
             layouts = space.section("layouts")
         if name not in layouts:
-            raise self.reader.broken(node.at, f"there is no layout '{name}'", did_you_mean(name, layouts))
+            hint = did_you_mean(name, layouts) or "add it to layouts:"
+            raise self.reader.broken(node.at, f"there is no layout '{name}'", hint)
         return self.reader.sequence(layouts[name].entry.value), space
 
     def table(self, name: str) -> Table | None:

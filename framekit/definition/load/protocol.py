@@ -107,6 +107,7 @@ class ProtocolLoader:
     def broken(self, loaded: Protocol) -> frozenset[str]:
         """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
         missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
+        missing |= self.space.twice
         for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
         return frozenset(missing | (self._elsewhere("areas").section("areas").keys() - loaded.areas.keys()))
@@ -226,6 +227,9 @@ class ProtocolLoader:
                     result[section][name] = load_parameter(self.reader, owned.entry)
                 else:
                     keys = self.reader.mapping(owned.entry.value)
+                    for key in ("list", "record"):
+                        if (node := keys.get(key)) is not None:
+                            space.layout(node)
                     values = SegmentLoader(space, self.frames.find).values(keys.get("values"))
                     result[section][name] = load_state(self.reader, owned.entry, values, name in announced)
 

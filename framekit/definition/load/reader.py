@@ -14,6 +14,7 @@ from typing import TypeVar
 from framekit.definition.expression.parse import ExpressionError, parse_expression
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load import scalars
+from framekit.definition.model.values import Constant
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import Position, Problem, did_you_mean
 from framekit.definition.times import parse_time
@@ -74,6 +75,10 @@ class Reader:
 
     def number(self, node: Node | None) -> int:
         return self._parsed(node, scalars.parse_number)
+
+    def constant(self, node: Node | None) -> Constant:
+        """A number, a time, `h'…'` bytes or a text."""
+        return self._parsed(node, scalars.parse_constant)
 
     def flag(self, node: Node | None, default: bool = False) -> bool:
         return default if node is None else bool(self._parsed(node, scalars.parse_flag))

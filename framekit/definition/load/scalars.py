@@ -124,7 +124,10 @@ def parse_constant(text: str) -> Constant:
     if _NUMBER.fullmatch(text):
         return parse_number(text)
     if re.fullmatch(r"h'[^']*'", text):
-        return bytes.fromhex(text[2:-1])
+        try:
+            return bytes.fromhex(text[2:-1])
+        except ValueError:
+            raise ValueError(f"{text} is not bytes – write pairs of hex digits, such as h'10 3A'") from None
     if len(text) >= 2 and text[0] == text[-1] == "'":
         return text[1:-1]
     try:

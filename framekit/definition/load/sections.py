@@ -71,7 +71,8 @@ def load_state(reader: Reader, entry: Entry, values: object, announced: bool) ->
     elif holds is not None:
         type_ = reader.text(holds)
     if type_ is None:
-        raise reader.broken(entry.key.at, f"variable '{entry.key.text}' has no type", "add type:, list: or record:")
+        todo = "add holds:" if keys.get("table") is not None else "add type:, list: or record:"
+        raise reader.broken(entry.key.at, f"variable '{entry.key.text}' has no type", todo)
     initial, scope = keys.get("initial"), reader.maybe(reader.text, keys.get("scope")) or "line"
     return StateVariable(
         name=entry.key.text,

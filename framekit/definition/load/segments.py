@@ -21,7 +21,8 @@ KINDS = (
     "wrap", "check", "skip", "require", "value",
 )  # fmt: skip
 LENGTH_UNITS = {"bytes": 1, "words": 2, "dwords": 4, "lwords": 8, "digits": 1}
-DEEPEST_INCLUDE = 32
+MOST_SEGMENTS = 4000
+"""Of one frame, with everything it includes."""
 
 
 class SegmentLoader:
@@ -36,7 +37,8 @@ class SegmentLoader:
         self.reader = space.reader
         self.find_frames = find_frames
         self.aliases: dict[str, tuple[str, ...]] = {}
-        self.depth = 0
+        self.under_way: list[tuple[str, Sequence]] = []
+        self.read = 0
         self.unnamed = 0
         self.spoilt = False
 
@@ -45,10 +47,20 @@ class SegmentLoader:
         found: list[model.Segment] = []
         for item in self.reader.items(node):
             try:
+                self._count(item)
                 found.extend(self._segment(self.reader.mapping(item)))
             except Broken:
                 self.spoilt = True
         return tuple(found)
+
+    def _count(self, item: Node) -> None:
+        """Includes of includes multiply; nothing sensible has so many segments."""
+        self.read += 1
+        if self.read == MOST_SEGMENTS:
+            what = f"the frame has more than {MOST_SEGMENTS} segments with all it includes"
+            self.reader.note(item.at, what, "take repeat: for what comes several times")
+        if self.read >= MOST_SEGMENTS:
+            raise Broken("too many segments")
 
     def _segment(self, keys: Mapping) -> tuple[model.Segment, ...]:
         kinds = [entry.key.text for entry in keys.entries if entry.key.text in KINDS]
@@ -287,16 +299,28 @@ class SegmentLoader:
 
     def layout(self, node: Node) -> tuple[model.Segment, ...]:
         """The segments of the layout that `node` names, read in its own namespace. Raises Broken."""
-        if self.depth >= DEEPEST_INCLUDE:
-            raise self.reader.broken(node.at, f"'{self.reader.text(node)}' includes itself", "break the circle")
         nodes, space = self.space.layout(node)
+        names = [name for name, _ in self.under_way]
+        place = next((place for place, (_, other) in enumerate(self.under_way) if other is nodes), None)
+        if place is not None:
+            raise self._circle(node, names[place:])
         outer, self.space = self.space, space
-        self.depth += 1
+        self.under_way.append((self.reader.text(node), nodes))
         try:
             return self.load(nodes)
         finally:
             self.space = outer
-            self.depth -= 1
+            self.under_way.pop()
+
+    def _circle(self, node: Node, names: list[str]) -> Broken:
+        """Layouts that include each other; told once, whichever of them it was found from."""
+        if frozenset(names) in self.space.circles:
+            return Broken(names[0])
+        self.space.circles.add(frozenset(names))
+        what = f"layouts include each other in a circle: {' → '.join([*names, names[0]])}"
+        return self.reader.broken(
+            node.at, what if len(names) > 1 else f"'{names[0]}' includes itself", "break the circle"
+        )
 
     def _inner(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:
         frames: list[str] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.scalars import parse_constant
 from framekit.definition.load.sections import literal_or_expression
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.services import (
@@ -75,7 +74,7 @@ def _codes(reader: Reader, keys: Mapping) -> dict[str, Constant]:
 
 
 def _constant(reader: Reader, node: Node) -> Constant:
-    return parse_constant(reader.text(node))
+    return reader.constant(node)
 
 
 class ServiceLoader:

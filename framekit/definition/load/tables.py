@@ -22,6 +22,8 @@ def load_table(reader: Reader, entry: Entry) -> Table:
             value = _table_value(reader, row.value)
             low, dash, high = row.key.text.partition("-")
             if dash and low.strip().isdigit() and high.strip().isdigit():
+                if int(low) > int(high):
+                    reader.note(row.key.at, f"the range {row.key.text} is empty", f"write {high}-{low}")
                 ranges.append((int(low), int(high), value))
             else:
                 entries[scalars.parse_key(row.key.text)] = value
@@ -30,10 +32,10 @@ def load_table(reader: Reader, entry: Entry) -> Table:
 
 def _table_value(reader: Reader, node: Node) -> TableValue:
     if isinstance(node, Mapping):
-        return {row.key.text: scalars.parse_constant(reader.text(row.value)) for row in node.entries}
+        return {row.key.text: reader.constant(row.value) for row in node.entries}
     if isinstance(node, Sequence):
-        return tuple(scalars.parse_constant(reader.text(item)) for item in node.items)
-    return scalars.parse_constant(reader.text(node))
+        return tuple(reader.constant(item) for item in node.items)
+    return reader.constant(node)
 
 
 def load_check(reader: Reader, entry: Entry) -> CheckMethod:
