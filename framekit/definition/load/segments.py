@@ -47,13 +47,13 @@ class SegmentLoader:
         found: list[model.Segment] = []
         for item in self.reader.items(node):
             try:
-                self._count(item)
+                self._number(item)
                 found.extend(self._segment(self.reader.mapping(item)))
             except Broken:
                 self.spoilt = True
         return tuple(found)
 
-    def _count(self, item: Node) -> None:
+    def _number(self, item: Node) -> None:
         """Includes of includes multiply; nothing sensible has so many segments."""
         self.read += 1
         if self.read == MOST_SEGMENTS:
@@ -317,10 +317,9 @@ class SegmentLoader:
         if frozenset(names) in self.space.circles:
             return Broken(names[0])
         self.space.circles.add(frozenset(names))
-        what = f"layouts include each other in a circle: {' → '.join([*names, names[0]])}"
-        return self.reader.broken(
-            node.at, what if len(names) > 1 else f"'{names[0]}' includes itself", "break the circle"
-        )
+        chain = " → ".join([*names, names[0]])
+        what = f"layouts include each other in a circle: {chain}" if len(names) > 1 else f"'{names[0]}' includes itself"
+        return self.reader.broken(node.at, what, "break the circle")
 
     def _inner(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:
         frames: list[str] = []
