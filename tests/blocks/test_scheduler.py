@@ -1,4 +1,4 @@
-"""The scheduler by itself: cycles without drift, edges, chains, overruns, one exchange at a time, counters that add up."""
+"""The scheduler by itself: cycles without drift, edges, chains, overruns, one exchange at a time, counters."""
 
 from __future__ import annotations
 

@@ -112,7 +112,10 @@ def test_a_quoted_name_beside_values_is_a_number() -> None:
         """
         protocol: t
         frames:
-          f: {body: [{field: kind, type: u8, values: {1: short, 2: long}}, {data: d, size: "4 if kind == 'long' else 2"}]}
+          f:
+            body:
+              - {field: kind, type: u8, values: {1: short, 2: long}}
+              - {data: d, size: "4 if kind == 'long' else 2"}
         """
     )
     data = protocol.frames["f"].body[1]
@@ -145,7 +148,7 @@ def test_all_problems_come_at_once(tmp_path: Path) -> None:
 def test_no_file_outside_is_read(tmp_path: Path, name: str) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(f"protocol: p\nextends: '{name}'\n", encoding="utf-8")
-    with pytest.raises(DefinitionError, match="leaves the definition's folder|is not a name"):
+    with pytest.raises(DefinitionError, match=r"leaves the definition's folder|is not a name"):
         load_protocol(path)
 
 
