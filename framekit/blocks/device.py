@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +11,16 @@ from typing import Any
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.model import Place
 from framekit.definition.check import check_protocol
+from framekit.definition.expression.syntax import Call, Text, walk
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError, did_you_mean
+from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.area import Area
 from framekit.memory.load import load_profile, load_profile_node
@@ -78,17 +81,24 @@ class _DeviceLoader:
         self.root = definition.root
 
     def load(self) -> Device:
+        """The device. Raises Broken when its memory is none; everything else is looked at before that."""
+        reader, own, role, station = self.reader, self.root.get("station"), None, None
+        with reader.going_on():
+            role = self._role()
+        with reader.going_on():
+            station = None if own is None else read_station(reader, own, self.protocol)
+        settings = [
+            entry for entry in reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
+        ]
+        params = read_params(reader, settings, self.protocol)
         areas, grammar = self._memory()
-        own = self.root.get("station")
-        settings = tuple(
-            entry for entry in self.reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
-        )
+        reader.problems.extend(check_places(self.protocol, grammar))
         return Device(
             name=self.definition.name,
             protocol=self.protocol,
-            role=self._role(),
-            own=None if own is None else read_station(self.reader, own, self.protocol),
-            params=read_params(self.reader, settings, self.protocol),
+            role=role,
+            own=station,
+            params=params,
             areas=areas,
             grammar=grammar,
             initial=self._initial(grammar),
@@ -113,6 +123,8 @@ class _DeviceLoader:
             isinstance(node, MappingNode) and ("areas" in node or "profile" in node)
         )
         if node is None or not described:
+            if any(not problem.warning for problem in self.reader.problems):
+                raise Broken("what the protocol says of its areas may be wrong")
             return memory_of(self.protocol)
         try:
             folder = self.definition.path.parent
@@ -139,6 +151,22 @@ def memory_of(protocol: Protocol) -> tuple[tuple[Area, ...], AddressGrammar]:
             sizes.setdefault(area.memory, (area.unit, area.size))
     areas = tuple(Area(name, size=size, unit=unit) for name, (unit, size) in sizes.items())
     return areas, AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+
+
+def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:
+    """Addresses that sequences mention, in `store` and in `memory('…', N)`, and that the memory does not have."""
+    sequences = list(protocol.sequences.values())
+    places = [(where.at, text) for action in parts_of(sequences, Action) for where, text in action.store]
+    for expression in expressions_of(sequences):
+        for node in walk(expression.root):
+            if isinstance(node, Call) and node.function == "memory" and isinstance(node.arguments[0], Text):
+                places.append((node.arguments[0].at, node.arguments[0].value))
+    for at, text in places:
+        try:
+            grammar.parse(text)
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            yield Problem(at, what, todo)
 
 
 def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[Place, tuple[int, ...]] | None:

@@ -280,7 +280,9 @@ _ADD = ("add it", "add them")
 
 
 def _without_space(node: Node) -> str:
-    """What to do when a key and its value were written without a space between them."""
+    """What to do when a key and its value, or a dash and its item, were written without a space between them."""
+    if isinstance(node, MappingNode) and node.entries and node.entries[0].key.text.startswith("-"):
+        return "write a space behind the '-'"
     match = _NO_SPACE.fullmatch(node.text) if isinstance(node, Scalar) and not node.quoted else None
     return f"write {match[1]}: {match[2]} with a space" if match else ""
 

@@ -45,6 +45,7 @@ class _Error:
     words: str
     start: _Place
     found: _Place
+    comment: _Place | None = None
 
 
 _Finding = tuple[_Place, str, str]
@@ -61,6 +62,7 @@ def syntax_problem(error: yaml.YAMLError, text: str, file: str) -> Problem:
         words=error.problem or "",
         start=_place(error.context_mark or found, lines),
         found=_place(found, lines),
+        comment=_swallowing(lines, error.context_mark or found, found),
     )
     place, what, todo = next(finding for explain in _EXPLANATIONS if (finding := explain(facts)) is not None)
     return Problem(Position(file, place.line, place.column), what, todo)
@@ -73,6 +75,33 @@ def _place(mark: Any, lines: list[str]) -> _Place:
     number, column = int(mark.line), int(mark.column)
     line = lines[number] if number < len(lines) else ""
     return _Place(number + 1, column + 1, line[:column], line[column : column + 1])
+
+
+def _swallowing(lines: list[str], start: Any, end: Any) -> _Place | None:
+    """Where, in the lines of what was being read, a comment begins behind an open bracket."""
+    if start is None or end is None:
+        return None
+    last = min(int(end.line) + 1, len(lines))
+    for number in range(max(0, min(int(start.line), last - 3)), last):
+        column = _comment_in_brackets(lines[number])
+        if column is not None:
+            return _Place(number + 1, column + 1, lines[number][:column], "#")
+    return None
+
+
+def _comment_in_brackets(line: str) -> int | None:
+    """The column of a comment that begins inside brackets of this line."""
+    depth, quote = 0, ""
+    for column, sign in enumerate(line):
+        if quote:
+            quote = "" if sign == quote else quote
+        elif sign in "'\"":
+            quote = sign
+        elif sign == "#" and line[column - 1 : column].isspace():
+            return column if depth > 0 else None
+        else:
+            depth += (sign in "[{") - (sign in "]}")
+    return None
 
 
 # ---- one explanation after the other: the first that fits is given ------------------------------------------
@@ -132,6 +161,13 @@ def _behind_quote(error: _Error) -> _Finding | None:
     if error.found.last_sign not in ("'", '"') or error.found.sign in ("", ":"):
         return None
     return error.found, "the value goes on behind its closing quote", QUOTE_EXPRESSION
+
+
+def _comment(error: _Error) -> _Finding | None:
+    """A `#` in a list or mapping in brackets has swallowed the rest of the line, closing brackets and all."""
+    if error.comment is None or ("flow" not in error.context and "node content" not in error.words):
+        return None
+    return error.comment, "everything behind '#' is a comment", "put the value in quotes"
 
 
 def _in_brackets(error: _Error) -> _Finding | None:
@@ -214,6 +250,7 @@ _EXPLANATIONS: tuple[Callable[[_Error], _Finding | None], ...] = (
     _directive,
     _quote,
     _behind_quote,
+    _comment,
     _in_brackets,
     _nothing_there,
     _behind_value,

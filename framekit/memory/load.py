@@ -9,11 +9,10 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from framekit.definition.check.addresses import check_forms
-from framekit.definition.load.documents import merged
+from framekit.definition.load.documents import Documents, merged
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Mapping, Scalar, read_nodes
+from framekit.definition.nodes import Mapping, Scalar
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.schema import validate
 from framekit.definition.shipped import shipped_folder
 from framekit.memory.profile import MemoryProfile
 from framekit.memory.profile_loader import ProfileLoader
@@ -26,7 +25,12 @@ def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Posit
 
     `at` is where the name was written. Raises DefinitionError with everything that is wrong.
     """
-    return _profile(_root(name_or_path if isinstance(name_or_path, Path) else _find(name_or_path, folder, at)))
+    path = name_or_path if isinstance(name_or_path, Path) else _find(name_or_path, folder, at)
+    reader = Reader()
+    documents = Documents(reader)
+    with suppress(Broken):
+        return _profile(documents.root(path, "memory"), documents)
+    raise DefinitionError(reader.problems)
 
 
 def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfile:
@@ -36,31 +40,25 @@ def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfil
     the file around checks them. Raises DefinitionError.
     """
     base = node.get("profile")
-    if base is None:
-        return _profile(node)
-    name = base.text if isinstance(base, Scalar) else ""
-    return _profile(merged(_root(_find(name, folder, base.at)), node))
+    reader = Reader()
+    documents = Documents(reader)
+    with suppress(Broken):
+        if base is None:
+            return _profile(node, documents)
+        name = base.text if isinstance(base, Scalar) else ""
+        return _profile(merged(documents.root(_find(name, folder, base.at), "memory"), node), documents)
+    raise DefinitionError(reader.problems)
 
 
-def _root(path: Path) -> Mapping:
-    """The nodes of a profile's file."""
-    node = read_nodes(path)
-    problems = validate(node, "memory")
-    if not isinstance(node, Mapping):
-        raise DefinitionError(problems or [Problem(node.at, "this is no memory profile", "begin with memory: NAME")])
+def _profile(root: Mapping, documents: Documents) -> MemoryProfile:
+    """The profile in nodes. Raises Broken when it is not even nearly one, DefinitionError with all its problems."""
+    reader = documents.reader
+    profile = ProfileLoader(reader, root).profile()
+    if not reader.problems:
+        reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
+    problems = documents.first_words(reader.problems)
     if any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
-    return node
-
-
-def _profile(root: Mapping) -> MemoryProfile:
-    reader = Reader()
-    profile = None
-    with suppress(Broken):
-        profile = ProfileLoader(reader, root).profile()
-        reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
-    if profile is None or any(not problem.warning for problem in reader.problems):
-        raise DefinitionError(reader.problems)
     return profile
 
 

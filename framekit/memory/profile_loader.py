@@ -230,7 +230,7 @@ class ProfileLoader:
     def _needed(self, entry: Entry, key: str) -> Node:
         node = self.reader.mapping(entry.value).get(key)
         if node is None:
-            raise self.reader.broken(entry.key.at, f"'{entry.key.text}' has no {key}", f"add {key}:")
+            raise self.reader.broken(entry.value.at, f"'{entry.key.text}' has no {key}", f"add {key}:")
         return node
 
     def _area_name(self, node: Node) -> str:

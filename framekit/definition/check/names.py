@@ -11,7 +11,7 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Record, Repeat, Segment
-from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.services import ServeWork, ServiceRow
 from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.values import Value
 from framekit.definition.model.visit import expressions_of, parts_of
@@ -198,6 +198,37 @@ class NameChecker:
             self._note(run.at, f"there is no sequence '{run.name}' to run", hint)
             row = replace(row, run=None)
         self._expressions(row, local)
+        self._fields_of_frames(row)
+        if row.serve is not None:
+            self._service_targets(row.serve)
+
+    def _service_targets(self, work: ServeWork) -> None:
+        known = self.protocol.state.keys() | self.protocol.params.keys() | {"clock"}
+        for target, value in work.set:
+            if target.name not in known and target.name not in self.broken:
+                what = f"there is no variable '{target.name}' to set"
+                self._note(value.at, what, did_you_mean(target.name, known))
+
+    def _fields_of_frames(self, row: ServiceRow) -> None:
+        """`request.field` and `reply.field` are fields of the row's request and of one of its replies."""
+        request = {row.request.frame} if row.request is not None else set()
+        replies = {reply.frame.frame for reply in row.reply if reply.frame is not None}
+        known = {"request": self._fields(request), "reply": self._fields(replies)}
+        for expression in expressions_of(row):
+            asked = _asked_for(expression)
+            for node in walk(expression.root):
+                whose = node.value.name if isinstance(node, Attribute) and isinstance(node.value, Name) else ""
+                fields = known.get(whose)
+                if isinstance(node, Attribute) and fields is not None and node.name not in fields | asked:
+                    what = f"the {whose} of this row has no field '{node.name}'"
+                    self._note(node.at, what, did_you_mean(node.name, fields - OF_EVERY_FRAME))
+
+    def _fields(self, frames: set[str]) -> set[str] | None:
+        """The fields of these frames; None when they are not known."""
+        if not frames or not frames <= self.protocol.frames.keys() or frames & set(self.broken):
+            return None
+        found = {name for frame in frames for name in field_names(self.protocol.frames[frame].segments)}
+        return found | OF_EVERY_FRAME
 
     def _errors(self) -> None:
         errors = self.protocol.errors

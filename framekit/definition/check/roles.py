@@ -10,6 +10,7 @@ from framekit.definition.model.procedure import Lane, Role, Sequence, Session, S
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem, did_you_mean
 
+LANE_KEYS = frozenset({"exchange", "listen", "at_once", "doc"})
 OF_EXCHANGES = frozenset({"request", "buffer", "expected", "station"})
 """What an exchange can hand to its sequence."""
 
@@ -38,8 +39,12 @@ def _never_run(protocol: Protocol) -> Iterator[Problem]:
             run |= {node.value for node in nodes if isinstance(node, Text)}
     for sequence in protocol.sequences.values():
         run |= {step.call.sequence for step in sequence.steps if step.call is not None}
+    lanes = [lane for role in protocol.roles.values() for lane in role.lanes]
+    misspelt = any(not lane.places.keys() <= LANE_KEYS for lane in lanes) or not run <= {None, *protocol.sequences}
+    if not lanes or misspelt:
+        return  # what is misspelt there may be what runs it
     for name, sequence in protocol.sequences.items():
-        if name not in run and protocol.roles:
+        if name not in run:
             what = f"nothing runs the sequence '{name}'"
             yield Problem(sequence.at, what, "name it in a role, or drop it", warning=True)
 
@@ -61,7 +66,7 @@ def exchanged(protocol: Protocol) -> set[str]:
 
 
 def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
-    if not lane.exchange and lane.listen is None:
+    if not lane.exchange and lane.listen is None and lane.places.keys() <= LANE_KEYS:
         what = f"lane '{lane.name}' of role '{role.name}' does nothing"
         yield Problem(lane.at, what, "add exchange: or listen: with a sequence")
     for name in lane.exchange:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 
+from framekit.definition.check.kinds import KindChecker
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sizes import field_names
 from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
@@ -32,11 +33,13 @@ class _Case:
         self.at = at
         self.places = places
 
-    def unknown(self, key: str, names: Collection[str], known: Collection[str], kind: str) -> Iterator[Problem]:
+    def unknown(
+        self, key: str, names: Collection[str], known: Collection[str], kind: str, whose: str = "there is"
+    ) -> Iterator[Problem]:
         for name in names:
             if name not in known:
                 at = self.places.get(f"{key}.{name}", self.places.get(key, self.at))
-                yield Problem(at, f"there is no {kind} '{name}'", did_you_mean(name, known))
+                yield Problem(at, f"{whose} no {kind} '{name}'", did_you_mean(name, known))
 
 
 def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
@@ -49,7 +52,7 @@ def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
         yield from case.unknown("frame", [vector.frame], protocol.frames, "frame")
         return
     known = field_names(protocol.frames[vector.frame].segments)
-    yield from case.unknown("values", vector.values or {}, known, f"field in frame '{vector.frame}':")
+    yield from case.unknown("values", vector.values or {}, known, "field", f"frame '{vector.frame}' has")
 
 
 def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Problem]:
@@ -58,5 +61,10 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
     yield from case.unknown("state", conversation.state, protocol.state, "variable")
     if conversation.role is not None:
         yield from case.unknown("role", [conversation.role], protocol.roles, "role")
+    checker = KindChecker({})
+    for line in conversation.script:
+        for time in (line.time, line.not_before, line.within):
+            checker.wants(time, "time")
+    yield from checker.problems
     services = [name for name in conversation.do or () if name not in BESIDE_SERVICES]
     yield from case.unknown("do", services, protocol.services, "service")

@@ -95,8 +95,8 @@ class _Parser:
             return "'!' is no operator, write 'not'"
         if sign == "?":
             return "'?' is no operator, write 'a if condition else b'"
-        if sign == '"':
-            return "text stands in single quotes"
+        if sign in '"“”„‘’`':
+            return "text stands in single quotes: '…'"
         return f"'{sign}' does not belong in an expression"
 
     def _position(self, offset: int) -> Position:

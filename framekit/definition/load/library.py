@@ -55,7 +55,9 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
         raise DefinitionError([Problem(Position(str(name), 1, 1), "there is no such file", "check the path")])
     found = find_definition(str(name), folder or Path.cwd())
     if found is None:
-        known = {file.stem for file in shipped_folder("frames").glob("*.yaml")}
+        folders = (folder or Path.cwd(), shipped_folder("frames"))
+        files = [file for one in folders for file in one.glob("*.yaml")]
+        known = {file.stem for file in files if not file.name.endswith(".vectors.yaml")}
         raise DefinitionError(
             [Problem(Position(str(name), 1, 1), f"there is no definition '{name}'", did_you_mean(str(name), known))]
         )

@@ -26,8 +26,8 @@ class Owned:
 class Namespace:
     """Looks names up for the loaders. One for every source; used files have their own.
 
-    `circles`: layouts that include each other, as far as that has been told. `twice`: names of a protocol and of its
-    application too, so that nobody knows which is meant.
+    `circles`: layouts that include each other, `too_much`: includes of too many segments, as far as that has been
+    told. `twice`: names of a protocol and of its application too, so that nobody knows which is meant.
     """
 
     def __init__(self, reader: Reader, source: Source) -> None:
@@ -35,6 +35,7 @@ class Namespace:
         self.source = source
         self.uses = {name: Namespace(reader, used) for name, used in self._used()}
         self.circles: set[frozenset[str]] = set()
+        self.too_much = False
         self.twice: set[str] = set()
         self._tables: dict[str, Table | None] = {}
         self._checks: dict[str, CheckMethod | None] = {}

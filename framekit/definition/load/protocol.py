@@ -222,7 +222,8 @@ class ProtocolLoader:
         def add(section: str, name: str, owned: Owned, space: Namespace) -> None:
             with self.reader.going_on():
                 if section == "tables":
-                    result[section][name] = space.table(name)
+                    if (table := space.table(name)) is not None:
+                        result[section][name] = table
                 elif section == "params":
                     result[section][name] = load_parameter(self.reader, owned.entry)
                 else:

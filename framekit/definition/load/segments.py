@@ -56,7 +56,8 @@ class SegmentLoader:
     def _number(self, item: Node) -> None:
         """Includes of includes multiply; nothing sensible has so many segments."""
         self.read += 1
-        if self.read == MOST_SEGMENTS:
+        if self.read == MOST_SEGMENTS and not self.space.too_much:
+            self.space.too_much = True
             what = f"the frame has more than {MOST_SEGMENTS} segments with all it includes"
             self.reader.note(item.at, what, "take repeat: for what comes several times")
         if self.read >= MOST_SEGMENTS:
@@ -99,9 +100,9 @@ class SegmentLoader:
         try:
             return model.Const(data=node.text.encode("latin-1"), **common)
         except UnicodeEncodeError:
-            raise self.reader.broken(
-                node.at, "the text has characters that are no bytes", "use const: with hex"
-            ) from None
+            curly = any(sign in node.text for sign in "“”„‘’")
+            todo = "use straight quotes" if curly else "use const: with hex"
+            raise self.reader.broken(node.at, "the text has characters that are no bytes", todo) from None
 
     def _field(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:
         reader = self.reader

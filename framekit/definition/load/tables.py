@@ -26,7 +26,10 @@ def load_table(reader: Reader, entry: Entry) -> Table:
                     reader.note(row.key.at, f"the range {row.key.text} is empty", f"write {high}-{low}")
                 ranges.append((int(low), int(high), value))
             else:
-                entries[scalars.parse_key(row.key.text)] = value
+                key = scalars.parse_key(row.key.text)
+                if key in entries:
+                    reader.note(row.key.at, f"the table '{entry.key.text}' has two entries {key}", "remove one of them")
+                entries[key] = value
     return Table(entry.key.text, entries, tuple(ranges), entry.key.at)
 
 

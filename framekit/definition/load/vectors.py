@@ -167,7 +167,7 @@ class _VectorsLoader:
         reader = self.reader
         kind = next((word for word in KINDS if word in keys), None)
         if kind is None:
-            raise reader.broken(keys.at, "a line of a script says nothing", f"write one of {', '.join(KINDS)}")
+            raise Broken("the schema has told what is wrong with the line")
         node = keys.get(kind)
         return ScriptLine(
             at=keys.at,
