@@ -1,7 +1,7 @@
 """A protocol compiled once: its frames as functions, behind names.
 
-The source that `framekit.codec.python` writes is run in a module of its own and kept as long as the process lives. Which
-link uses it, and what a context holds, is not known here.
+The source that `framekit.codec.python` writes is run in a module of its own and kept as long as the process lives.
+Which link uses it, and what a context holds, is not known here.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class FrameError(ValueError):
 
 
 class EncodeError(ValueError):
-    """Values that a frame cannot carry; `field` is the path of the value at fault, '' when it is the frame as a whole."""
+    """Values that a frame cannot carry; `field` is the path of the value at fault, '' for the frame as a whole."""
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(message)
