@@ -16,7 +16,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation
 from framekit.link.addresses import AddressGrammar
 from framekit.link.client import Client
-from framekit.link.conversation import Asked, TestedSide, run_conversation
+from framekit.link.conversation import Asked, SideUnderTest, run_conversation
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Ask
@@ -63,7 +63,7 @@ def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseRe
     return results
 
 
-def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> TestedSide:
+def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnderTest:
     """A client with its services, or a device with a memory as the case describes it."""
     areas, grammar = memory_of(protocol)
     memory = DeviceMemory(areas)
@@ -84,7 +84,7 @@ def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> TestedSid
     def start(engine: Engine, do: Mapping[str, Any], station: Any, now: int, done: Asked) -> list[Command]:
         return start_service(client(engine), do, station, now, done)
 
-    return TestedSide(
+    return SideUnderTest(
         server=MemoryServer(protocol, codec, memory) if protocol.services else None,
         memory=AddressedMemory(memory, grammar),
         ask=ask if protocol.services else None,
