@@ -91,16 +91,6 @@ def attribute(value: Any, name: str) -> Any:
     return value.language_attribute(name)
 
 
-def with_frames(fields: dict[str, Any], inner: tuple[str, ...]) -> dict[str, Any]:
-    """Turns the inner frames of decoded fields (their names in `inner`) into frame values, in place."""
-    for name in inner:
-        value = fields.get(name)
-        if type(value) is dict:
-            ((frame, content),) = value.items()
-            fields[name] = FrameValue(frame, content)
-    return fields
-
-
 def plain(value: Any) -> Any:
     """The value as codecs take it: frame values inside become `{frame: fields}`, as sent if they have been sent."""
     if type(value) is FrameValue:
