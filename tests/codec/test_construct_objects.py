@@ -98,9 +98,7 @@ def test_an_unknown_frame_is_a_key_error() -> None:
 
 
 def test_a_rest_may_end_at_the_first_place_where_everything_after_it_fits() -> None:
-    codec = small_codec(
-        "[{data: d, size: rest}, {const: 3B}, {field: t, type: ascii, end: 00}, {check: sum8}]"
-    )
+    codec = small_codec("[{data: d, size: rest}, {const: 3B}, {field: t, type: ascii, end: 00}, {check: sum8}]")
     data = codec.encode("f", {"d": b"a;b", "t": "c;d"})
     assert codec.decode("f", data) == {"d": b"a", "t": "b;c;d"}
     with pytest.raises(FrameError):

@@ -37,8 +37,7 @@ def test_hex_wraps_count_their_checks_in_binary() -> None:
 
 def test_escape_wraps_end_at_the_first_single_escape() -> None:
     codec = small_codec(
-        "[{const: DLE STX}, {wrap: {escape: DLE}, of: [{data: d, size: rest}], min: 1, max: 4}, "
-        "{const: DLE ETX}]"
+        "[{const: DLE STX}, {wrap: {escape: DLE}, of: [{data: d, size: rest}], min: 1, max: 4}, {const: DLE ETX}]"
     )
     data = bytes.fromhex("10 02 41 10 10 42 10 03")
     assert codec.encode("f", {"d": b"A\x10B"}) == data
@@ -128,8 +127,9 @@ groups:
 
 def test_delimited_bodies_have_an_end_whatever_is_in_them() -> None:
     codec = small_codec(
-        "[{field: n, type: hex, size: 2}, "
-        "{data: d, size: n, convert: hex_to_ascii, refuse: 5}]", DELIMITED, keys="group: g"
+        "[{field: n, type: hex, size: 2}, {data: d, size: n, convert: hex_to_ascii, refuse: 5}]",
+        DELIMITED,
+        keys="group: g",
     )
 
     def sealed(data: bytes) -> bytes:
@@ -146,7 +146,6 @@ def test_delimited_bodies_have_an_end_whatever_is_in_them() -> None:
 
 def test_frames_of_fixed_size_are_filled() -> None:
     codec = small_codec(
-        ""
         "[{field: x, type: u8}]", "groups: {g: {size: 5, fill: EE, tail: [{const: 55}]}}", keys="group: g"
     )
     assert codec.encode("f", {"x": 1}) == bytes.fromhex("01 EE EE EE 55")

@@ -108,8 +108,7 @@ def test_values_that_do_not_fit_are_refused_by_name(type_: str, value: Any) -> N
 
 def test_digits_that_are_none_are_a_fault_and_reading_goes_on() -> None:
     codec = small_codec(
-        "[{field: a, type: hex, size: 2}, {field: b, type: dec, size: 1}, "
-        "{field: c, type: bcd, size: 1}]"
+        "[{field: a, type: hex, size: 2}, {field: b, type: dec, size: 1}, {field: c, type: bcd, size: 1}]"
     )
     found = fault(codec, "30 5F 37 99")
     assert (found.cause, found.segment, found.offset, found.fields) == ("digits", "a", 0, {})
@@ -158,9 +157,7 @@ def test_absent_fields_have_their_default() -> None:
 
 
 def test_bits() -> None:
-    codec = small_codec(
-        "[{bits: {a: 0, b: 4-6, c: 7}, of: u8, is: {c: 1}, build: {b: a + 1}, values: {b: {5: five}}}]"
-    )
+    codec = small_codec("[{bits: {a: 0, b: 4-6, c: 7}, of: u8, is: {c: 1}, build: {b: a + 1}, values: {b: {5: five}}}]")
     both_ways(codec, {"a": 1, "b": 3}, "B1")
     assert codec.encode("f", {"b": "five"}) == b"\xd0"
     assert codec.encode("f", {"a": 1}) == b"\xa1"
@@ -198,10 +195,7 @@ def test_plain_lengths_in_words() -> None:
 
 
 def test_data() -> None:
-    codec = small_codec(
-        "[{data: a, size: 4, pad: EE, swap: 4}, "
-        "{data: b, size: rest, convert: ascii_to_hex, min: 2}]"
-    )
+    codec = small_codec("[{data: a, size: 4, pad: EE, swap: 4}, {data: b, size: rest, convert: ascii_to_hex, min: 2}]")
     both_ways(codec, {"a": b"\1\2\3\4", "b": b"1A"}, "04 03 02 01 1A")
     assert codec.encode("f", {"a": b"\1", "b": b"1A"}) == bytes.fromhex("EE EE EE 01 1A")
     assert fault(codec, "04 03 02 01").cause == "short"
@@ -213,8 +207,7 @@ def test_data() -> None:
 
 def test_repeats_of_records_read_to_the_end() -> None:
     codec = small_codec(
-        "[{repeat: all, times: rest, of: [{field: x, type: u8}, {field: y, type: u8, is: x + 1}]}, "
-        "{const: FF}]"
+        "[{repeat: all, times: rest, of: [{field: x, type: u8}, {field: y, type: u8, is: x + 1}]}, {const: FF}]"
     )
     assert codec.encode("f", {"all": [{"x": 1}, {"x": 5}]}) == bytes.fromhex("01 02 05 06 FF")
     assert codec.decode("f", bytes.fromhex("01 02 05 06 FF")) == {"all": [{"x": 1, "y": 2}, {"x": 5, "y": 6}]}
@@ -228,8 +221,7 @@ def test_repeats_of_records_read_to_the_end() -> None:
 
 def test_choices() -> None:
     codec = small_codec(
-        "[{field: kind, type: u8}, "
-        "{choose: kind, cases: {1: [{field: a, type: u8}], '2,3': [{field: b, type: u16}]}}]"
+        "[{field: kind, type: u8}, {choose: kind, cases: {1: [{field: a, type: u8}], '2,3': [{field: b, type: u16}]}}]"
     )
     both_ways(codec, {"kind": 1, "a": 9}, "01 09")
     both_ways(codec, {"kind": 3, "b": 9}, "03 00 09")
@@ -241,8 +233,7 @@ def test_choices() -> None:
 
 def test_optional_parts() -> None:
     codec = small_codec(
-        "[{field: a, type: u8}, {optional: [{field: b, type: u8}, {field: c, type: u8, default: 3}]}, "
-        "{const: EE}]"
+        "[{field: a, type: u8}, {optional: [{field: b, type: u8}, {field: c, type: u8, default: 3}]}, {const: EE}]"
     )
     both_ways(codec, {"a": 1}, "01 EE")
     both_ways(codec, {"a": 1, "b": 2}, "01 02 03 EE")
