@@ -114,7 +114,10 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form."""
+    """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form.
+
+    `port_at`: where the port is named.
+    """
 
     number: int
     port: str
@@ -126,6 +129,7 @@ class Channel:
     params: Mapping[str, Any]
     pause: int
     at: Position
+    port_at: Position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,170 @@
+"""Reads the channels of a run: port, line, protocol, role, stations and parameters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+from framekit.blocks.given import read_params, read_station
+from framekit.blocks.model import Channel
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.load.library import load_protocol
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.visit import expressions_of
+from framekit.definition.nodes import Entry, Mapping, Node
+from framekit.definition.problems import DefinitionError, Problem, did_you_mean
+from framekit.definition.times import LineFormat, parse_format
+
+T = TypeVar("T")
+
+CLIENT_ROLES = ("client", "master", "full")
+"""The roles a channel plays when the run does not say."""
+
+_HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
+
+
+class ChannelLoader:
+    """Reads channels of the run in `folder`. `protocols`: those loaded so far, None for one that is wrong."""
+
+    def __init__(self, reader: Reader, folder: Path) -> None:
+        self.reader = reader
+        self.folder = folder
+        self.protocols: dict[str, Protocol | None] = {}
+        self.spoilt = False
+
+    def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        """What stands under a key; None for nothing, and for something broken: the rest is read all the same."""
+        try:
+            return None if node is None else read(node)
+        except Broken:
+            self.spoilt = True
+            return None
+
+    def channel(self, entry: Entry) -> Channel:
+        """Raises Broken when anything of it is wrong."""
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        self.spoilt = False
+        port_node = keys.get("port") or entry.key
+        number = self._maybe(reader.number, entry.key)
+        port = self._maybe(self._port, keys.get("port"))
+        pause = self._maybe(reader.time, keys.get("pause"))
+        protocol = self._protocol(keys)
+        channel = Channel(
+            number=number or 0,
+            port=port or "",
+            protocol=protocol,
+            role=self._role(keys, entry, protocol),
+            line=self._line(keys, protocol),
+            own=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
+            station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
+            params=read_params(reader, reader.entries(keys.get("params")), protocol),
+            pause=pause or 0,
+            at=entry.key.at,
+            port_at=port_node.at,
+        )
+        if self.spoilt:
+            raise Broken(entry.key.text)
+        return channel
+
+    def _port(self, node: Node) -> str:
+        port = self.reader.text(node)
+        if _HOST_AND_PORT.fullmatch(port) and not port.startswith("sim:"):
+            raise self.reader.broken(node.at, f"'{port}' is no port", f"write tcp://{port} for a connection")
+        for name in port.removeprefix("sim:").split(",") if port.startswith("sim:") else ():
+            if not name.strip():
+                raise self.reader.broken(node.at, "a simulated device has no name", "write sim:FILE")
+            self._inside(name.strip(), node)
+        return port
+
+    def _inside(self, name: str, node: Node) -> None:
+        """Files of a run stand beside it, below it, or are shipped."""
+        if name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
+            what = f"'{name}' leaves the run's folder"
+            raise self.reader.broken(node.at, what, "name a file beside it or a shipped one")
+
+    # ---- protocol and role --------------------------------------------------------------------------------
+
+    def _protocol(self, keys: Mapping) -> Protocol:
+        node = keys.get("protocol")
+        if node is None:
+            raise Broken("the schema asks for a protocol")
+        name = self.reader.text(node)
+        self._inside(name, node)
+        if name not in self.protocols:
+            self.protocols[name] = None
+            try:
+                self.protocols[name] = load_protocol(self._beside(name), self.folder)
+            except DefinitionError as error:
+                for problem in error.problems:
+                    there = problem.at.file != name
+                    self.reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
+        protocol = self.protocols[name]
+        if protocol is None:
+            raise Broken(name)
+        return protocol
+
+    def _beside(self, name: str) -> str | Path:
+        file = self.folder / name
+        return file if file.suffix == ".yaml" and file.is_file() else name
+
+    def _role(self, keys: Mapping, entry: Entry, protocol: Protocol) -> str | None:
+        """The role given, or the usual one of a side that asks."""
+        node = keys.get("role")
+        if not protocol.roles:
+            if node is not None:
+                self.reader.note(node.at, f"'{protocol.name}' has no roles", "leave role out")
+            return None
+        if node is None:
+            role = next((name for name in CLIENT_ROLES if name in protocol.roles), None)
+            if role is None:
+                known = ", ".join(protocol.roles)
+                self.reader.note(entry.key.at, f"channel {entry.key.text} says no role", f"add role: one of {known}")
+                self.spoilt = True
+            return role
+        role = self.reader.text(node)
+        if role not in protocol.roles:
+            hint = did_you_mean(role, protocol.roles)
+            self.reader.note(node.at, f"'{protocol.name}' has no role '{role}'", hint)
+            self.spoilt = True
+        return role
+
+    # ---- line ---------------------------------------------------------------------------------------------
+
+    def _line(self, keys: Mapping, protocol: Protocol) -> LineFormat | None:
+        """The speed and format of the channel; the protocol's own where the run says nothing. None for a stream."""
+        reader, line = self.reader, protocol.line
+        speed_node, format_node = keys.get("speed"), keys.get("format")
+        if line.kind == "stream":
+            for node in (speed_node, format_node):
+                if node is not None:
+                    reader.warn(node.at, f"'{protocol.name}' runs on connections, which have no speed", "leave it out")
+            return None
+        speed = self._maybe(reader.number, speed_node) or line.speed
+        if speed_node is not None and line.speeds and speed not in line.speeds:
+            hint = "choose one of " + ", ".join(map(str, line.speeds))
+            reader.warn(speed_node.at, f"'{protocol.name}' does not list a speed of {speed}", hint)
+        text = line.format if format_node is None else reader.text(format_node)
+        if format_node is not None and line.formats and text not in line.formats:
+            hint = "choose one of " + ", ".join(line.formats)
+            reader.warn(format_node.at, f"'{protocol.name}' does not list a format of {text}", hint)
+        try:
+            return parse_format(text, speed)
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            reader.note((format_node or speed_node or keys).at, what, todo)
+            self.spoilt = True
+            return None
+
+
+def needs_station(protocol: Protocol) -> bool:
+    """Whether exchanges of a protocol name the other side, and nothing says which it is by itself."""
+    if protocol.station.type == "none" or protocol.station.default is not None:
+        return False
+    holders = [row.request for rows in protocol.services.values() for row in rows]
+    exchanges = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
+    sequences = [protocol.sequences[name] for name in exchanges if name in protocol.sequences]
+    expressions = (*expressions_of(holders), *expressions_of(sequences))
+    return any("station" in names_in(expression.root) for expression in expressions)
