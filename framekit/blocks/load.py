@@ -115,7 +115,7 @@ class RunLoader:
                         entry.key.at, f"there is no block {number}", f"blocks are numbered 0 to {MOST_BLOCKS - 1}"
                     )
                 found.append(loader.block(number, 1, entry))
-        loader.check_ends(
+        loader.triggers.check_ends(
             {block.number for block in found} | {int(e.key.text) for e in entries if e.key.text.isdigit()}
         )
         return tuple(found)

@@ -1,35 +1,25 @@
-"""Reads the blocks of a run: instruction, places, triggers."""
+"""Reads the blocks of a run: instruction, places on both sides, station. Triggers and frames have loaders of their own."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, TypeVar
 
 from framekit.blocks.given import read_station
-from framekit.blocks.model import (
-    After,
-    Block,
-    BlockEnd,
-    Changed,
-    Channel,
-    Every,
-    Instruction,
-    Place,
-    Rising,
-    Trigger,
-    While,
-)
+from framekit.blocks.load_channel import needs_station
+from framekit.blocks.load_frame_block import FrameBlockLoader
+from framekit.blocks.load_triggers import STARTS, TriggerLoader
+from framekit.blocks.model import Block, Channel, Instruction, Place
 from framekit.definition.expression.syntax import Expression, Name, names_in
-from framekit.definition.load.reader import Reader
-from framekit.definition.model.segments import Data, Field
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.services import ServiceRow
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import Position, did_you_mean
 from framekit.link.addresses import AddressError, AddressGrammar
 
+T = TypeVar("T")
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call")
-_BLOCK_END = re.compile(r"block\s+(\d+)\s+(done|failed)")
 
 
 class BlockLoader:
@@ -42,21 +32,40 @@ class BlockLoader:
         self.grammar = grammar
         self.channels = channels
         self.known = known
-        self.ends: list[tuple[BlockEnd, Node]] = []
+        self.spoilt = False
+        self.triggers = TriggerLoader(reader, self.place, self.condition)
+        self.frames = FrameBlockLoader(reader, self.place)
+
+    def _try(self, read: Callable[[], T]) -> T | None:
+        """What can be read; None for something broken: the rest of the block is read all the same."""
+        try:
+            return read()
+        except Broken:
+            self.spoilt = True
+            return None
+
+    def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        return None if node is None else self._try(lambda: read(node))
 
     # ---- own memory ---------------------------------------------------------------------------------------
 
     def place(self, node: Node, unit: str | None = None) -> Place:
         """A place of the own memory. Raises Broken."""
         text = self.reader.text(node)
+        address = self._address(self.grammar, node.at, text, unit)
+        return Place(address=address, text=text)
+
+    def _address(
+        self, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
+    ) -> Any:
+        """An address, with room for `count` elements behind it. Raises Broken."""
         try:
-            return Place(address=self.grammar.parse(text, unit), text=text)
+            address = grammar.parse(text, unit)
+            grammar.check(address, count)
         except AddressError as error:
             what, _, todo = str(error).partition(" – ")
-            raise self.reader.broken(node.at, what, todo) from None
-
-    def places(self, node: Node | None, unit: str | None = None) -> tuple[Place, ...]:
-        return tuple(self.place(item, unit) for item in self.reader.items(node))
+            raise self.reader.broken(at, what, todo) from None
+        return address
 
     def condition(self, node: Node) -> Expression:
         """An address by itself, or an expression whose names are addresses. Raises Broken."""
@@ -74,68 +83,93 @@ class BlockLoader:
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def block(self, number: int, set_number: int, entry: Entry) -> Block:
-        """Raises Broken."""
+        """Raises Broken when anything of it is wrong, after all of it has been looked at."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         kinds = [name for name in INSTRUCTIONS if name in keys]
         if len(kinds) != 1:
-            raise reader.broken(
-                entry.key.at, f"block {number} has {'no' if not kinds else 'more than one'} instruction",
-                "write one of read, write, send, receive, call",
-            )  # fmt: skip
+            raise Broken("the schema has told what is wrong with the instruction")
         instruction = kinds[0]
-        channel = self._channel(keys, entry)
+        self.spoilt = False
         common = {
             "number": number,
             "set": set_number,
-            "name": reader.maybe(reader.text, keys.get("name")) or f"block {number}",
+            "name": self._maybe(reader.text, keys.get("name")) or f"block {number}",
             "instruction": instruction,
-            "channel": channel.number,
-            "triggers": self._triggers(keys),
-            "unless": reader.maybe(self.condition, keys.get("unless")),
-            "repeat": reader.maybe(reader.number, keys.get("repeat")),
-            "priority": reader.maybe(reader.number, keys.get("priority")) or 0,
+            "triggers": self._try(lambda: self.triggers.triggers(keys)) or (),
+            "unless": self._maybe(self.condition, keys.get("unless")),
+            "repeat": self._maybe(reader.number, keys.get("repeat")),
+            "priority": self._maybe(reader.number, keys.get("priority")) or 0,
             "enabled": reader.flag(keys.get("enabled"), default=True),
             "at": entry.key.at,
-            **self._station(keys, channel),
         }
+        self._starts(instruction, keys, entry)
+        channel = self._channel(keys, entry)
+        common |= {"channel": channel.number, **self._station(instruction, keys, channel, entry)}
+        found: dict[str, Any] | None
         if instruction in ("read", "write"):
-            return Block(**common, **self._transfer(instruction, keys, channel))
-        if instruction == "call":
-            return Block(**common, **self._call(keys, channel))
-        return Block(**common, **self._frame(instruction, keys, channel))
+            found = self._try(lambda: self._transfer(instruction, keys, channel))
+        elif instruction == "call":
+            found = self._try(lambda: self._call(keys, channel))
+        else:
+            frames, protocol = self.frames, channel.protocol
+            found = self._try(lambda: frames.read(instruction, keys, protocol, channel.number, number))
+        if self.spoilt or found is None:
+            raise Broken(entry.key.text)
+        return Block(**common, **found)
+
+    def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
+        """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""
+        given = [key for key in STARTS if key in keys]
+        if instruction == "receive" and given:
+            node = keys.get(given[0])
+            at = entry.key.at if node is None else node.at
+            self.reader.note(at, "a receiving block acts whenever its frame comes", f"leave {given[0]} out")
+        elif instruction != "receive" and not given:
+            what = f"nothing starts block {entry.key.text}"
+            self.reader.warn(entry.key.at, what, "add every:, when:, once: or another trigger")
+        repeat = keys.get("repeat")
+        if isinstance(repeat, Scalar) and repeat.text.strip() == "0":
+            self.reader.note(repeat.at, "a block that runs 0 times never runs", "give 1 or more, or enabled: no")
 
     def _channel(self, keys: MappingNode, entry: Entry) -> Channel:
+        """Raises Broken; what is wrong with the channel itself has been told there."""
         node = keys.get("channel")
         if node is None:
-            if len(self.channels) == 1 == len(self.known):
+            if len(self.known) == 1:
+                if not self.channels:
+                    raise Broken("the channel has been told")
                 return next(iter(self.channels.values()))
             raise self.reader.broken(entry.key.at, f"block {entry.key.text} names no channel", "add channel: NUMBER")
         number = self.reader.number(node)
         if number not in self.channels:
             if str(number) in self.known:
-                raise self.reader.broken(node.at, f"channel {number} cannot be used", "mend the channel first")
+                raise Broken("the channel has been told")
             raise self.reader.broken(node.at, f"there is no channel {number}", did_you_mean(str(number), self.known))
         return self.channels[number]
 
-    def _station(self, keys: MappingNode, channel: Channel) -> dict[str, Any]:
+    def _station(self, instruction: str, keys: MappingNode, channel: Channel, entry: Entry) -> dict[str, Any]:
         node = keys.get("station")
         if node is None:
+            asks = instruction in ("read", "write", "call")
+            if asks and channel.station is None and needs_station(channel.protocol):
+                what = f"block {entry.key.text} does not say which station it talks to"
+                self.reader.note(entry.key.at, what, "add station: to the block or to its channel")
             return {"station": channel.station}
         text = self.reader.text(node)
         if channel.protocol.station.type != "text" and not text.strip().isdigit():
             try:
                 return {"station_from": Place(address=self.grammar.parse(text), text=text)}
             except AddressError:
-                return {"station": read_station(self.reader, node, channel.protocol)}
-        return {"station": read_station(self.reader, node, channel.protocol)}
+                pass
+        return {"station": self._maybe(lambda given: read_station(self.reader, given, channel.protocol), node)}
 
     # ---- instructions -------------------------------------------------------------------------------------
 
     def _transfer(self, instruction: str, keys: MappingNode, channel: Channel) -> dict[str, Any]:
         """READ and WRITE: addresses of the other side, and the own places beside them."""
         reader = self.reader
-        unit = reader.maybe(reader.text, keys.get("type"))
-        count = reader.maybe(reader.number, keys.get("count")) or 1
+        unit = self._maybe(reader.text, keys.get("type"))
+        count = self._count(keys.get("count"))
         nodes = reader.items(keys.get(instruction))
         protocol = channel.protocol
         if instruction not in protocol.services:
@@ -144,106 +178,88 @@ class BlockLoader:
             )
         grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
         for node in nodes:
-            try:
-                grammar.parse(reader.text(node), unit)
-            except AddressError as error:
-                what, _, todo = str(error).partition(" – ")
-                reader.note(node.at, what, todo)
-        own = keys.get("into" if instruction == "read" else "from")
-        values = keys.get("values")
-        places = self.places(own)
-        if not places and values is None:
-            word, does = ("into", "go") if instruction == "read" else ("from", "come from")
-            what = f"the block does not say where its data {does}"
-            raise reader.broken(keys.at, what, f"add {word}: with an address of the own memory")
-        if places and len(places) != len(nodes):
-            raise reader.broken(
-                keys.at, f"{len(nodes)} addresses of the other side stand against {len(places)} own ones",
-                "give as many of one as of the other",
-            )  # fmt: skip
+            with reader.going_on():
+                address = self._address(grammar, node.at, reader.text(node), unit, count if len(nodes) == 1 else 1)
+                if instruction == "write" and protocol.areas[address.area].access == "read":
+                    reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
+        places, values = self._own_side(instruction, keys, len(nodes), count)
         return {
             "targets": tuple(reader.text(node) for node in nodes),
             "places": places,
             "unit": unit,
             "count": count,
-            "values": None if values is None else tuple(reader.number(item) for item in reader.items(values)),
+            "values": values,
         }
 
-    def _frame(self, instruction: str, keys: MappingNode, channel: Channel) -> dict[str, Any]:
-        """SEND and RECEIVE: a frame, and places for its fields."""
-        reader, protocol = self.reader, channel.protocol
-        node = keys.get(instruction)
-        assert node is not None
-        name = reader.text(node)
-        if name not in protocol.frames:
-            raise reader.broken(
-                node.at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames)
-            )
-        fields = {part.name: part for part in protocol.frames[name].segments if isinstance(part, (Data, Field))}
-        data: dict[str, Place] = {
-            field: self.place(Scalar(part.memory, part.at, False)) for field, part in fields.items() if part.memory
-        }
-        for entry in reader.entries(keys.get("data")):
-            with reader.going_on():
-                if entry.key.text not in fields:
-                    hint = did_you_mean(entry.key.text, fields)
-                    raise reader.broken(entry.key.at, f"frame '{name}' has no field '{entry.key.text}'", hint)
-                data[entry.key.text] = self.place(entry.value)
-        values = {entry.key.text: self._plain(entry.value) for entry in reader.entries(keys.get("values"))}
-        sizes = {entry.key.text: reader.number(entry.value) for entry in reader.entries(keys.get("size"))}
-        return {"frame": name, "data": data, "values": values, "sizes": sizes}
+    def _count(self, node: Node | None) -> int:
+        count = self._maybe(self.reader.number, node)
+        if node is not None and count is not None and count < 1:
+            self.reader.note(node.at, f"a count of {count} moves nothing", "give 1 or more")
+        return max(1, count or 1)
+
+    def _own_side(
+        self, instruction: str, keys: MappingNode, targets: int, count: int
+    ) -> tuple[tuple[Place, ...], tuple[int, ...] | None]:
+        """The own places, one for each address, or the constants to write."""
+        reader = self.reader
+        word, other, does = ("into", "from", "go") if instruction == "read" else ("from", "into", "come from")
+        wrong = keys.get(other)
+        if wrong is not None:
+            reader.note(wrong.at, f"{other}: does not belong to a {instruction}", f"write {word}:")
+        node, given = keys.get(word), keys.get("values")
+        places = tuple(place for item in reader.items(node) if (place := self._maybe(self.place, item)) is not None)
+        values = None if given is None else self._try(lambda: tuple(reader.number(one) for one in reader.items(given)))
+        if node is None and given is None and wrong is None:
+            what = f"the block does not say where its data {does}"
+            raise reader.broken(keys.at, what, f"add {word}: with an address of the own memory")
+        if instruction == "read" and given is not None:
+            reader.note(given.at, "a read has no values to write", "leave values out")
+        elif node is not None and given is not None:
+            reader.note(given.at, "the block has values and an own place", "leave one of them out")
+        elif values is not None and len(values) not in (1, max(targets, count)):
+            wanted = max(targets, count)
+            reader.note(given.at if given else keys.at, f"{len(values)} values stand for {wanted} places", "")
+        own = len(reader.items(node))
+        if own and own != targets:
+            what = f"{targets} addresses of the other side stand against {own} own ones"
+            reader.note(keys.at, what, "give as many of one as of the other")
+        return places, values
 
     def _call(self, keys: MappingNode, channel: Channel) -> dict[str, Any]:
+        """CALL: a service and its arguments."""
         reader = self.reader
         node = keys.get("call")
-        assert node is not None
         name = reader.text(node)
-        if name not in channel.protocol.services:
+        at = keys.at if node is None else node.at
+        rows = channel.protocol.services.get(name)
+        if rows is None:
             hint = did_you_mean(name, channel.protocol.services)
-            raise reader.broken(node.at, f"'{channel.protocol.name}' has no service '{name}'", hint)
+            raise reader.broken(at, f"'{channel.protocol.name}' has no service '{name}'", hint)
+        entries = reader.entries(keys.get("with"))
+        self._arguments(name, rows, entries, at)
         return {
             "service": name,
-            "arguments": {entry.key.text: self._plain(entry.value) for entry in reader.entries(keys.get("with"))},
+            "arguments": {
+                entry.key.text: value
+                for entry in entries
+                if (value := self._maybe(self._plain, entry.value)) is not None
+            },
         }
+
+    def _arguments(self, service: str, rows: tuple[ServiceRow, ...], entries: tuple[Entry, ...], at: Position) -> None:
+        """Arguments there are, with all that have no default."""
+        if service in ("read", "write") or any(row.most_variables for row in rows):
+            return
+        known = {argument.name for row in rows for argument in row.takes}
+        given = {entry.key.text for entry in entries}
+        for entry in entries:
+            if entry.key.text not in known:
+                hint = did_you_mean(entry.key.text, known) or "leave it out"
+                self.reader.note(entry.key.at, f"'{service}' takes no '{entry.key.text}'", hint)
+        if len(rows) == 1 and given <= known:
+            for argument in rows[0].takes:
+                if argument.default is None and argument.name not in given:
+                    self.reader.note(at, f"'{service}' is called without '{argument.name}'", "add it to with:")
 
     def _plain(self, node: Node) -> Any:
         return self.reader.constant(node)
-
-    # ---- triggers -----------------------------------------------------------------------------------------
-
-    def _triggers(self, keys: MappingNode) -> tuple[Trigger, ...]:
-        reader = self.reader
-        found: list[Trigger] = []
-        if (node := keys.get("every")) is not None:
-            period = reader.time(node)
-            if period <= 0:
-                raise reader.broken(node.at, "a cycle of no time never ends", "give a time such as 200 ms")
-            phase = keys.get("phase")
-            found.append(Every(period=period, phase=period if phase is None else reader.time(phase)))
-        for item in reader.items(keys.get("when")):
-            found.append(self._when(item))
-        if (node := keys.get("while")) is not None:
-            found.append(While(condition=self.condition(node)))
-        if (node := keys.get("on_change")) is not None:
-            words = keys.get("words")
-            found.append(Changed(address=self.place(node).address, words=1 if words is None else reader.number(words)))
-        if reader.flag(keys.get("once")):
-            found.append(After(delay=0))
-        if (node := keys.get("after")) is not None:
-            found.append(After(delay=reader.time(node)))
-        return tuple(found)
-
-    def _when(self, node: Node) -> Trigger:
-        match = _BLOCK_END.fullmatch(self.reader.text(node).strip())
-        if match is None:
-            return Rising(condition=self.condition(node))
-        end = BlockEnd(block=int(match[1]), ok=match[2] == "done")
-        self.ends.append((end, node))
-        return end
-
-    def check_ends(self, numbers: set[int]) -> None:
-        """Notes triggers that wait for a block there is not."""
-        for end, node in self.ends:
-            if end.block not in numbers:
-                known = ", ".join(map(str, sorted(numbers)))
-                self.reader.note(node.at, f"there is no block {end.block} to wait for", f"known: {known}")

@@ -1,0 +1,126 @@
+"""SEND and RECEIVE blocks: their frame, and where each of its fields comes from or goes to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from framekit.blocks.model import Place
+from framekit.definition.load.reader import Reader
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Data, Field, Segment
+from framekit.definition.model.sizes import field_names, flat
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.nodes import Node, Scalar
+from framekit.definition.problems import did_you_mean
+
+
+class FrameBlockLoader:
+    """Reads the keys of blocks that send and receive single frames. `place` reads addresses of the own memory."""
+
+    def __init__(self, reader: Reader, place: Callable[[Node], Place]) -> None:
+        self.reader = reader
+        self.place = place
+        self.received: dict[tuple[int, str], int] = {}
+
+    def read(
+        self, instruction: str, keys: MappingNode, protocol: Protocol, channel: int, number: int
+    ) -> dict[str, Any]:
+        """`frame`, `data`, `values`, `sizes` of a block. Raises Broken for a frame there is not."""
+        reader = self.reader
+        node = keys.get(instruction)
+        name = reader.text(node)
+        if node is None or name not in protocol.frames:
+            at = keys.at if node is None else node.at
+            raise reader.broken(at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
+        frame = protocol.frames[name]
+        self._direction(instruction, frame, node, channel, number)
+        fields = {part.name: part for part in flat(frame.segments) if isinstance(part, (Data, Field))}
+        data = dict(self._own_memory(fields))
+        for entry in reader.entries(keys.get("data")):
+            with reader.going_on():
+                self._known(entry.key, frame, fields)
+                data[entry.key.text] = self.place(entry.value)
+        values = self._values(keys.get("values"), frame)
+        sizes = self._sizes(keys.get("size"), frame, fields)
+        if instruction == "send" and not self._unclear(keys):
+            self._missing(frame, {*data, *values}, sizes, keys)
+        return {"frame": name, "data": data, "values": values, "sizes": sizes}
+
+    def _unclear(self, keys: MappingNode) -> bool:
+        """Whether something misspelt may be what would be missing."""
+        return any(entry.key.text not in ("send", "data", "values", "size") and entry.key.text[:3] in ("dat", "val")
+                   for entry in keys.entries)  # fmt: skip
+
+    def _own_memory(self, fields: Mapping[str, Segment]) -> Iterator[tuple[str, Place]]:
+        """Places that the definition of a frame names itself."""
+        for name, part in fields.items():
+            memory = getattr(part, "memory", None)
+            if memory:
+                with self.reader.going_on():
+                    yield name, self.place(Scalar(memory, part.at, False))
+
+    def _direction(self, instruction: str, frame: Frame, node: Node, channel: int, number: int) -> None:
+        """Frames come from one side; a frame is received by one block of a channel."""
+        wrong, other = ("server", "receive") if instruction == "send" else ("client", "send")
+        if frame.side == wrong:
+            what = (
+                f"'{frame.name}' comes from the {wrong}, it cannot be {'sent' if instruction == 'send' else 'received'}"
+            )
+            self.reader.note(node.at, what, f"use {other}:, or another frame")
+        if frame.inner:
+            self.reader.note(node.at, f"'{frame.name}' stands inside other frames", "name a frame that carries it")
+        if instruction == "receive":
+            first = self.received.setdefault((channel, frame.name), number)
+            if first != number:
+                self.reader.note(node.at, f"block {first} receives '{frame.name}' already", "let one block take it")
+
+    def _known(self, key: Scalar, frame: Frame, fields: Mapping[str, Segment]) -> None:
+        if key.text not in fields:
+            hint = did_you_mean(key.text, fields)
+            raise self.reader.broken(key.at, f"frame '{frame.name}' has no field '{key.text}'", hint)
+
+    def _values(self, node: Node | None, frame: Frame) -> dict[str, Any]:
+        known = dict.fromkeys(field_names(frame.segments))
+        found: dict[str, Any] = {}
+        for entry in self.reader.entries(node):
+            with self.reader.going_on():
+                if entry.key.text not in known:
+                    hint = did_you_mean(entry.key.text, known)
+                    raise self.reader.broken(
+                        entry.key.at, f"frame '{frame.name}' has no field '{entry.key.text}'", hint
+                    )
+                found[entry.key.text] = self.reader.constant(entry.value)
+        return found
+
+    def _sizes(self, node: Node | None, frame: Frame, fields: Mapping[str, Segment]) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for entry in self.reader.entries(node):
+            with self.reader.going_on():
+                self._known(entry.key, frame, fields)
+                size = self.reader.number(entry.value)
+                fixed = getattr(fields[entry.key.text], "size", None)
+                if size < 0 or (isinstance(fixed, int) and size != fixed):
+                    has = f"has {fixed} bytes, not {size}" if isinstance(fixed, int) else f"cannot have {size} bytes"
+                    raise self.reader.broken(entry.value.at, f"'{entry.key.text}' {has}", "leave the size out")
+                found[entry.key.text] = size
+        return found
+
+    def _missing(self, frame: Frame, given: set[str], sizes: Mapping[str, int], keys: MappingNode) -> None:
+        """Fields that nothing gives a value, and data whose size nobody says."""
+        for part in frame.segments:
+            if part.when is not None or not isinstance(part, (Data, Field)):
+                continue
+            if part.name not in given and not _has_value(part):
+                what = f"nothing gives '{part.name}' of '{frame.name}'"
+                self.reader.note(keys.at, what, f"add data: {{{part.name}: ADDRESS}}, or values")
+            elif isinstance(part, Data) and part.name in given and part.name not in sizes and part.size == "rest":
+                what = f"nothing says how many bytes '{part.name}' of '{frame.name}' has"
+                self.reader.note(keys.at, what, f"add size: {{{part.name}: N}}")
+
+
+def _has_value(part: Data | Field) -> bool:
+    if isinstance(part, Data):
+        return False
+    return any(value is not None for value in (part.is_, part.build, part.default, part.constants))
