@@ -75,8 +75,7 @@ class EncodeWriter(PieceWriter):
     """Writes the parts of an encoder that stand in branches and loops."""
 
     def limit(self, text: str, most: int) -> None:
-        if text != "frame":
-            self.add(f"frame = {text}")
+        self.gather([text], "frame")
         with self.out.block(f"if len(frame) > {most}:"):
             self.add(f'raise EncodeError("", f"the frame takes {{len(frame)}} bytes, more than {most}")')
 

@@ -157,6 +157,7 @@ class ExaminationState:
         try:
             yield
             if self.at < self.end:
+                self.turn += 1
                 self.note("surplus", "frame", self.at, "its end", f"{self.end - self.at} bytes more", surplus)
         except Stop:
             del self.scopes[scopes:]

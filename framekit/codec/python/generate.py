@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
 from collections.abc import Iterable
 from dataclasses import replace
@@ -13,10 +14,14 @@ from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.decode import write_decoder
 from framekit.codec.python.defaults import default_values
 from framekit.codec.python.encode import write_encoder
+from framekit.codec.python.examination import Examination
+from framekit.codec.python.examination_state import ExaminationState
 from framekit.codec.python.examine import write_examiner
 from framekit.codec.python.measure import write_measurer
 from framekit.codec.python.module import Module, pasted_names
 from framekit.codec.python.names import identifier
+from framekit.codec.python.pasting import used_methods
+from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.model.frames import Frame, Layout
@@ -64,11 +69,15 @@ class ModuleWriter:
         folds = [self.module.fold(name, method) for name, method in list(self.module.folds.values())]
         tables = self._tables()
         helpers = self._helpers()
-        parts = [self._header(), self._constants(), *self._section("frames", self.frames_part)]
+        parts = self._section("frames", self.frames_part)
         parts += self._section("what is wrong with frames that do not fit", self.examine_part)
         parts += self._section("check codes", folds) if folds else []
         parts += self._section("helpers", helpers)
         parts += self._section("tables", [tables])
+        head = self._header()
+        head.add("")
+        head.extend(self._constants(aliases_used("".join(part.text() for part in parts))))
+        parts.insert(0, head)
         return "\n\n".join(part.text().rstrip("\n") + "\n" for part in parts)
 
     def _identifier(self, name: str) -> str:
@@ -84,6 +93,7 @@ class ModuleWriter:
 
     def _frame(self, name: str, frame: Frame) -> None:
         known, segments = self.identifiers[name], self.module.shapes.segments(frame)
+        refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, frame))
         self.frames_part.append(write_decoder(self.module, known, name, segments, frame))
         before = len(self.module.extra)
@@ -93,6 +103,7 @@ class ModuleWriter:
 
     def _layout(self, name: str, layout: Layout) -> None:
         known, segments = self.layouts[name], layout.segments
+        refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, None))
         self.frames_part.append(write_decoder(self.module, known, name, segments, None))
         self.examine_part.append(write_examiner(self.module, known, name, segments, None))
@@ -156,9 +167,10 @@ class ModuleWriter:
             + "# the same by the definition's name",
         ]
 
-    def _constants(self) -> Source:
+    def _constants(self, aliases: list[str]) -> Source:
         out = Source()
-        out.add("Context = Mapping[str, Any]")
+        for alias in aliases:
+            out.add(alias)
         out.add("QUIET = -(1 << 40)")
         out.add("LOST = QUIET - 1")
         out.add("")
@@ -173,18 +185,21 @@ class ModuleWriter:
                 f"# Frames also depend on {', '.join(sorted(self.module.context - set(values)))}, which ctx must hold."
             )
         for name, text in self.module.tables.values():
-            out.add(f"{name} = {text}")
+            out.add(f"{name}: Mapping[Any, Any] = {text}")
         for text, name in self.module.structs.items():
             out.add(f"{name} = Struct({quoted(text)})")
         return out
 
     def _helpers(self) -> list[Source]:
         found = []
+        calls = "".join(part.text() for part in self.examine_part)
+        methods = used_methods((ExaminationState, Examination), calls)
         for name in self.module.functions:
-            if name in ("Defaults", "MISFITS"):
+            if name == "Defaults":
                 continue
             part = Source()
-            part.lines.extend(self.module.source_of(name).rstrip().splitlines())
+            only = methods if name.startswith("Examination") else None
+            part.lines.extend(self.module.source_of(name, only).rstrip().splitlines())
             found.append(part)
         return found
 
@@ -196,7 +211,7 @@ class ModuleWriter:
         for name, (text, about) in self.module.late.items():
             out.add(f"{name} = {text}  # {about}")
         for name, text in self.module.rule_tables.items():
-            out.add(f"{name} = {text}")
+            out.add(f"{name}: Rules = {text}")
         out.add("FRAMES: dict[str, Frame] = {")
         for name, known in self.identifiers.items():
             functions = ", ".join(f"{what}_{known}" for what in _FUNCTIONS)
@@ -211,6 +226,29 @@ class ModuleWriter:
         for frames, name in self.module.choices.items():
             out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
         return out
+
+
+def refuse_vague_checks(segments: tuple[Segment, ...]) -> None:
+    """In a list 'everything before' could mean the item or the frame. Raises DefinitionError for such a check."""
+    for repeat in everything(segments):
+        if isinstance(repeat, Repeat) and isinstance(repeat.of, tuple):
+            for check in everything(repeat.of):
+                if isinstance(check, Check) and check.over is None and check.span is None:
+                    raise not_possible(check, "a check in a list has to say what it covers", "name it in over:")
+
+
+_ALIASES = {
+    "Ask": "Callable[[Any], Any]",
+    "Context": "Mapping[str, Any]",
+    "Opened": "tuple[bytes, Sequence[int], str]",
+    "Rules": "Mapping[str, Any]",
+    "Span": "tuple[str, int, int, Any]",
+}
+
+
+def aliases_used(text: str) -> list[str]:
+    """The lines that define the names of types in a module's text."""
+    return [f"{name} = {meaning}" for name, meaning in _ALIASES.items() if re.search(rf"\b{name}\b", text)]
 
 
 def with_names(protocol: Protocol) -> Protocol:
@@ -246,17 +284,19 @@ def _escaped(text: str) -> str:
 
 
 def _sorted_imports(lines: Iterable[str]) -> list[str]:
-    """Import lines in order, those from one module as one line."""
+    """Import lines in order, those from one module as one line, except for names that are changed."""
     plain = sorted(line for line in lines if line.startswith("import "))
     wanted: dict[str, set[str]] = {}
     for line in lines:
         if line.startswith("from "):
             source, names = line.removeprefix("from ").split(" import ")
             wanted.setdefault(source, set()).update(name.strip() for name in names.split(","))
-    joined = [
-        f"from {source} import {', '.join(sorted(names, key=_import_key))}" for source, names in sorted(wanted.items())
-    ]
-    return [*plain, *joined]
+    found = []
+    for source, every in sorted(wanted.items()):
+        simple = sorted((name for name in every if " as " not in name), key=_import_key)
+        found += [f"from {source} import {', '.join(simple)}"] if simple else []
+        found += [f"from {source} import {name}" for name in sorted(every) if " as " in name]
+    return [*plain, *found]
 
 
 def _import_key(name: str) -> tuple[bool, str]:

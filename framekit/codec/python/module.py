@@ -6,7 +6,6 @@ segments.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -15,6 +14,7 @@ from framekit.codec.checks import source_of
 from framekit.codec.python import examination, examination_state, refusals, runtime
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
+from framekit.codec.python.pasting import class_source, whole_source
 from framekit.codec.python.shape import Shapes
 from framekit.codec.python.source import Source, literal
 from framekit.definition.expression.emit import BIT_AND
@@ -75,9 +75,10 @@ class Module:
             self.functions[name] = None
         return name
 
-    def source_of(self, name: str) -> str:
-        """The source text of a pasted helper."""
-        return inspect.getsource(getattr(_home_of(name), name))
+    def source_of(self, name: str, methods: set[str] | None = None) -> str:
+        """The source text of a pasted helper; of a class with the methods that are used."""
+        found = getattr(_home_of(name), name)
+        return whole_source(found) if methods is None else class_source(found, methods)
 
     # ---- constants ----------------------------------------------------------------------------------------
 

@@ -56,6 +56,7 @@ class PieceWriter(PackingWriter):
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, title, segments)
         self.parts: list[Part] = []
+        self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
 
     def placed(self, segments: Iterable[Segment], scope: Scope) -> list[Placed]:
@@ -91,20 +92,20 @@ class PieceWriter(PackingWriter):
             segment, inside = placed[place]
             count = 1
             if tail is not None and segment is tail[0]:
-                texts = [self._gather(texts, buffer)]
+                texts = [self.gather(texts, buffer)]
                 self._keep_apart(buffer, tail)
             if isinstance(segment, Check) and covers_later(segment, self.segments):
                 texts.append(f"<{segment.name}>")
                 waiting.append((texts[-1], segment, inside))
             elif isinstance(segment, Check):
                 if segment.name in self.coverage.whole:
-                    texts = [self._gather(texts, buffer)] if texts else []
+                    texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._check(segment, inside, [before, *texts]))
                 self.parts.append(Part((segment.name or "",), texts[-1]))
             elif isinstance(segment, Fill):
                 texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
             elif segment.name in self.late:
-                texts = [self._gather(texts, buffer)] if texts else []
+                texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._late(segment.name or "", [before, *texts]))
             else:
                 count = self.length_of_run(placed[place:])
@@ -133,16 +134,18 @@ class PieceWriter(PackingWriter):
                 self.add(f"{wire} = {self.region(segments, scope, self.names.fresh('part'), sum_of(before))}")
         return wire
 
-    def _gather(self, texts: list[str], buffer: str) -> str:
+    def gather(self, texts: list[str], buffer: str) -> str:
         """Puts everything so far into the buffer's local."""
         text = sum_of(texts)
         if text != buffer:
-            self.add(f"{buffer} = {text}")
+            first = buffer not in self.begun
+            self.begun.add(buffer)
+            self.add(f"{buffer}{': bytes' if first else ''} = {text}")
         return buffer
 
     def _filled(self, fill: Fill, behind: list[Placed], texts: list[str], buffer: str) -> str:
         """Everything so far, filled up so that the frame gets its size."""
-        self._gather(texts, buffer)
+        self.gather(texts, buffer)
         fixed, parts = 0, []
         for segment, scope in behind:
             size = self.shapes.present(segment).fixed or 0
@@ -244,7 +247,7 @@ class PieceWriter(PackingWriter):
         buffer = self.names.fresh("plain")
         text = self.region(wrap.of, scope, buffer)
         if wrap.least or wrap.most is not None:
-            text = self._gather([text], buffer)
+            text = self.gather([text], buffer)
             self._limit_wrap(wrap, scope, buffer)
         if wrap.how == "hex":
             return f"{self.module.function('hex_to_ascii')}({text})"

@@ -27,7 +27,7 @@ class Rule(NamedTuple):
     names: Any = ()
     only: bool = False
     unit: int = 1
-    inside: Mapping[str, Any] | None = None
+    inside: Any = None
 
 
 Rules = Mapping[str, Rule]

@@ -71,7 +71,10 @@ def broken(line: str) -> list[str]:
     indent = line[: len(line) - len(line.lstrip())]
     items = [item.strip() for item in _split(line[opening + 1 : closing], ",")]
     is_tuple = len(items) > 1 or line[opening + 1 : closing].rstrip().endswith(",")
-    if len(items) > 12 and all(re.fullmatch(r"[\w.\"']+", item) for item in items):
+    loop = _split(line[opening + 1 : closing], " for ")
+    if len(loop) > 1:
+        inner = [f"{indent}{INDENT}{'for ' if place else ''}{part.strip()}" for place, part in enumerate(loop)]
+    elif len(items) > 12 and all(re.fullmatch(r"[\w.\"']+", item) for item in items):
         inner = _packed(items, indent)
     else:
         inner = [row for item in items for row in broken(f"{indent}{INDENT}{item}{',' if is_tuple else ''}")]

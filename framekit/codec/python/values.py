@@ -56,7 +56,8 @@ class ValueWriter(FieldValueWriter):
         if given.in_cases is not None:
             computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
             options += f", elsewhere={given.in_cases[1]}"
-        with self.out.block(f"if len({given.text}) != {given.needed}:"):
+        more = f"len({given.text}) != {given.needed}" if given.needed else given.text
+        with self.out.block(f"if {more}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
@@ -149,7 +150,7 @@ class ValueWriter(FieldValueWriter):
         if given.computed.get(value.name) == local:
             return
         read = self.text(value.read, scope, BIT_OR)
-        with self.out.block(f"if {local} != {read if ' if ' not in read else f'({read})'}:"):
+        with self.out.block(f"if {local} != {read}:"):
             message = f"'{given.path}{value.name}' does not agree with the other values"
             self.add(f"raise EncodeError({filled_in(given.path + value.name)}, {filled_in(message)})")
 

@@ -1,0 +1,235 @@
+"""Measuring: whole frames, frames that come byte by byte, among other bytes, cut off and damaged."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from small_protocol import small_protocol
+from strategies import FrameValues
+
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.load import load_protocol
+
+QUICK = settings(max_examples=25, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+
+
+def codec_of(body: str, *sections: str, keys: str = "") -> Codec:
+    return compile_protocol(small_protocol(body, *sections, keys=keys))
+
+
+def calls_until_complete(codec: Codec, frame: str, data: bytes, ctx: dict[str, Any] | None = None) -> int:
+    """Feeds a frame byte by byte as a receiver does; how often it was asked before the frame was complete."""
+    seen, wanted, calls = 0, 1, 0
+    for have in range(1, len(data) + 1):
+        if have < wanted:
+            continue
+        found = codec.measure(frame, data, 0, have, ctx, seen)
+        calls += 1
+        assert found == codec.measure(frame, data, 0, have, ctx), "what was seen before changes nothing"
+        if have == len(data):
+            assert found == len(data)
+        else:
+            assert found < 0
+            assert found not in (codec.QUIET, codec.LOST)
+            wanted = have - found
+            assert wanted <= len(data), "never more than the frame has"
+        seen = have
+    return calls
+
+
+SIZED = "{length: n, type: u8, of: [d]}, {data: d, size: n}"
+BODIES = {
+    "fixed": ("{const: 01 02}, {field: a, type: u32}", {"a": 5}),
+    "length": (f"{{field: a, type: u8}}, {SIZED}, {{check: sum8}}", {"a": 1, "d": b"abc"}),
+    "length as digits": ("{length: n, type: hex, size: 2, of: [d]}, {data: d, size: n}", {"d": b"0123456789"}),
+    "length of more": (
+        "{length: n, type: u8, of: [a, d], plus: 1}, {field: a, type: u8}, {data: d, size: n - 2}",
+        {"a": 9, "d": b"xy"},
+    ),
+    "converted": (
+        "{length: n, type: u8, of: [d], plain: yes}, {data: d, size: n, convert: hex_to_ascii}",
+        {"d": b"ab"},
+    ),
+    "count": ("{count: n, type: u8, of: r}, {repeat: r, times: n, of: u16}, {const: FF}", {"r": [1, 2, 3]}),
+    "records": (
+        f"{{count: c, type: u8, of: r}}, {{repeat: r, times: c, of: [{SIZED}]}}, {{const: FF}}",
+        {"r": [{"d": b"abc"}, {"d": b""}, {"d": b"0123456789"}]},
+    ),
+    "a list that gives sizes": (
+        "{count: n, type: u8, of: r}, {repeat: r, times: n, of: u8}, {data: d, size: sum(r)}",
+        {"r": [1, 2, 3], "d": b"abcdef"},
+    ),
+    "records that give sizes": (
+        "{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{field: x, type: u8}]}, {data: d, size: sum(r.x)}",
+        {"r": [{"x": 1}, {"x": 2}], "d": b"abc"},
+    ),
+    "condition": ("{field: a, type: u8}, {field: b, type: u16, when: a > 3}, {check: sum8}", {"a": 4, "b": 1}),
+    "condition not met": ("{field: a, type: u8}, {field: b, type: u16, when: a > 3}, {check: sum8}", {"a": 3}),
+    "choice": (
+        f"{{field: k, type: u8}}, {{choose: k, cases: {{1: [{{field: x, type: u8}}], 2: [{SIZED}]}}}}",
+        {"k": 2, "d": b"abc"},
+    ),
+    "long": ("{field: a, type: u8, long: {mark: 0xFF, type: u16}}, {field: b, type: u8}", {"a": 300, "b": 1}),
+    "terminated": ("{field: a, type: ascii, end: 0D 0A}, {field: b, type: u16}", {"a": "hello", "b": 0x0D0A}),
+    "value": ("{field: a, type: u8}, {value: n, read: a % 4}, {data: d, size: n}", {"a": 7, "d": b"abc"}),
+    "bits": (
+        "{bits: {n: 0-3, x: 4-7}, of: u8}, {data: d, size: n}, {const: 03}",
+        {"n": 4, "x": 9, "d": b"abcd"},
+    ),
+    "constant behind the rest": ("{const: 02}, {data: d, size: rest}, {const: 0D 0A}", {"d": b"abc"}),
+    "checked behind the rest": (
+        "{const: 02}, {data: d, size: rest}, {const: 03}, {check: crc16-modbus}",
+        {"d": b"a\x03b\x03\x03c"},
+    ),
+    "hex": (
+        "{text: ':'}, {wrap: hex, of: [{data: d, size: rest}, {check: lrc8}]}, {const: CR LF}",
+        {"d": b"xy"},
+    ),
+    "hex without an end": (f"{{text: '$'}}, {{wrap: hex, of: [{SIZED}, {{check: sum8}}]}}", {"d": b"xyz"}),
+    "escape": (
+        "{const: DLE STX}, {wrap: {escape: DLE}, of: [{data: d, size: rest}]}, {const: DLE ETX}, {check: sum8}",
+        {"d": b"\x10\x10a\x03\x10"},
+    ),
+    "escape of fixed content": (
+        "{const: DLE ENQ}, {wrap: {escape: DLE}, of: [{field: a, type: u16}]}, {check: sum8}",
+        {"a": 0x1010},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_frames_are_found_however_they_come(name: str) -> None:
+    body, values = BODIES[name]
+    codec = codec_of(f"[{body}]")
+    data = codec.encode("f", values)
+    assert codec.encode("f", codec.decode("f", data)) == data
+    assert codec.measure("f", data) == len(data)
+    assert codec.measure("f", data + b"\x00\x10\x03", 0, len(data)) == len(data)
+    assert codec.measure("f", data + bytes(300)) == len(data), "what follows is not looked at"
+    assert codec.measure("f", bytearray(b"\x10\x02" + data), 2) == len(data)
+    calls_until_complete(codec, "f", data)
+
+
+def test_only_leading_constants_say_that_a_frame_does_not_begin_here() -> None:
+    codec = codec_of(
+        "[{const: 01}, {wrap: {escape: 01}, of: [{const: 01 02}, {field: a, type: u8, is: 5}, {const: 09}]}]"
+    )
+    data = codec.encode("f", {})
+    assert data == bytes.fromhex("01 01 01 02 05 09")
+    for place in range(4):
+        damaged = data[:place] + b"\x77" + data[place + 1 :]
+        assert codec.measure("f", damaged) == 0
+        assert codec.measure("f", damaged[: place + 1]) == 0, "as soon as it shows"
+    assert codec.measure("f", bytes.fromhex("01 01 01 02 06 09")) == 6
+    assert codec.measure("f", bytes.fromhex("01 01 01 02 05 08")) == 6
+
+
+def test_lost_ends() -> None:
+    codec = codec_of("[{length: n, type: hex, size: 2, of: [d], range: 1..9}, {data: d, size: n}]", keys="max: 8")
+    assert codec.measure("f", b"0G") == codec.LOST
+    assert codec.measure("f", b"00") == codec.LOST
+    assert codec.measure("f", b"07") == codec.LOST, "longer than max"
+    assert codec.measure("f", b"06") == -6
+    forgiving = codec_of("[{length: n, type: u8, of: [d], range: 1..2, refuse: 1}, {data: d, size: n}]")
+    assert forgiving.measure("f", b"\x03") == -3, "to be refused when it is complete"
+    table = codec_of("[{field: a, type: u8}, {data: d, size: 't[a]'}]", "tables: {t: {1: 2}}")
+    assert table.measure("f", b"\x01") == -2
+    assert table.measure("f", b"\x02") == table.LOST
+
+
+def test_what_only_silence_ends() -> None:
+    codec = codec_of("[{const: 01}, {data: d, size: rest}, {check: sum8}]", keys="max: 5")
+    assert codec.measure("f", b"\x01") == -1
+    assert codec.measure("f", b"\x01\x02") == codec.QUIET
+    assert codec.measure("f", bytes([1, 2, 3, 4, 5])) == codec.QUIET
+    assert codec.measure("f", bytes([1, 2, 3, 4, 5, 6])) == codec.LOST
+
+
+def test_a_frame_that_is_too_long_is_given_up() -> None:
+    codec = codec_of("[{const: 02}, {data: d, size: rest}, {const: 03}]", keys="max: 10")
+    assert codec.measure("f", b"\x02" + bytes(8)) == -1
+    assert codec.measure("f", b"\x02" + bytes(9)) == codec.LOST
+    assert codec.measure("f", b"\x02" + bytes(9) + b"\x03") == codec.LOST
+
+
+def test_delimited_bodies_end_at_the_first_byte_of_the_tail() -> None:
+    codec = codec_of(
+        "[{field: a, type: hex, size: 2}]",
+        "groups: {g: {head: [{const: 02}, {field: k, type: ascii, size: 1}], delimited: yes, max: 30, "
+        "tail: [{const: 03 04}, {check: sum8, as: hex, when: k == lower(k)}]}}",
+        keys="group: g",
+    )
+    for key in "rR":
+        calls_until_complete(codec, "f", codec.encode("f", {"k": key, "a": 7}))
+    assert codec.measure("f", b"\x02R0\x03\x04") == 5, "also when the body is too short"
+    assert codec.measure("f", b"\x02R0123456\x03\x04") == 11, "and when it is too long"
+    assert codec.measure("f", b"\x02R" + b"0" * 40) == codec.LOST
+
+
+INNER = (
+    "groups: {g: {from: client}}",
+    "frames:\n"
+    "  one: {group: g, body: [{field: c, type: u8, is: 1}, {field: a, type: u16}]}\n"
+    "  two: {group: g, body: [{field: c, type: u8, is: 2}, {length: n, type: u8, of: [d]}, {data: d, size: n}]}\n"
+    "  any: {group: g, body: [{field: c, type: u8}, {data: d, size: rest}], refuse: 5}",
+)
+
+
+def test_inner_frames_give_the_length_of_the_outer_one() -> None:
+    codec = codec_of("[{field: s, type: u8}, {inner: i, of: g}, {check: crc16-modbus, order: little}]", *INNER)
+    for inner in ({"one": {"a": 3}}, {"two": {"d": b"abcd"}}):
+        calls_until_complete(codec, "f", codec.encode("f", {"s": 1, "i": inner}))
+    assert codec.measure("f", b"\x01\x07\x00\x00\x00") == codec.QUIET
+    sized = codec_of("[{length: n, type: u8, of: [i]}, {inner: i, of: g, size: n}, {const: 03}]", *INNER)
+    calls_until_complete(sized, "f", sized.encode("f", {"i": {"any": {"c": 9, "d": b"abc"}}}))
+
+
+def test_inner_frames_that_do_not_begin_here() -> None:
+    codec = codec_of(
+        "[{inner: i, of: g}, {const: 09}]",
+        "groups: {g: {from: client}}",
+        "frames:\n  a: {group: g, body: [{const: 01 02}]}\n"
+        "  b: {group: g, body: [{const: 01 03}, {field: x, type: u8}]}",
+    )
+    assert codec.measure("f", b"\x02\x02") == 0
+    assert codec.measure("f", b"\x01") == -2
+    assert codec.measure("f", b"\x01\x02\x09") == 3
+    assert codec.measure("f", b"\x01\x03\x00") == -1
+    assert codec.measure("f", b"\x01\x04") == 0
+
+
+def test_the_work_grows_with_the_size() -> None:
+    """Bytes that come one by one: few questions, and a search that does not begin anew."""
+    codec = codec_of(f"[{{count: c, type: u8, of: r}}, {{repeat: r, times: c, of: [{SIZED}]}}]")
+    data = codec.encode("f", {"r": [{"d": bytes(place % 5)} for place in range(200)]})
+    assert calls_until_complete(codec, "f", data) < 40
+    fixed = codec_of("[{length: n, type: u16, of: [d]}, {data: d, size: n}, {check: sum8}]")
+    assert calls_until_complete(fixed, "f", fixed.encode("f", {"d": bytes(3000)})) <= 3
+
+
+@cache
+def made(name: str) -> tuple[Codec, FrameValues]:
+    protocol = load_protocol(name)
+    return compile_protocol(protocol), FrameValues(protocol)
+
+
+@QUICK
+@given(st.data())
+@pytest.mark.parametrize("name", ["mldp", "modbus-ascii", "modbus-tcp", "third-party-plc"])
+def test_frames_of_shipped_definitions(name: str, data: st.DataObject) -> None:
+    codec, strategies = made(name)
+    frame = data.draw(st.sampled_from([name for name, one in codec.protocol.frames.items() if not one.inner]))
+    values, ctx = data.draw(strategies.frame(frame))
+    whole = codec.encode(frame, values, ctx)
+    calls_until_complete(codec, frame, whole, ctx)
+    fields, spans, fault = codec.trace(frame, whole, ctx)
+    assert fault is None
+    assert fields == codec.decode(frame, whole, ctx)
+    covered = {place for _, first, last, _ in spans for place in range(first, last)}
+    assert covered == set(range(len(whole))), "every byte belongs to a segment"
+    cut = data.draw(st.integers(0, len(whole)))
+    assert codec.measure(frame, whole[:cut], 0, cut, ctx) < 0 or cut in (0, len(whole))

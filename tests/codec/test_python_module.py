@@ -1,0 +1,187 @@
+"""Generated modules as users get them: they run without framekit, read well, and are the same every time."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from small_protocol import small_protocol
+
+import framekit
+from framekit.codec import errors
+from framekit.codec.codec import compile_protocol, generate_source
+from framekit.definition.load import load_protocol
+from framekit.definition.model.frames import Layout
+from framekit.definition.shipped import shipped_folder
+
+SHIPPED = [
+    path.stem
+    for path in sorted(shipped_folder("frames").glob("*.yaml"))
+    if re.search(r"^(protocol|application):", path.read_text(encoding="utf-8"), re.MULTILINE)
+]
+
+BODY = (
+    "[{field: station, type: u8}, {field: function, type: u8, is: 3}, {length: bytes, type: u8, of: [values]}, "
+    "{data: values, size: bytes}, {check: crc16-modbus, order: little}]"
+)
+
+SCRIPT = """
+import importlib.util, json, sys
+sys.path.insert(0, sys.argv[1])
+assert importlib.util.find_spec("framekit") is None
+import frames
+data = frames.encode_f({"station": 1, "values": b"\\x12\\x34"})
+found = {"bytes": data.hex(), "values": repr(frames.decode_f(data))}
+found["size"] = frames.measure_f(data + b"x", 0, len(data) + 1)
+try:
+    frames.FRAMES["f"].decode(data[:-1] + b"!")
+except frames.FrameError as error:
+    found["fault"] = [error.cause, error.segment, error.offset, str(error)]
+try:
+    frames.encode_f({"station": 300, "values": b""})
+except frames.EncodeError as error:
+    found["refused"] = [error.field, str(error)]
+found["foreign"] = sorted(name for name in sys.modules if name.startswith("framekit"))
+print(json.dumps(found))
+"""
+
+
+def test_a_module_runs_where_framekit_is_not(tmp_path: Path) -> None:
+    (tmp_path / "frames.py").write_text(generate_source(small_protocol(BODY)), encoding="utf-8")
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    ran = subprocess.run(
+        [sys.executable, "-I", "-S", "-W", "error", str(tmp_path / "script.py"), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert found["bytes"] == "0103021234b533"
+    assert found["values"] == "{'station': 1, 'function': 3, 'bytes': 2, 'values': b'\\x124'}"
+    assert found["size"] == 7
+    assert found["fault"][:3] == ["check", "check", 5]
+    assert found["refused"] == ["station", "'station' is 300, more than 255"]
+    assert found["foreign"] == []
+
+
+def test_inside_framekit_there_is_one_kind_of_error() -> None:
+    codec = compile_protocol(small_protocol(BODY))
+    with pytest.raises(errors.FrameError):
+        codec.decode("f", b"")
+    with pytest.raises(errors.EncodeError):
+        codec.encode("f", {})
+    assert codec.module.FrameError is errors.FrameError
+    assert "class FrameError" not in generate_source(small_protocol(BODY), standalone=False)
+
+
+def test_the_text_is_the_same_every_time() -> None:
+    for name in SHIPPED:
+        assert generate_source(load_protocol(name)) == generate_source(load_protocol(name))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_definitions_make_clean_modules(name: str) -> None:
+    source = generate_source(load_protocol(name))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tree = ast.parse(source)
+        compile(tree, name, "exec")
+    assert ast.get_docstring(tree)
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    frames = [node for node in functions if node.name.startswith(("encode_", "decode_", "measure_", "examine_"))]
+    assert all(ast.get_docstring(node) for node in frames)
+    assert all(len(line) <= 120 or '"' in line for line in source.splitlines())
+    assert not any(line != line.rstrip() for line in source.splitlines())
+    assert "framekit" not in "".join(line for line in source.splitlines() if "import" in line)
+
+
+def test_the_header_says_where_it_comes_from() -> None:
+    text = ast.get_docstring(ast.parse(generate_source(load_protocol("third-party-plc")))) or ""
+    assert framekit.__version__ in text
+    assert "third-party-plc.yaml" in text
+    assert "encode_wr_req(values)" in text
+
+
+def test_names_of_all_kinds_become_identifiers() -> None:
+    body = (
+        "[{field: class, type: u8}, {field: len, type: u8}, {field: ctx, type: u8}, {field: at, type: u8}, "
+        "{field: Struct, type: u8}, {field: struct, type: u8}, {field: encode_f, type: u8}, {field: values, type: u8}, "
+        "{field: frame, type: u16}, {field: n, type: u8}, {data: data, size: n}, {check: sum8}]"
+    )
+    codec = compile_protocol(small_protocol(body))
+    values = {
+        name: place
+        for place, name in enumerate(["class", "len", "ctx", "at", "Struct", "struct", "encode_f", "values", "frame"])
+    }
+    data = codec.encode("f", {**values, "n": 2, "data": b"ab"})
+    assert codec.decode("f", data) == {**values, "n": 2, "data": b"ab"}
+    assert codec.measure("f", data) == len(data)
+
+
+def test_names_of_frames_that_clash_with_each_other_and_with_helpers() -> None:
+    frames = "frames:\n  A.B: {body: [{const: 01}]}\n  A_B: {body: [{const: 02}]}\n  a-b: {body: [{const: 03}]}\n"
+    codec = compile_protocol(
+        small_protocol(
+            "[{inner: i, of: g}]",
+            "groups: {g: {from: client}}",
+            frames + "  one: {group: g, body: [{const: 04}]}\n  first: {group: g, body: [{const: 05}]}",
+        )
+    )
+    for name, data in {"A.B": b"\x01", "A_B": b"\x02", "a-b": b"\x03", "one": b"\x04", "first": b"\x05"}.items():
+        assert codec.encode(name, {}) == data
+    assert codec.decode("f", b"\x05") == {"i": {"first": {}}}
+    assert codec.encode("f", {"i": {"one": {}}}) == b"\x04"
+
+
+def test_a_protocol_is_compiled_once() -> None:
+    protocol = small_protocol(BODY)
+    assert compile_protocol(protocol) is compile_protocol(protocol)
+
+
+def test_defaults_hold_what_frames_ask_for_and_nothing_else() -> None:
+    protocol = small_protocol(
+        "[{field: a, type: u8, build: start}, {data: d, size: announced}, {require: a < most}]",
+        "params: {most: {type: number, default: 9}, unused: {type: number, default: 1}}",
+        "state: {start: {scope: line, type: u8, initial: 2}, announced: {scope: line, type: u16}}",
+        keys="announces: {announced: a}",
+    )
+    codec = compile_protocol(protocol)
+    assert codec.defaults == {"announced": None, "most": 9, "start": 2}
+    assert codec.encode("f", {"d": b"xy"}) == b"\x02xy"
+    with pytest.raises(KeyError, match="'other' has no default"):
+        codec.defaults["other"]
+
+
+def test_inner_names() -> None:
+    codec = compile_protocol(
+        small_protocol(
+            "[{repeat: items, times: 1, of: [{inner: one, of: g}]}, {include: pair, as: p}]",
+            "groups: {g: {from: client}}",
+            "layouts: {pair: [{field: x, type: u8}, {inner: two, of: g}]}",
+            "frames:\n  a: {group: g, body: [{const: 07}]}",
+        )
+    )
+    assert codec.inner_names("f") == ("items[].one", "p.two")
+
+
+def test_layouts_are_codecs_of_their_own() -> None:
+    protocol = small_protocol("[{field: x, type: u8}, {data: d, size: rest}]")
+    frame = protocol.frames["f"]
+    hanging = small_protocol("[{const: 01, name: c}, {check: sum8, over: [c]}]").frames["f"].segments[1:]
+    layouts = {
+        "pair": Layout(name="pair", segments=frame.segments, at=frame.at),
+        "hanging": Layout(name="hanging", segments=hanging, at=frame.at),
+    }
+    codec = compile_protocol(replace(protocol, layouts=layouts))
+    assert codec.encode_layout("pair", {"x": 1, "d": b"ab"}) == b"\x01ab"
+    assert codec.decode_layout("pair", b"\x01ab") == {"x": 1, "d": b"ab"}
+    assert "hanging" not in codec.layouts, "its check covers what is not in it"
