@@ -178,8 +178,22 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
         except AddressError as error:
             what, _, todo = str(error).partition(" – ")
             raise reader.broken(entry.key.at, what, todo) from None
-        return Place(address=address, text=text), tuple(reader.number(item) for item in reader.items(entry.value))
+        values = tuple(reader.number(item) for item in reader.items(entry.value))
+        try:
+            grammar.check(address, max(1, len(values)))
+        except AddressError as error:
+            raise reader.broken(entry.value.at, *_parted(error)) from None
+        bits = address.unit_bits
+        for item, value in zip(reader.items(entry.value), values, strict=True):
+            if not -(1 << bits - 1) <= value < 1 << bits:
+                raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
+        return Place(address=address, text=text), values
     return None
+
+
+def _parted(error: Exception) -> tuple[str, str]:
+    what, _, todo = str(error).partition(" – ")
+    return what, todo
 
 
 def without(node: MappingNode, key: str) -> MappingNode:

@@ -9,7 +9,7 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.load.scalars import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Entry, Node, Sequence
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import did_you_mean, plural
 from framekit.link.parameters import ParameterError, given_value
 
 
@@ -32,7 +32,14 @@ def parse_station(text: str, protocol: Protocol) -> Any:
         if station.limits is not None and not station.limits[0] <= number <= station.limits[1]:
             raise ValueError(f"station {number} is not in {station.limits[0]}..{station.limits[1]}")
         return number
-    return parse_bytes(text) if station.type == "bytes" else text
+    if station.type == "bytes":
+        data = parse_bytes(text)
+        if station.size is not None and len(data) != station.size:
+            raise ValueError(f"station {text} has {plural(len(data), 'byte')}, it needs {station.size}")
+        return data
+    if station.size is not None and len(text) > station.size:
+        raise ValueError(f"station '{text}' has {len(text)} characters, at most {station.size} are possible")
+    return text
 
 
 def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) -> dict[str, Any]:

@@ -1,4 +1,7 @@
-"""Reads the blocks of a run: instruction, places on both sides, station. Triggers and frames have loaders of their own."""
+"""Reads the blocks of a run: instruction, places on both sides, station.
+
+Triggers and the frames of SEND and RECEIVE have loaders of their own.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from framekit.definition.model.services import ServiceRow
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position, did_you_mean
-from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.addresses import Address, AddressError, AddressGrammar
 
 T = TypeVar("T")
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call")
@@ -57,7 +60,7 @@ class BlockLoader:
 
     def _address(
         self, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
-    ) -> Any:
+    ) -> Address:
         """An address, with room for `count` elements behind it. Raises Broken."""
         try:
             address = grammar.parse(text, unit)
@@ -90,7 +93,7 @@ class BlockLoader:
             raise Broken("the schema has told what is wrong with the instruction")
         instruction = kinds[0]
         self.spoilt = False
-        common = {
+        common: dict[str, Any] = {
             "number": number,
             "set": set_number,
             "name": self._maybe(reader.text, keys.get("name")) or f"block {number}",

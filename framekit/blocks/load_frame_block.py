@@ -35,7 +35,9 @@ class FrameBlockLoader:
             at = keys.at if node is None else node.at
             raise reader.broken(at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
         frame = protocol.frames[name]
-        self._direction(instruction, frame, node, channel, number)
+        if protocol.frames_alone:
+            self._direction(instruction, frame, node)
+        self._once(instruction, frame, node, (channel, frame.name), number)
         fields = {part.name: part for part in flat(frame.segments) if isinstance(part, (Data, Field))}
         data = dict(self._own_memory(fields))
         for entry in reader.entries(keys.get("data")):
@@ -61,18 +63,19 @@ class FrameBlockLoader:
                 with self.reader.going_on():
                     yield name, self.place(Scalar(memory, part.at, False))
 
-    def _direction(self, instruction: str, frame: Frame, node: Node, channel: int, number: int) -> None:
-        """Frames come from one side; a frame is received by one block of a channel."""
-        wrong, other = ("server", "receive") if instruction == "send" else ("client", "send")
+    def _direction(self, instruction: str, frame: Frame, node: Node) -> None:
+        """A run is the client where a protocol knows no roles."""
+        wrong, done, other = ("server", "sent", "receive") if instruction == "send" else ("client", "received", "send")
         if frame.side == wrong:
-            what = (
-                f"'{frame.name}' comes from the {wrong}, it cannot be {'sent' if instruction == 'send' else 'received'}"
-            )
+            what = f"'{frame.name}' comes from the {wrong}, it cannot be {done}"
             self.reader.note(node.at, what, f"use {other}:, or another frame")
+
+    def _once(self, instruction: str, frame: Frame, node: Node, key: tuple[int, str], number: int) -> None:
+        """A frame is received by one block of a channel, and never when it stands inside others."""
         if frame.inner:
             self.reader.note(node.at, f"'{frame.name}' stands inside other frames", "name a frame that carries it")
         if instruction == "receive":
-            first = self.received.setdefault((channel, frame.name), number)
+            first = self.received.setdefault(key, number)
             if first != number:
                 self.reader.note(node.at, f"block {first} receives '{frame.name}' already", "let one block take it")
 
@@ -87,10 +90,8 @@ class FrameBlockLoader:
         for entry in self.reader.entries(node):
             with self.reader.going_on():
                 if entry.key.text not in known:
-                    hint = did_you_mean(entry.key.text, known)
-                    raise self.reader.broken(
-                        entry.key.at, f"frame '{frame.name}' has no field '{entry.key.text}'", hint
-                    )
+                    what = f"frame '{frame.name}' has no field '{entry.key.text}'"
+                    raise self.reader.broken(entry.key.at, what, did_you_mean(entry.key.text, known))
                 found[entry.key.text] = self.reader.constant(entry.value)
         return found
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from framekit.blocks.device import Device, load_device
 from framekit.blocks.model import Channel
-from framekit.definition.load.reader import Reader
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.service.device import DeviceService
 from framekit.transport.clock import Clock
@@ -21,23 +20,39 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
     """The simulated devices a channel's port names; none for a real port. Raises DefinitionError."""
     if not channel.port.startswith(SIMULATED):
         return []
-    reader = Reader()
+    problems: list[Problem] = []
     found: list[Device] = []
-    for name in channel.port.removeprefix(SIMULATED).split(","):
-        file = folder / name.strip()
+    for name in (part.strip() for part in channel.port.removeprefix(SIMULATED).split(",")):
+        file = folder / name
         try:
-            found.append(load_device(file if file.is_file() else name.strip(), folder))
+            device = load_device(file if file.is_file() else name, folder)
         except DefinitionError as error:
-            reader.problems += [_here(problem, channel) for problem in error.problems]
-    if reader.problems:
-        raise DefinitionError(reader.problems)
+            problems += [_here(problem, name, channel) for problem in error.problems]
+            continue
+        problems += _fits(device, found, channel)
+        found.append(device)
+    if problems:
+        raise DefinitionError(problems)
     return found
 
 
-def _here(problem: Problem, channel: Channel) -> Problem:
+def _here(problem: Problem, name: str, channel: Channel) -> Problem:
     """A device that is not there is the fault of the run that names it."""
-    missing = problem.at.line == 1 and "there is no" in problem.what
-    return Problem(channel.at, problem.what, problem.todo) if missing else problem
+    missing = problem.at.file == name
+    return Problem(channel.port_at, problem.what, problem.todo) if missing else problem
+
+
+def _fits(device: Device, others: list[Device], channel: Channel) -> list[Problem]:
+    """Whether a device can be on the line of this channel beside the others."""
+    found = []
+    if not set(device.protocol.sources) & set(channel.protocol.sources):
+        what = f"the device '{device.name}' speaks {device.protocol.name}, this channel {channel.protocol.name}"
+        found.append(Problem(channel.port_at, what, "name a device of that protocol"))
+    for other in others:
+        if device.own is not None and other.own == device.own:
+            what = f"the devices '{other.name}' and '{device.name}' have the same station {device.own}"
+            found.append(Problem(channel.port_at, what, "give one of them another station"))
+    return found
 
 
 def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Port, list[DeviceService]]:
