@@ -7,13 +7,16 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterable
+from functools import cache
+from typing import Any
 
 _ALWAYS = ("fault", "error")
 
 
-def whole_source(value: object) -> str:
+@cache
+def whole_source(value: Any) -> str:
     """The source of a function or class."""
-    return inspect.getsource(value)  # type: ignore[arg-type]
+    return inspect.getsource(value)
 
 
 def used_methods(classes: Iterable[type], text: str) -> set[str]:
@@ -31,7 +34,7 @@ def used_methods(classes: Iterable[type], text: str) -> set[str]:
 
 def class_source(one: type, methods: set[str]) -> str:
     """The source of a class with only some of its methods."""
-    text = inspect.getsource(one)
+    text = whole_source(one)
     first = next(iter(_functions(text)), None)
     if first is None:
         return text
@@ -42,19 +45,21 @@ def class_source(one: type, methods: set[str]) -> str:
     return "\n".join(head) + "\n\n" + "\n\n".join(kept) + "\n" if kept else "\n".join(head) + "\n"
 
 
-def _methods(one: type) -> list[tuple[str, str]]:
-    text = inspect.getsource(one)
+@cache
+def _methods(one: type) -> tuple[tuple[str, str], ...]:
+    text = whole_source(one)
     lines = text.splitlines()
-    return [
+    return tuple(
         (function.name, "\n".join(lines[_first_line(function) - 1 : function.end_lineno]))
         for function in _functions(text)
-    ]
+    )
 
 
-def _functions(text: str) -> list[ast.FunctionDef]:
+@cache
+def _functions(text: str) -> tuple[ast.FunctionDef, ...]:
     (found,) = ast.parse(textwrap.dedent(text)).body
     assert isinstance(found, ast.ClassDef)
-    return [part for part in found.body if isinstance(part, ast.FunctionDef)]
+    return tuple(part for part in found.body if isinstance(part, ast.FunctionDef))
 
 
 def _first_line(function: ast.FunctionDef) -> int:

@@ -135,11 +135,11 @@ def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
 
 def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
     """The bytes of `{frame: fields}`. Raises EncodeError."""
-    if not isinstance(value, Mapping) or len(value) != 1:
+    ((wanted, fields),) = value.items() if isinstance(value, Mapping) and len(value) == 1 else (("", None),)
+    if not isinstance(fields, Mapping):
         raise EncodeError(name, f"'{name}' must be one frame as {{name: fields}}")
-    ((wanted, fields),) = value.items()
     if wanted == "unknown":
-        return bytes(fields["data"])
+        return bytes(b"" + fields["data"])
     for frame in choice.everything:
         if frame.name == wanted:
             try:

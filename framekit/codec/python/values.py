@@ -56,8 +56,7 @@ class ValueWriter(FieldValueWriter):
         if given.in_cases is not None:
             computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
             options += f", elsewhere={given.in_cases[1]}"
-        more = f"len({given.text}) != {given.needed}" if given.needed else given.text
-        with self.out.block(f"if {more}:"):
+        with self.out.block(f"if len({given.text}) != {given.needed}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
