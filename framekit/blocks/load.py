@@ -5,6 +5,7 @@ Addresses of the own memory are resolved here; those of the other side are tried
 
 from __future__ import annotations
 
+import difflib
 from contextlib import suppress
 from pathlib import Path
 
@@ -85,9 +86,10 @@ class RunLoader:
     def _profile(self) -> MemoryProfile:
         node = self.root.get("memory")
         if node is None:
-            raise self.reader.broken(
-                self.root.at, "the run has no memory", "add memory: with a profile's name or areas"
-            )
+            misspelt = difflib.get_close_matches("memory", [entry.key.text for entry in self.root.entries])
+            if not misspelt:
+                self.reader.note(self.root.at, "the run has no memory", "add memory: with a profile's name or areas")
+            raise Broken("memory")
         try:
             if isinstance(node, Mapping):
                 return load_profile_node(without(node, "set"), self.path.parent)
@@ -107,6 +109,7 @@ class RunLoader:
     def _blocks(self, loader: BlockLoader) -> tuple[Block, ...]:
         entries = self.reader.entries(self.root.get("blocks"))
         found = []
+        numbers: set[int] = set()
         for entry in entries:
             with self.reader.going_on():
                 number = self.reader.number(entry.key)
@@ -114,8 +117,9 @@ class RunLoader:
                     raise self.reader.broken(
                         entry.key.at, f"there is no block {number}", f"blocks are numbered 0 to {MOST_BLOCKS - 1}"
                     )
+                if number in numbers:
+                    raise self.reader.broken(entry.key.at, f"there are two blocks {number}", "renumber one of them")
+                numbers.add(number)
                 found.append(loader.block(number, 1, entry))
-        loader.triggers.check_ends(
-            {block.number for block in found} | {int(e.key.text) for e in entries if e.key.text.isdigit()}
-        )
+        loader.triggers.check_ends(numbers)
         return tuple(found)

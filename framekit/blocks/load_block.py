@@ -5,6 +5,7 @@ Triggers and the frames of SEND and RECEIVE have loaders of their own.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeVar
 
@@ -13,6 +14,7 @@ from framekit.blocks.load_channel import needs_station
 from framekit.blocks.load_frame_block import FrameBlockLoader
 from framekit.blocks.load_triggers import STARTS, TriggerLoader
 from framekit.blocks.model import Block, Channel, Instruction, Place
+from framekit.definition.check.addresses import is_unit
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.services import ServiceRow
@@ -123,11 +125,13 @@ class BlockLoader:
     def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
         """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""
         given = [key for key in STARTS if key in keys]
+        others = [entry.key.text for entry in keys.entries if entry.key.text not in STARTS]
+        misspelt = any(difflib.get_close_matches(key, STARTS) for key in others) or "phase" in others
         if instruction == "receive" and given:
             node = keys.get(given[0])
             at = entry.key.at if node is None else node.at
             self.reader.note(at, "a receiving block acts whenever its frame comes", f"leave {given[0]} out")
-        elif instruction != "receive" and not given:
+        elif instruction != "receive" and not given and not misspelt:
             what = f"nothing starts block {entry.key.text}"
             self.reader.warn(entry.key.at, what, "add every:, when:, once: or another trigger")
         repeat = keys.get("repeat")
@@ -138,7 +142,7 @@ class BlockLoader:
         """Raises Broken; what is wrong with the channel itself has been told there."""
         node = keys.get("channel")
         if node is None:
-            if len(self.known) == 1:
+            if len(self.known) <= 1:
                 if not self.channels:
                     raise Broken("the channel has been told")
                 return next(iter(self.channels.values()))
@@ -163,7 +167,11 @@ class BlockLoader:
             try:
                 return {"station_from": Place(address=self.grammar.parse(text), text=text)}
             except AddressError:
-                pass
+                if channel.protocol.station.type == "number":
+                    what = f"'{text}' is neither a station nor an address of the own memory"
+                    self.reader.note(node.at, what, "write a number, or an address such as M100")
+                    self.spoilt = True
+                    return {}
         return {"station": self._maybe(lambda given: read_station(self.reader, given, channel.protocol), node)}
 
     # ---- instructions -------------------------------------------------------------------------------------
@@ -172,6 +180,8 @@ class BlockLoader:
         """READ and WRITE: addresses of the other side, and the own places beside them."""
         reader = self.reader
         unit = self._maybe(reader.text, keys.get("type"))
+        if unit is not None and not is_unit(unit):
+            raise Broken("the schema has told what is wrong with the unit")
         count = self._count(keys.get("count"))
         nodes = reader.items(keys.get(instruction))
         protocol = channel.protocol
@@ -207,7 +217,7 @@ class BlockLoader:
         reader = self.reader
         word, other, does = ("into", "from", "go") if instruction == "read" else ("from", "into", "come from")
         wrong = keys.get(other)
-        if wrong is not None:
+        if wrong is not None and instruction == "read":
             reader.note(wrong.at, f"{other}: does not belong to a {instruction}", f"write {word}:")
         node, given = keys.get(word), keys.get("values")
         places = tuple(place for item in reader.items(node) if (place := self._maybe(self.place, item)) is not None)
@@ -221,7 +231,7 @@ class BlockLoader:
             reader.note(given.at, "the block has values and an own place", "leave one of them out")
         elif values is not None and len(values) not in (1, max(targets, count)):
             wanted = max(targets, count)
-            reader.note(given.at if given else keys.at, f"{len(values)} values stand for {wanted} places", "")
+            reader.note(keys.at, f"{len(values)} values stand for {wanted} places", f"give one value, or {wanted}")
         own = len(reader.items(node))
         if own and own != targets:
             what = f"{targets} addresses of the other side stand against {own} own ones"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from framekit.blocks.model import Place
-from framekit.definition.load.reader import Reader
+from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Data, Field, Segment
@@ -23,6 +24,7 @@ class FrameBlockLoader:
         self.reader = reader
         self.place = place
         self.received: dict[tuple[int, str], int] = {}
+        self.spoilt = False
 
     def read(
         self, instruction: str, keys: MappingNode, protocol: Protocol, channel: int, number: int
@@ -35,32 +37,36 @@ class FrameBlockLoader:
             at = keys.at if node is None else node.at
             raise reader.broken(at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
         frame = protocol.frames[name]
+        self.spoilt = False
         if protocol.frames_alone:
             self._direction(instruction, frame, node)
         self._once(instruction, frame, node, (channel, frame.name), number)
         fields = {part.name: part for part in flat(frame.segments) if isinstance(part, (Data, Field))}
         data = dict(self._own_memory(fields))
         for entry in reader.entries(keys.get("data")):
-            with reader.going_on():
+            with self._going_on():
                 self._known(entry.key, frame, fields)
                 data[entry.key.text] = self.place(entry.value)
         values = self._values(keys.get("values"), frame)
         sizes = self._sizes(keys.get("size"), frame, fields)
-        if instruction == "send" and not self._unclear(keys):
+        if instruction == "send" and not self.spoilt:
             self._missing(frame, {*data, *values}, sizes, keys)
         return {"frame": name, "data": data, "values": values, "sizes": sizes}
 
-    def _unclear(self, keys: MappingNode) -> bool:
-        """Whether something misspelt may be what would be missing."""
-        return any(entry.key.text not in ("send", "data", "values", "size") and entry.key.text[:3] in ("dat", "val")
-                   for entry in keys.entries)  # fmt: skip
+    @contextmanager
+    def _going_on(self) -> Iterator[None]:
+        """What is broken inside is left out; nothing is said to be missing then."""
+        try:
+            yield
+        except Broken:
+            self.spoilt = True
 
     def _own_memory(self, fields: Mapping[str, Segment]) -> Iterator[tuple[str, Place]]:
         """Places that the definition of a frame names itself."""
         for name, part in fields.items():
             memory = getattr(part, "memory", None)
             if memory:
-                with self.reader.going_on():
+                with self._going_on():
                     yield name, self.place(Scalar(memory, part.at, False))
 
     def _direction(self, instruction: str, frame: Frame, node: Node) -> None:
@@ -88,7 +94,7 @@ class FrameBlockLoader:
         known = dict.fromkeys(field_names(frame.segments))
         found: dict[str, Any] = {}
         for entry in self.reader.entries(node):
-            with self.reader.going_on():
+            with self._going_on():
                 if entry.key.text not in known:
                     what = f"frame '{frame.name}' has no field '{entry.key.text}'"
                     raise self.reader.broken(entry.key.at, what, did_you_mean(entry.key.text, known))
@@ -98,7 +104,7 @@ class FrameBlockLoader:
     def _sizes(self, node: Node | None, frame: Frame, fields: Mapping[str, Segment]) -> dict[str, int]:
         found: dict[str, int] = {}
         for entry in self.reader.entries(node):
-            with self.reader.going_on():
+            with self._going_on():
                 self._known(entry.key, frame, fields)
                 size = self.reader.number(entry.value)
                 fixed = getattr(fields[entry.key.text], "size", None)

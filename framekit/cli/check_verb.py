@@ -92,7 +92,10 @@ def _run(path: Path) -> tuple[str, list[Problem]]:
     loaded = load_run(path)
     problems: list[Problem] = []
     for channel in loaded.channels.values():
-        devices_of(channel, path.parent)
+        try:
+            devices_of(channel, path.parent)
+        except DefinitionError as error:
+            problems += error.problems
     for protocol in {id(channel.protocol): channel.protocol for channel in loaded.channels.values()}.values():
         problems += [problem for problem in check_matrices(protocol) if not problem.warning]
     if problems:

@@ -19,6 +19,9 @@ from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.variables import table_values
 from framekit.memory.numbers import unit_bits
 
+MOST_EXAMPLES, MOST_AREAS = 4, 12
+"""How many forms and areas a message names."""
+
 
 class AddressError(ValueError):
     """A text that is no address, or a place that is not there. The message is one sentence with what is known."""
@@ -92,10 +95,24 @@ class AddressGrammar:
         return Address(area, unit, found.pop("start"), text, found)
 
     def _unknown(self, text: str) -> str:
-        forms = ", ".join(form.form.text for form in self._forms)
-        areas = ", ".join(self.areas)
+        if text in self.areas:
+            return f"'{text}' is not an address – add the number of a place in area {text}"
         hint = did_you_mean(text, self.areas) if text.isalpha() else ""
-        return f"'{text}' is not an address" + (f" – {hint}" if hint else f" – forms: {forms}; areas: {areas}")
+        return f"'{text}' is not an address – " + (hint if hint.startswith("did you mean") else self._examples())
+
+    def _examples(self) -> str:
+        """How addresses are written here: examples of the forms that can be printed, else the forms themselves."""
+        texts: list[str] = []
+        for form in self._forms:
+            for name, one in self.areas.items():
+                names = Names({"area": self.views[name]}, self._tables)
+                text = form.print(name, one.unit, 10, {}, names)
+                if text is not None:
+                    texts.append(text)
+                    break
+        shown = ", ".join(texts[:MOST_EXAMPLES] or [form.form.text for form in self._forms[:MOST_EXAMPLES]])
+        areas = ", ".join(list(self.areas)[:MOST_AREAS]) + (", …" if len(self.areas) > MOST_AREAS else "")
+        return f"write it like {shown}; areas: {areas}"
 
     def check(self, address: Address, count: int = 1) -> None:
         """Raises AddressError if any of `count` elements is beyond the area."""

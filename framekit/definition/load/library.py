@@ -52,7 +52,8 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if path.is_file():
             return path
-        raise DefinitionError([Problem(Position(str(name), 1, 1), "there is no such file", "check the path")])
+        what = f"there is no file '{path.name}'"
+        raise DefinitionError([Problem(Position(str(name), 1, 1), what, "check its name and folder")])
     found = find_definition(str(name), folder or Path.cwd())
     if found is None:
         folders = (folder or Path.cwd(), shipped_folder("frames"))

@@ -17,7 +17,7 @@ from framekit.definition.load import scalars
 from framekit.definition.model.values import Constant
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import Position, Problem, did_you_mean
-from framekit.definition.times import parse_time
+from framekit.definition.times import UNITS, parse_time
 
 T = TypeVar("T")
 
@@ -97,7 +97,7 @@ class Reader:
 
     def time(self, node: Node | None) -> int:
         """A time in nanoseconds: `10 ms`, or a unit alone for one of it."""
-        return self._parsed(node, lambda text: parse_time(text if text[:1].isdigit() else f"1 {text}"))
+        return self._parsed(node, lambda text: parse_time(f"1 {text}" if text in UNITS else text))
 
     def places(self, node: Node | None) -> tuple[int, int]:
         return self._parsed(node, scalars.parse_places)
