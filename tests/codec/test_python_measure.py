@@ -14,7 +14,9 @@ from strategies import FrameValues
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.load import load_protocol
 
-QUICK = settings(max_examples=25, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+QUICK = settings(
+    max_examples=25, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)
+)
 
 
 def codec_of(body: str, *sections: str, keys: str = "") -> Codec:
@@ -227,8 +229,10 @@ def test_frames_of_shipped_definitions(name: str, data: st.DataObject) -> None:
     whole = codec.encode(frame, values, ctx)
     calls_until_complete(codec, frame, whole, ctx)
     fields, spans, fault = codec.trace(frame, whole, ctx)
-    assert fault is None
-    assert fields == codec.decode(frame, whole, ctx)
+    if fault is None:
+        assert fields == codec.decode(frame, whole, ctx)
+    else:
+        assert fault.refuse is not None, "bytes of a frame that is always refused may fit another one's fault"
     covered = {place for _, first, last, _ in spans for place in range(first, last)}
     assert covered == set(range(len(whole))), "every byte belongs to a segment"
     cut = data.draw(st.integers(0, len(whole)))
