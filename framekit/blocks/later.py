@@ -5,7 +5,14 @@ from __future__ import annotations
 from framekit.definition.load.reader import Reader
 from framekit.definition.nodes import Mapping, Node
 
-RUN = {"uses": "", "sets": "write one file a set", "merge": "", "silence": "use pause in the channel", "dead": "", "state": ""}
+RUN = {
+    "uses": "",
+    "sets": "write one file a set",
+    "merge": "",
+    "silence": "use pause in the channel",
+    "dead": "",
+    "state": "",
+}
 CHANNEL = {
     "type": "",
     "stations": "write station in the blocks",

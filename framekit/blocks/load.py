@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from framekit.blocks.device import start_value, without
+from framekit.blocks.later import note_later
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.model import Block, Channel, Place, Run
@@ -30,7 +31,9 @@ def load_run(path: Path) -> Run:
     documents = Documents(reader)
     run = None
     with suppress(Broken):
-        run = RunLoader(reader, path, documents.root(path, "run")).load()
+        root = documents.root(path, "run")
+        note_later(reader, root)
+        run = RunLoader(reader, path, root).load()
     problems = documents.first_words(reader.problems)
     if run is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
