@@ -129,7 +129,7 @@ class _Checker:
         return not self.sampler.samples(frame)[0].values
 
     def _fits(self, frame: str, sample: Sample, inside: bool) -> bool:
-        """Whether a receiver that looks for `frame` first takes it out of the sample's bytes (`inside`: all of them)."""
+        """Whether a receiver that looks for `frame` first takes it from the bytes of a sample (`inside`: all)."""
         context = self.sampler.context
         try:
             length = len(sample.data) if inside else self.codec.measure(frame, sample.data, ctx=context)

@@ -41,7 +41,8 @@ class ExaminationState:
     """A frame being read carefully. `fields`, `spans` (path, first byte, byte behind the last, value) grow as it goes.
 
     `n["name"]` is a field by name, innermost record first. Places count in the present buffer; `wire` turns them into
-    those on the wire, also inside wraps. `turn` counts segments, also those that take no bytes.
+    those on the wire, also inside wraps. `turn` counts segments, also those that take no bytes. `is_quiet`: the part
+    that is read now has had its fault.
     """
 
     def __init__(self, data: bytes, ctx: Mapping[str, Any]) -> None:
@@ -58,6 +59,7 @@ class ExaminationState:
         self.turns: dict[str, int] = {}
         self.spans: list[Span] = []
         self.notes = Notes()
+        self.is_quiet = False
 
     def __getitem__(self, name: str) -> Any:
         for scope in reversed(self.scopes):
@@ -83,6 +85,8 @@ class ExaminationState:
 
     def note(self, cause: str, segment: str, place: int, expected: str, found: str, refuse: int | None = None) -> None:
         """A fault; the first one in the frame counts."""
+        if self.is_quiet:
+            return
         place, turn = self.wire(place), self.turns.get(segment, self.turn)
         first = self.notes.first
         if first is None or (place, turn) < (first.offset, self.notes.turn):
@@ -233,16 +237,16 @@ class ExaminationState:
         if cause:
             bad = start + places[-1]
             self.note(cause, name, bad, "wrapped content", raw[places[-1] :][:2].hex(" "))
-            self.notes.unchecked = self.notes.unchecked or checks
-            raise Stop
         whole = self.data, self.at, self.end, self.places
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
+        quiet, self.is_quiet = self.is_quiet, self.is_quiet or bool(cause)
         try:
             with self.part(checks=checks):
                 yield
         finally:
             self.data, self.at, self.end, self.places = whole
+            self.is_quiet = quiet
 
 
 def shown(segment: str) -> str:

@@ -133,6 +133,7 @@ class ExamineWriter(SegmentExaminer):
                 self._conditional(segment, scope, behind)
             else:
                 self.segment(segment, scope, behind)
+            self.read_names.update(name for one in everything((segment,)) for name in value_names(one))
         if finish:
             self.finish()
 
@@ -253,7 +254,7 @@ class ExamineWriter(SegmentExaminer):
     def _inner(self, inner: Inner, scope: Scope, behind: Behind) -> None:
         choice = self.module.choice(inner.frames, "frames_of", inner.name)
         fixed = self.shapes.present(inner).fixed
-        known = all(self.shapes.present(segment).fixed is not None for segment, _ in behind)
+        known = all(self.shapes.present(one).fixed is not None and self.is_told(one) for one, _ in behind)
         option = ""
         if isinstance(inner.size, Expression):
             size = self.ask(inner.size, scope)

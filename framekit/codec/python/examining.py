@@ -8,10 +8,10 @@ from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.function import leaves, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
-from framekit.codec.python.shape import everything
+from framekit.codec.python.shape import everything, value_names
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.emit import BIT_OR, PRODUCT
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -47,6 +47,8 @@ class Examining:
         self.hoisted: dict[str, str] = {}
         self.deferred: list[str] = []
         self.late_checks: list[str] = []
+        self.field_names = {name for segment in everything(segments) for name in value_names(segment)}
+        self.read_names: set[str] = set()
         self.asked_for = self._asked_for()
 
     def _asked_for(self) -> set[str]:
@@ -87,7 +89,7 @@ class Examining:
         fixed, parts = 0, []
         for segment, scope in after:
             size = self.shapes.present(segment).fixed
-            if size is None:
+            if size is None or not self.is_told(segment):
                 return self._constant_behind(after[0][0])
             if segment.when is None:
                 fixed += size
@@ -96,6 +98,10 @@ class Examining:
         if not parts:
             return str(fixed)
         return "lambda n: " + " + ".join([*([str(fixed)] if fixed else []), *parts])
+
+    def is_told(self, segment: Segment) -> bool:
+        """Whether it can be told already if the segment is there."""
+        return segment.when is None or not names_in(segment.when.root) & (self.field_names - self.read_names)
 
     def _constant_behind(self, segment: Segment) -> str:
         data = segment.data if isinstance(segment, Const) else b""

@@ -14,7 +14,7 @@ from framekit.codec.python.measuring import Finished, Pairs
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place
 from framekit.codec.python.shape import Fill, flat, leading, names_read, of_type, value_names, without_when
-from framekit.codec.python.source import Source, bytes_literal, literal
+from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
@@ -259,7 +259,7 @@ class MeasureWriter(SegmentMeasurer):
     def _wrap(self, wrap: Wrap, scope: Scope, after: Pairs) -> None:
         fixed = self.shapes.all(wrap.of).fixed
         if wrap.how == "hex":
-            self._hex(wrap, fixed, after)
+            self._hex(wrap, scope, fixed, after)
             return
         self.settle()
         escape = f"{wrap.escape or 0:#04x}"
@@ -271,6 +271,7 @@ class MeasureWriter(SegmentMeasurer):
                 self.add(f"return -{1 + behind}")
             with self.out.block("except ValueError:"):
                 self.add("return LOST")
+            self._read_content(wrap, scope)
             return
         find = self.module.function("find_region_end")
         resume = self.resume(after)
@@ -279,12 +280,35 @@ class MeasureWriter(SegmentMeasurer):
         self.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
         with self.out.block("if at < 0:"):
             self.not_found(max(behind - 1, 1))
+        self._read_content(wrap, scope)
 
-    def _hex(self, wrap: Wrap, fixed: int | None, after: Pairs) -> None:
+    def _read_content(self, wrap: Wrap, scope: Scope) -> None:
+        """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
+        names = [name for one in flat(wrap.of) for name in value_names(one) if name in self.needed]
+        if names:
+            self.settle()
+            self.may_fail = True
+            self.add(f"fields = examine_{self.identifier}(bytes(data[start:at]), ctx).fields")
+            for name in names:
+                self.set_value(name, scope, f"fields[{quoted(name)}]")
+
+    def _hex(self, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
+        needed = any(name in self.needed for one in flat(wrap.of) for name in value_names(one))
         if fixed is not None:
+            if needed:
+                self.want(2 * fixed, after)
             self.skip(str(2 * fixed))
+            self._read_content(wrap, scope)
             return
-        if after and isinstance(after[0][0], Const):
+        first = after[0][0] if after else None
+        if isinstance(first, Const) and first.when is None and first.data[:1].upper() not in b"0123456789ABCDEF":
+            self.settle()
+            self.add(f"at = {self.search(f'{first.data[0]:#04x}', 'at', after)}")
+            with self.out.block("if at < 0:"):
+                self.not_found(self.least(after))
+            self._read_content(wrap, scope)
+            return
+        if isinstance(first, Const):
             self.rest(after)
         inside = MeasureWriter(self.module, f"{self.identifier}_content", wrap.of, self.most)
         inside.write(None)

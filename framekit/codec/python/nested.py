@@ -197,7 +197,7 @@ class Reader(BranchReader):
         """Text of the content of a region with doubled escape bytes."""
         name, escape = self.module.function, f"{wrap.escape or 0:#04x}"
         embedded = self.module.embedded(wrap)
-        if all(self.shapes.present(other.segment).fixed is not None for other in after):
+        if self.knows_behind(after):
             first, last = self.take_rest(item, after)
         else:
             first = self.keep(self.place)
@@ -219,7 +219,7 @@ class Reader(BranchReader):
         local = function.local(inner.name, item.scope)
         choice = self.module.choice(inner.frames, function.title, inner.name)
         fixed = self.shapes.present(inner).fixed
-        known = all(self.shapes.present(other.segment).fixed is not None for other in after)
+        known = self.knows_behind(after)
         if isinstance(inner.size, Expression):
             first, last = self.take(item, self.size_text(inner.size, item.scope))
         elif fixed is not None and not (known and self.place.base == "end"):

@@ -93,7 +93,7 @@ class BufferReader:
         fixed, conditional = 0, []
         for item in after:
             size = self.shapes.present(item.segment).fixed
-            if size is None:
+            if size is None or not self._is_told(item):
                 return self._next_constant(after[0])
             if item.segment.when is None:
                 fixed += size
@@ -106,6 +106,15 @@ class BufferReader:
         parts = [f"len({self.buffer})", *([str(fixed)] if fixed else []), *conditional]
         self.function.add(f"{end} = {' - '.join(parts)}")
         return Place(end, 0)
+
+    def knows_behind(self, after: tuple[Item, ...]) -> bool:
+        """Whether the bytes that follow can be counted already."""
+        return all(self.shapes.present(item.segment).fixed is not None and self._is_told(item) for item in after)
+
+    def _is_told(self, item: Item) -> bool:
+        """Whether it can be told already if the segment is there."""
+        when = item.segment.when
+        return when is None or not self.function.waits_for(when, item.scope)
 
     def _next_constant(self, item: Item) -> Place:
         """Where the constant stands that ends what comes before it."""

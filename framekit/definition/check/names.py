@@ -235,6 +235,8 @@ class NameChecker:
         if errors is None:
             return
         fields: set[str] = set()
+        if errors.frame is not None and errors.frame not in {**self.protocol.frames, **self.protocol.groups}:
+            return
         for name in self.protocol.frames_of(errors.frame) if errors.frame else ():
             if name not in self.protocol.frames:
                 return
