@@ -463,7 +463,10 @@ def test_a_lost_connection_ends_it() -> None:
 ASKING = SESSION.replace(
     "  count:\n    steps:\n      - step: one\n        set: {opened: opened + 1}\n",
     "  count:\n    steps:\n      - step: one\n        ask: {unlock: {x: 40 + 2}}\n",
-).replace("roles:", "services:\n  unlock:\n    - {takes: {x: {type: number}}, request: {ask: {x: x, token: 0}}, reply: {answer: {y: 0}}}\nroles:")
+).replace(
+    "roles:",
+    "services:\n  unlock:\n    - {takes: {x: {type: number}}, request: {ask: {x: x, token: 0}}, reply: {answer: {y: 0}}}\nroles:",
+)
 
 
 def test_a_service_asked_for_runs_inside_the_step() -> None:

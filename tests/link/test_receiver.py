@@ -280,7 +280,12 @@ def test_cutting_changes_nothing_with_lengths_and_silence(data: bytes, places: l
     assert feed(receiver_of(text), cut_at(data, places), names) == whole
 
 
-@given(st.lists(st.sampled_from([b"\x10\x02", b"\x10\x03", b"\x10\x06", b"\x10\x10", b"a", b"\x10", message(b"q")]), max_size=14), CUTS)
+@given(
+    st.lists(
+        st.sampled_from([b"\x10\x02", b"\x10\x03", b"\x10\x06", b"\x10\x10", b"a", b"\x10", message(b"q")]), max_size=14
+    ),
+    CUTS,
+)
 def test_cutting_changes_nothing_with_escapes(parts: list[bytes], places: list[int]) -> None:
     data = b"".join(parts)
     names = ("message", "ack", "nak", "enq")
@@ -313,7 +318,9 @@ def test_a_frame_behind_noise_is_found_once_a_pause_has_shown_false_starts(noise
     assert found[-1][:2] == ("frame", name)
 
 
-LONG = LETTERS.replace("max: 64", "max: 60000").replace("{text: G}", "{text: G}, {data: rest, size: rest, convert: hex_to_ascii}")
+LONG = LETTERS.replace("max: 64", "max: 60000").replace(
+    "{text: G}", "{text: G}, {data: rest, size: rest, convert: hex_to_ascii}"
+)
 
 
 @pytest.mark.parametrize("size", [8, 25_000])

@@ -43,9 +43,11 @@ def receiver(name: str) -> Receiver:
 def streams(name: str) -> st.SearchStrategy[bytes]:
     samples = loaded(name)[2]
     damaged = st.tuples(st.sampled_from(samples), st.integers(0, 300), st.integers(1, 255)).map(
-        lambda item: item[0][: item[1] % len(item[0])]
-        + bytes([item[0][item[1] % len(item[0])] ^ item[2]])
-        + item[0][item[1] % len(item[0]) + 1 :]
+        lambda item: (
+            item[0][: item[1] % len(item[0])]
+            + bytes([item[0][item[1] % len(item[0])] ^ item[2]])
+            + item[0][item[1] % len(item[0]) + 1 :]
+        )
     )
     part = st.one_of(st.sampled_from(samples), damaged, st.binary(max_size=5))
     return st.lists(part, max_size=6).map(b"".join)

@@ -228,7 +228,10 @@ class MeasureWriter(SegmentMeasurer):
             if least:
                 with self.out.block(f"if end < at + {least}:"):
                     self.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
-            if self._branch(self.pairs(of, inside), ()):
+            outside, self.in_list = self.in_list, True
+            finished = self._branch(self.pairs(of, inside), ())
+            self.in_list = outside
+            if finished:
                 raise Finished
             if found is not None:
                 fields = ", ".join(f'"{name}": {entry.text}' for name, entry in inside.entries.items())

@@ -49,6 +49,7 @@ class Measuring:
         self.needed = needed_names(segments)
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.maybe_absent: set[str] = set()
+        self.in_list = False
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -148,7 +149,7 @@ class Measuring:
         An earlier call may have found the end and wanted what follows it, so that much is looked through again.
         """
         most = self.shapes.all(segment for segment, _ in after).most
-        if most is None:
+        if most is None or self.in_list:
             return None
         return f"start + seen - {most + overlap}" if most + overlap else "start + seen"
 
