@@ -85,6 +85,7 @@ class BranchReader(SizedReader):
         for item in items:
             entry = item.scope.entries.get(item.segment.name or "")
             if isinstance(item.segment, Record) and entry is not None and entry.record is not None:
+                entry.record.attach()
                 entry.record.open(self.function.out)
                 entry.direct = False
         for item in expanded:
@@ -162,6 +163,7 @@ class BranchReader(SizedReader):
         function = self.function
         function.flush()
         self.settle()
+        function.preset((item.segment for _, items in branches for item in items), self.at)
         function.in_branch += 1
         for header, items in branches:
             with function.out.block(header):

@@ -127,6 +127,9 @@ class ExamineWriter(SegmentExaminer):
     ) -> None:
         """The segments of a list; `after`: what follows them in the buffer."""
         segments = tuple(segments)
+        outside = self.deferred
+        if finish:
+            self.deferred = []
         for place, segment in enumerate(segments):
             behind = (*((other, scope) for other in segments[place + 1 :]), *after)
             if segment.when is not None:
@@ -136,6 +139,7 @@ class ExamineWriter(SegmentExaminer):
             self.read_names.update(name for one in everything((segment,)) for name in value_names(one))
         if finish:
             self.finish()
+            self.deferred = outside
 
     def finish(self) -> None:
         """Comparisons that need what comes later."""
@@ -153,10 +157,15 @@ class ExamineWriter(SegmentExaminer):
             with self.out.block("else:"):
                 self.out.add(f"n.absent({quoted(segment.name)}, lambda n: {default})")
             return
-        absent = [leaf.name or "" for leaf in leaves((segment,)) if leaf.name in self.asked_for]
+        absent = self._absent(segment)
         if absent:
             with self.out.block("else:"):
-                self.out.add(f"n.nothing({', '.join(quoted(name) for name in absent)})")
+                self.out.add(absent)
+
+    def _absent(self, segment: Segment) -> str:
+        """The call that says that nothing of a segment is there, as far as checks ask for it."""
+        names = [leaf.name or "" for leaf in leaves((segment,)) if leaf.name in self.asked_for]
+        return f"n.nothing({', '.join(quoted(name) for name in names)})" if names else ""
 
     # ---- segments with others inside ----------------------------------------------------------------------
 
@@ -170,6 +179,8 @@ class ExamineWriter(SegmentExaminer):
             case Choose():
                 self._choose(segment, scope, behind)
             case Optional(of=of):
+                if absent := self._absent(segment):
+                    self.out.add(absent)
                 with self.out.block(f"if n.rest({self.behind(behind)}, {self.named(segment)}) > 0:"):
                     self.list(of, scope, behind)
             case Wrap():
@@ -202,6 +213,8 @@ class ExamineWriter(SegmentExaminer):
     def _choose(self, choose: Choose, scope: Scope, behind: Behind) -> None:
         numbers = numbers_of(choose.on, scope, self.by_name)
         text = self.writer(scope).text(choose.on)
+        if absent := self._absent(choose):
+            self.out.add(absent)
         self.out.add(f'case = n.ask(lambda n: {text}, "value", {self.named(choose)})')
         for place, (keys, segments) in enumerate(choose.cases):
             values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
@@ -235,6 +248,7 @@ class ExamineWriter(SegmentExaminer):
             elif any(self.shapes.present(segment).fixed != 0 for segment, _ in behind):
                 more = f", {inside}" if inside else ""
                 size = f"lambda n: {self.module.function('end_of_region')}(n.data, n.at, {escape}{more}) - n.at"
+        option += _checks_option(wrap.of)
         with self.out.block(f"with n.inside({self.named(wrap)}, {size}, {open_up}{option}):"):
             self._limits_of(wrap, scope)
             outside, self.deferred = self.deferred, []

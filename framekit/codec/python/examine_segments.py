@@ -8,7 +8,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.examining import Behind, Examining
 from framekit.codec.python.expressions import Scope, constant_of
-from framekit.codec.python.function import covers_later, span_names
+from framekit.codec.python.function import covers_later, leaves, span_names
 from framekit.codec.python.shape import Fill, follows_its_length, is_plain_name
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
@@ -191,8 +191,9 @@ class SegmentExaminer(Examining):
 
     def _in_one_buffer(self, check: Check) -> bool:
         """Whether a check stands in the same buffer as everything it covers."""
+        names = set(span_names(check, self.segments))
         return any(
-            check in segments and any(segment.name == span_names(check, self.segments)[0] for segment in segments)
+            check in segments and names <= {leaf.name for segment in segments for leaf in _unwrapped(segment)}
             for segments in self._buffers(self.segments)
         )
 
@@ -208,3 +209,8 @@ class SegmentExaminer(Examining):
     def nested(self, segment: Segment, scope: Scope, behind: Behind) -> None:
         """The calls of a segment with others inside."""
         raise NotImplementedError
+
+
+def _unwrapped(segment: Segment) -> Iterable[Segment]:
+    """The leaves of a segment that stand in the buffer itself."""
+    return () if isinstance(segment, Wrap) else leaves((segment,))

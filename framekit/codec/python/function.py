@@ -48,6 +48,7 @@ class Function:
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.names_of_values: dict[str, str] = {}
         self.in_branch = 0
+        self.presets: dict[str, tuple[str, str]] = {}
         self.late: list[Callable[[], None]] = []
         self.bounds: dict[str, Bounds] = {}
         self.parts = {
@@ -119,6 +120,10 @@ class Function:
         self.trail.append(name)
 
     def _kept(self, name: str, first: Place, last: Place) -> tuple[Place, Place]:
+        if name in self.presets:
+            start, end = self.presets[name]
+            self.add(f"{start}, {end} = {first.text('')}, {last.text('')}")
+            return Place(start, 0), Place(end, 0)
         kept: list[Place] = []
         for place, what in ((first, "start"), (last, "end")):
             if place.base in ("", "end"):
@@ -130,6 +135,15 @@ class Function:
                 self.add(f"{local} = {place.text('')}")
                 kept.append(Place(local, 0))
         return kept[0], kept[1]
+
+    def preset(self, segments: Iterable[Segment], place: str) -> None:
+        """Segments that may not be there take no bytes at `place`, as long as nothing else is known of them."""
+        for leaf in leaves(segments):
+            if leaf.name in self.tracked and leaf.name not in self.presets:
+                shown = leaf.name.strip("_")
+                start, end = self.names.fresh(f"{shown}_start"), self.names.fresh(f"{shown}_end")
+                self.presets[leaf.name] = start, end
+                self.add(f"{start} = {end} = {place}")
 
     def bytes_between(self, names: Iterable[str]) -> str:
         """Text of the bytes of these segments in this order, each as it is inside its wrap."""

@@ -6,7 +6,6 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterable
-from dataclasses import replace
 
 import framekit
 from framekit.codec import errors
@@ -20,13 +19,14 @@ from framekit.codec.python.examine import write_examiner
 from framekit.codec.python.measure import write_measurer
 from framekit.codec.python.module import Module, pasted_names
 from framekit.codec.python.names import identifier
+from framekit.codec.python.normal import normal_protocol
 from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check, Choose, Length, Optional, Record, Repeat, Segment, Wrap
+from framekit.definition.model.segments import Check, Length, Repeat, Segment
 
 _FUNCTIONS = ("encode", "decode", "measure", "examine")
 _RULE = "# " + "-" * 98
@@ -46,7 +46,7 @@ class ModuleWriter:
     """Writes one module."""
 
     def __init__(self, protocol: Protocol, standalone: bool) -> None:
-        protocol = with_names(protocol)
+        protocol = normal_protocol(protocol)
         self.protocol = protocol
         self.standalone = standalone
         self.module = Module(protocol)
@@ -249,34 +249,6 @@ _ALIASES = {
 def aliases_used(text: str) -> list[str]:
     """The lines that define the names of types in a module's text."""
     return [f"{name} = {meaning}" for name, meaning in _ALIASES.items() if re.search(rf"\b{name}\b", text)]
-
-
-def with_names(protocol: Protocol) -> Protocol:
-    """The protocol with a name for every segment, so that each can be referred to."""
-    counter = iter(range(1, 1 << 30))
-
-    def change(segment: Segment) -> Segment:
-        if segment.name is None:
-            segment = replace(segment, name=f"_{type(segment).__name__.lower()}_n{next(counter)}")
-        if isinstance(segment, (Wrap, Optional, Record)):
-            return replace(segment, of=change_all(segment.of))
-        if isinstance(segment, Repeat) and isinstance(segment.of, tuple):
-            return replace(segment, of=change_all(segment.of))
-        if isinstance(segment, Choose):
-            cases = tuple((keys, change_all(of)) for keys, of in segment.cases)
-            otherwise = None if segment.otherwise is None else change_all(segment.otherwise)
-            return replace(segment, cases=cases, otherwise=otherwise)
-        return segment
-
-    def change_all(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-        return tuple(change(segment) for segment in segments)
-
-    frames = {
-        name: replace(frame, head=change_all(frame.head), body=change_all(frame.body), tail=change_all(frame.tail))
-        for name, frame in protocol.frames.items()
-    }
-    layouts = {name: replace(layout, segments=change_all(layout.segments)) for name, layout in protocol.layouts.items()}
-    return replace(protocol, frames=frames, layouts=layouts)
 
 
 def _escaped(text: str) -> str:

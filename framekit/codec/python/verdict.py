@@ -121,12 +121,11 @@ class JudgingReader(BufferReader):
         if check.span is not None:
             names = [name for name in span_names(check, self.function.segments) if name in self.function.bounds]
             first = self.function.bounds[names[0]]
-            last = self.function.bounds[names[-1]]
-            if first.buffer == last.buffer == self.buffer and check.span[1] == "here":
+            if {self.function.bounds[name].buffer for name in names} != {first.buffer}:
+                return self.function.bytes_between(names)
+            if first.buffer == self.buffer and check.span[1] == "here":
                 return between(self.buffer, first.first, self.place)
-            if first.buffer == last.buffer:
-                return between(first.buffer, first.first, last.last)
-            return self.function.bytes_between(names)
+            return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
         return between(self.buffer, START, self.place)
 
     # ---- what is compared when everything is read ---------------------------------------------------------
