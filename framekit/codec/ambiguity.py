@@ -13,7 +13,7 @@ from typing import Any
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.double_errors import check_weak_codes
 from framekit.codec.errors import FrameError
-from framekit.codec.hidden_ends import check_hidden_ends
+from framekit.codec.hidden_ends import check_hidden_ends, check_silent_ends
 from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sample, Sampler
 from framekit.definition.model.frames import Frame
@@ -54,7 +54,8 @@ def check_matrices(protocol: Protocol) -> list[Problem]:
     for candidates, todo in _matrices(protocol):
         for problem in checker.matrix(candidates, todo):
             found.setdefault((problem.at, problem.what), problem)
-    return [*found.values(), *check_hidden_ends(protocol), *check_weak_codes(codec, sampler)]
+    ends = [*check_hidden_ends(protocol), *check_silent_ends(codec, sampler)]
+    return [*found.values(), *ends, *check_weak_codes(codec, sampler)]
 
 
 def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:

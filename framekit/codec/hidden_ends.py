@@ -1,12 +1,14 @@
-"""Warnings of ends that data may hold: where a frame may be cut short, or does not end where it seems to.
+"""Ends that are none: constants that data may hold before them, and silence where there is no silence.
 
-Reference, section 14. It looks at the model only; no bytes are built.
+Reference, section 14.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from framekit.codec.codec import Codec
+from framekit.codec.samples import Sampler
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Const, Data, Segment
@@ -27,6 +29,18 @@ def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
             if warning is not None and _may_hold(segment, end.data[0]):
                 yield warning
                 break
+
+
+def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
+    """Frames that only silence ends, on a connection where nobody says how long that is: there it ends nothing."""
+    protocol = codec.protocol
+    if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
+        return
+    for frame in protocol.frames.values():
+        samples = () if frame.inner or frame.side == "none" else sampler.samples(frame.name)
+        if any(codec.measure(frame.name, sample.data, ctx=sampler.context) == codec.QUIET for sample in samples):
+            what = f"only silence ends '{frame.name}', and a connection has none of its own"
+            yield Problem(frame.at, what, "add a length or an end constant, or receiver: {quiet: TIME}")
 
 
 def _may_hold(data: Data, byte: int) -> bool:

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.cli.check_verb import check_file
+from framekit.cli import check_verb
 from framekit.cli.main import main
+from framekit.definition.problems import Problem
 
 HERE = Path(__file__).parent
 FILES = sorted([*HERE.glob("definitions/*.yaml"), *HERE.glob("runs/*.yaml")])
@@ -25,11 +26,11 @@ def expected(path: Path) -> list[str]:
     return [line.removeprefix(MARK) for line in lines if line.startswith(MARK)]
 
 
-def told(path: Path) -> list[str]:
-    """The problems that are found, with file names as the corpus writes them."""
+def as_written(path: Path, problems: list[Problem]) -> list[str]:
+    """Problems with file names as the corpus writes them."""
     names = {f"{path.resolve()}:": "FILE:", f"{path}:": "FILE:", f"{path.parent.resolve()}/": "", f"{SHIPPED}/": ""}
     found = []
-    for problem in check_file(str(path))[1]:
+    for problem in problems:
         text = str(problem)
         for name, short in names.items():
             text = text.replace(name, short)
@@ -38,17 +39,24 @@ def told(path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
-def test_messages(path: Path) -> None:
-    assert told(path) == expected(path)
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
-def test_exit_status_and_no_traceback(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_messages_and_exit_status(
+    path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked = check_verb.check_file(str(path))
+    assert as_written(path, checked[1]) == expected(path)
+    monkeypatch.setattr(check_verb, "check_file", lambda name: checked)  # the command line shows what was just found
     wrong = [line for line in expected(path) if ": warning: " not in line]
     assert main(["check", str(path)]) == (1 if wrong else 0)
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err + captured.out
     assert len(captured.err.splitlines()) == len(expected(path))
+
+
+@pytest.mark.parametrize("stem", ["definitions/yaml-tab", "definitions/names-unknown", "runs/many-at-once"])
+def test_the_command_line_from_end_to_end(stem: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = HERE / f"{stem}.yaml"
+    assert main(["check", str(path)]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == len(expected(path))
 
 
 def test_there_are_enough_of_them() -> None:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from framekit.codec.python.branches import default_text, numbers_of
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Entry, Scope
-from framekit.codec.python.measure_segments import SegmentMeasurer
+from framekit.codec.python.measure_wraps import WrapMeasurer
 from framekit.codec.python.measuring import Finished, Pairs
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place
-from framekit.codec.python.shape import Fill, flat, leading, names_read, of_type, value_names, without_when
-from framekit.codec.python.source import Source, bytes_literal, literal, quoted
+from framekit.codec.python.shape import Fill, leading, names_read, of_type, value_names, without_when
+from framekit.codec.python.source import Source, bytes_literal, literal
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
@@ -48,7 +48,7 @@ def write_measurer(module: Module, identifier: str, frame: Frame, segments: tupl
     return writer.function(f"How long the frame `{frame.name}` at data[start] is; see the top of the module.")
 
 
-class MeasureWriter(SegmentMeasurer):
+class MeasureWriter(WrapMeasurer):
     """Writes one measuring function."""
 
     def function(self, sentence: str) -> Source:
@@ -80,7 +80,7 @@ class MeasureWriter(SegmentMeasurer):
                 tail = self.pairs(frame.tail, scope)
                 self._to_tail(tail)
                 self.list(tail, ())
-            elif self.shapes.all(self.segments).fixed is not None and not self._inner_may_misfit():
+            elif self.shapes.all(self.segments).fixed is not None and not self.inner_may_misfit():
                 self.place = Place("start", self.shapes.all(self.segments).least)
             else:
                 self.list(self.pairs(self.segments, scope), ())
@@ -98,14 +98,6 @@ class MeasureWriter(SegmentMeasurer):
         if constant:
             with self.out.block(f"if {test}:"):
                 self.add("return 0")
-
-    def _inner_may_misfit(self) -> bool:
-        """Whether an inner frame begins with constants, so that it has to be looked at."""
-        return any(isinstance(segment, Inner) and self._begins(segment) for segment in flat(self.segments))
-
-    def _begins(self, inner: Inner) -> bool:
-        frames = (self.shapes.frames[name] for name in inner.frames)
-        return any(leading(self.shapes, self.shapes.segments(frame)) for frame in frames)
 
     def _to_tail(self, tail: Pairs) -> None:
         """A delimited body ends where the first byte of the tail stands."""
@@ -175,9 +167,9 @@ class MeasureWriter(SegmentMeasurer):
             case Choose():
                 self._choose(segment, scope, after)
             case Wrap():
-                self._wrap(segment, scope, after)
+                self.wrap(segment, scope, after)
             case Inner():
-                self._inner(segment, scope, after)
+                self.inner(segment, scope, after)
             case Optional():
                 self.rest(after)
             case Fill(total=total):
@@ -258,94 +250,3 @@ class MeasureWriter(SegmentMeasurer):
                 finished.append(self._branch(self.pairs(choose.otherwise, scope), after))
         if all(finished):
             raise Finished
-
-    def _wrap(self, wrap: Wrap, scope: Scope, after: Pairs) -> None:
-        fixed = self.shapes.all(wrap.of).fixed
-        if wrap.how == "hex":
-            self._hex(wrap, scope, fixed, after)
-            return
-        self.settle()
-        escape = f"{wrap.escape or 0:#04x}"
-        behind = self.least(after)
-        if fixed is not None:
-            with self.out.block("try:"):
-                self.add(f"at = {self.module.function('end_of_doubled')}(data, at, {escape}, {fixed}, end)")
-            with self.out.block("except IndexError:"):
-                self.add(f"return -{1 + behind}")
-            with self.out.block("except ValueError:"):
-                self.add("return LOST")
-            self._read_content(wrap, scope)
-            return
-        find = self.module.function("find_region_end")
-        resume = self.resume(after)
-        embedded = self.module.embedded(wrap)
-        more = f", {embedded}" if embedded else ""
-        self.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
-        with self.out.block("if at < 0:"):
-            self.not_found(max(behind - 1, 1))
-        self._read_content(wrap, scope)
-
-    def _read_content(self, wrap: Wrap, scope: Scope) -> None:
-        """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
-        names = [name for one in flat(wrap.of) for name in value_names(one) if name in self.needed]
-        if names:
-            self.settle()
-            self.may_fail = True
-            self.add(f"fields = examine_{self.identifier}(bytes(data[start:at]), ctx).fields")
-            for name in names:
-                self.set_value(name, scope, f"fields[{quoted(name)}]")
-
-    def _hex(self, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
-        needed = any(name in self.needed for one in flat(wrap.of) for name in value_names(one))
-        if fixed is not None:
-            if needed:
-                self.want(2 * fixed, after)
-            self.skip(str(2 * fixed))
-            self._read_content(wrap, scope)
-            return
-        first = after[0][0] if after else None
-        if isinstance(first, Const) and first.when is None and first.data[:1].upper() not in b"0123456789ABCDEF":
-            self.settle()
-            self.add(f"at = {self.search(f'{first.data[0]:#04x}', 'at', after)}")
-            with self.out.block("if at < 0:"):
-                self.not_found(self.least(after))
-            self._read_content(wrap, scope)
-            return
-        if isinstance(first, Const):
-            self.rest(after)
-        inside = MeasureWriter(self.module, f"{self.identifier}_content", wrap.of, self.most)
-        inside.write(None)
-        self.module.extra.append(inside.function(f"How long the content of the wrap in `{self.identifier}` is."))
-        self.settle()
-        size = self.names.fresh("size")
-        measure = self.module.function("measure_hex")
-        self.add(f"{size} = {measure}(measure_{inside.identifier}, data, at, end, ctx)")
-        with self.out.block(f"if {size} <= 0:"):
-            self.add(f"return {size}")
-        self.skip(size)
-
-    def _inner(self, inner: Inner, scope: Scope, after: Pairs) -> None:
-        fixed = self.shapes.present(inner).fixed
-        if isinstance(inner.size, Expression):
-            self.skip(self.size_text(inner.size, scope))
-            return
-        if inner.size == "rest":
-            self.rest(after)
-        if fixed is not None and not self._begins(inner):
-            self.skip(str(fixed))
-            return
-        choice = self.module.choice(inner.frames, self.identifier, inner.name)
-        behind = self.least(after)
-        size = self.names.fresh(f"{inner.name}_size")
-        self.want(1, after)
-        place = self.place.text("")
-        most = self.shapes.all(segment for segment, _ in after).most
-        measure = self.module.function("measure_first")
-        seen = ""
-        if most is not None:
-            offset = f"({place} - start) - {most}" if self.place.base == "at" else str(self.place.offset + most)
-            seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
-        self.add(f"{size} = {measure}({choice}, data, {place}, end, ctx{seen})")
-        with self.out.block(f"if {size} <= 0:"):
-            self.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
-        self.skip(size)

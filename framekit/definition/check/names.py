@@ -169,13 +169,19 @@ class NameChecker:
         if not frames or row.expected or len(frames) < len(row.frames):
             return
         fields = set().union(*(field_names(frame.segments) for frame in frames)) | OF_EVERY_FRAME
+        unsure = {name: frame.name for frame in frames for name in _behind_a_refusal(frame)}
         for expression in expressions_of(row):
-            asked = fields | _asked_for(expression)
+            asked = _asked_for(expression)
             for node in walk(expression.root):
-                if isinstance(node, Attribute) and node.value == Name(node.value.at, "it") and node.name not in asked:
+                if not isinstance(node, Attribute) or node.value != Name(node.value.at, "it") or node.name in asked:
+                    continue
+                if node.name not in fields:
                     names = ", ".join(f"'{frame.name}'" for frame in frames[:3])
                     what = f"no frame of this row has a field '{node.name}' ({names})"
                     self._note(node.at, what, did_you_mean(node.name, fields))
+                elif node.name in unsure:
+                    what = f"'{node.name}' may be missing: '{unsure[node.name]}' is taken when it is to be refused, too"
+                    self._note(node.at, what, f"ask for it first: '{node.name}' in it and …")
 
     # ---- services -----------------------------------------------------------------------------------------
 
@@ -242,6 +248,13 @@ class NameChecker:
                 return
             fields |= field_names(self.protocol.frames[name].segments)
         self._expressions(errors, fields | EXCHANGE | {"code"})
+
+
+def _behind_a_refusal(frame: Frame) -> set[str]:
+    """Fields that a frame may lack when it is to be refused: those from its first segment with a code on."""
+    segments = list(flat(frame.segments))
+    place = next((place for place, segment in enumerate(segments) if segment.refuse is not None), len(segments))
+    return field_names(segments[place:]) - field_names(segments[:place])
 
 
 def _asked_for(expression: Expression) -> set[str]:

@@ -51,7 +51,7 @@ class Namespace:
 
     @staticmethod
     def _order_of(source: Source) -> str:
-        return scalar_of(source.root.get("order")) or "big"
+        return "little" if scalar_of(source.root.get("order")) == "little" else "big"
 
     def order(self, file: str) -> str:
         """The byte order of numbers written in `file`."""

@@ -1,0 +1,153 @@
+"""Frames that cannot be told apart, ends that data may hold, check codes that hold little."""
+
+from __future__ import annotations
+
+import pytest
+
+from framekit.codec.ambiguity import check_matrices
+from framekit.codec.checks import compute
+from framekit.codec.codec import compile_protocol
+from framekit.codec.double_errors import passing
+from framekit.codec.sample_context import sample_context
+from framekit.codec.samples import Sampler
+from framekit.definition.load import load_protocol, load_protocol_text
+
+HEAD = """
+protocol: t
+line: {format: 8E1}
+frames:
+  long: {from: server, body: [{const: STX}, {data: d, size: 4}]}
+  short: {from: server, body: [{const: STX}, {data: d, size: 2}]}
+  fixed: {from: server, body: [{const: STX}, {text: AB}, {data: d, size: 2}]}
+  other: {from: server, body: [{const: SOH}, {data: d, size: 2}]}
+sequences:
+  s:
+    steps:
+      - step: wait
+        receive:
+"""
+TAIL = "\nroles: {client: {lanes: {main: {listen: s}}}}\n"
+
+
+def problems(rows: str) -> list[str]:
+    text = HEAD + "\n".join(f"          - {row}" for row in rows.split(";")) + TAIL
+    return [problem.what for problem in check_matrices(load_protocol_text(text))]
+
+
+@pytest.mark.parametrize("name", ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp", "third-party-plc", "standard"])
+def test_shipped_frames_can_be_told_apart(name: str) -> None:
+    assert all(problem.warning for problem in check_matrices(load_protocol(name)))
+
+
+def test_a_frame_that_an_earlier_row_always_takes_is_an_error() -> None:
+    (what,) = problems("{frame: long, then: again}; {frame: fixed, then: again}")
+    assert what.startswith("'fixed' is always taken for 'long', which is tried first: 02 41 42 ")
+    assert what.endswith("fits both")
+
+
+def test_a_frame_that_is_the_beginning_of_another_takes_it() -> None:
+    (what,) = problems("{frame: short, then: again}; {frame: long, then: again}")
+    assert what.startswith("'long' is always taken for 'short'")
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "{frame: fixed, then: again}; {frame: long, then: again}",  # now and then, not always
+        "{frame: long, when: own == 1, then: again}; {frame: fixed, then: again}",
+        "{frame: other, then: again}; {frame: long, then: again}",
+        "{frame: [long, other], then: again}",
+        "{frame: long, then: again}; {frame: other, then: again}",
+    ],
+)
+def test_constants_conditions_and_the_order_of_rows_separate_frames(rows: str) -> None:
+    assert problems(rows) == []
+
+
+def test_a_count_in_a_row_does_not_separate() -> None:
+    assert problems("{frame: long, then: again, at_most: 2, else: end}; {frame: fixed, then: again}")
+
+
+def test_what_repeats_the_request_separates() -> None:
+    text = """
+protocol: t
+line: {format: 8E1}
+groups:
+  a: {from: server, head: [{field: number, type: u8}, {field: kind, type: u8}], echo: [number]}
+  b: {from: server, head: [{field: kind, type: u8}, {field: number, type: u8}], echo: [number]}
+frames:
+  ask: {from: client, body: [{field: number, type: u8}]}
+  one: {group: a, body: []}
+  two: {group: b, body: []}
+"""
+    assert check_matrices(load_protocol_text(text)) == [], "where the numbers stand decides"
+
+
+def test_frames_inside_others_are_tried_in_order_too() -> None:
+    text = """
+protocol: t
+line: {format: 8E1}
+groups: {pdu: {from: none}}
+frames:
+  any: {group: pdu, body: [{field: code, type: u8}, {data: rest, size: rest}]}
+  read: {group: pdu, body: [{const: 01}, {data: rest, size: rest}]}
+  packet: {body: [{const: STX}, {length: n, type: u8, of: [pdu]}, {inner: pdu, of: pdu, size: n}]}
+"""
+    (problem,) = check_matrices(load_protocol_text(text))
+    assert "'read' is always taken for 'any'" in problem.what
+    assert check_matrices(load_protocol_text(text.replace("any: {group: pdu", "any: {refuse: 1, group: pdu"))) == []
+
+
+def test_ends_that_data_may_hold_are_told() -> None:
+    text = """
+protocol: t
+line: {format: 8E1}
+frames:
+  open: {body: [{const: STX}, {data: d, size: rest}, {const: CR}]}
+  guarded: {body: [{const: SOH}, {data: d, size: rest}, {const: CR}, {check: crc16-modbus}]}
+  digits: {body: [{const: ENQ}, {data: d, size: rest, convert: hex_to_ascii}, {const: CR}]}
+  sized: {body: [{const: ACK}, {data: d, size: 4}, {const: CR}]}
+"""
+    found = [problem for problem in check_matrices(load_protocol_text(text)) if problem.warning]
+    assert [problem.what.partition(": ")[2] for problem in found] == [
+        "'open' ends at the first 0D, whatever was meant",
+        "'guarded' ends at the first 0D with a fitting check code",
+    ]
+
+
+def test_the_share_of_double_errors_is_that_of_the_sum() -> None:
+    """Turning over the same bit of two bytes, one up and one down, leaves a sum as it was."""
+    protocol = load_protocol_text(
+        "protocol: t\nframes:\n  f: {body: [{const: STX}, {data: d, size: 30}, {check: sum8}]}\n"
+    )
+    codec = compile_protocol(protocol)
+    sampler = Sampler(codec, sample_context(protocol))
+    sample = sampler.samples("f")[0]
+    share = passing(codec, "f", sample, sampler.context)
+    method = protocol.frames["f"].body[-1].method  # type: ignore[attr-defined]
+    covered, unchanged, pairs = sample.data[:-1], 0, 0
+    for first in range(8, 8 * len(covered)):
+        for second in range(first + 1, 8 * len(covered)):
+            damaged = bytearray(covered)
+            damaged[first // 8] ^= 1 << first % 8
+            damaged[second // 8] ^= 1 << second % 8
+            pairs += 1
+            unchanged += compute(method, bytes(damaged)) == sample.data[-1]
+    assert share == pytest.approx(unchanged / pairs, abs=0.03)
+
+
+@pytest.mark.parametrize(("format_", "told"), [("8N1", True), ("8E1", False)])
+def test_weak_codes_are_told_on_lines_without_parity(format_: str, told: bool) -> None:
+    text = (
+        f"protocol: t\nline: {{format: {format_}}}\nframes:\n  f: {{body: [{{data: d, size: 9}}, {{check: xor8}}]}}\n"
+    )
+    found = check_matrices(load_protocol_text(text))
+    assert bool(found) is told
+    assert all(problem.warning and "errors of two bits" in problem.what for problem in found)
+
+
+def test_silence_ends_nothing_on_a_connection() -> None:
+    text = "protocol: t\nline: {kind: stream}\nframes:\n  f: {body: [{const: STX}, {data: d, size: rest}]}\n"
+    (problem,) = check_matrices(load_protocol_text(text))
+    assert problem.what.startswith("only silence ends 'f'") and not problem.warning
+    assert check_matrices(load_protocol_text(text + "receiver: {quiet: 20 ms}\n")) == []

@@ -1,0 +1,107 @@
+"""Samples: every frame of the shipped protocols gets some, the same ones every time, and they read back."""
+
+from __future__ import annotations
+
+import pytest
+
+from framekit.codec.codec import compile_protocol
+from framekit.codec.sample_context import ANNOUNCED, SampleLine, sample_context
+from framekit.codec.samples import Sampler
+from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.model.protocol import Protocol
+
+SHIPPED = ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp", "third-party-plc"]
+
+
+def sampler_of(protocol: Protocol) -> Sampler:
+    return Sampler(compile_protocol(protocol), sample_context(protocol))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_frame_has_samples_that_read_back(name: str) -> None:
+    protocol = load_protocol(name)
+    sampler = sampler_of(protocol)
+    for frame in protocol.frames:
+        samples = sampler.samples(frame)
+        assert samples, frame
+        for sample in samples:
+            read = sampler.codec.decode(frame, sample.data, sampler.context)
+            assert read == sample.read
+            assert sample.values.keys() <= read.keys()
+
+
+def test_samples_are_the_same_every_time_and_differ_from_each_other() -> None:
+    protocol = load_protocol("mldp")
+    one, other = sampler_of(protocol).samples("write_individual"), sampler_of(protocol).samples("write_individual")
+    assert [sample.data for sample in one] == [sample.data for sample in other]
+    assert len({sample.data for sample in one}) == len(one) == 8
+
+
+def test_values_respect_ranges_tables_sizes_and_conditions() -> None:
+    protocol = load_protocol_text(
+        """
+        protocol: t
+        tables: {names: {3: three, 9: nine}}
+        frames:
+          f:
+            body:
+              - {field: n, type: u16, range: 500..503}
+              - {field: k, type: u8, values: names, only: values}
+              - {field: t, type: u8, unit: 10 ms, range: 20 ms..40 ms}
+              - {length: size, type: u8, of: [text], range: 2..4}
+              - {field: text, type: ascii, size: size}
+              - {require: "text[0] == '%' and n != 501"}
+              - {count: items, type: u8, of: list, range: 1..2}
+              - {repeat: list, times: items, of: [{bits: {low: 0-3}, of: u8}, {data: d, size: low, when: low < 4}]}
+              - {choose: k, cases: {three: [{field: x, type: u8}], nine: [{data: x, size: 2}]}}
+        """
+    )
+    samples = sampler_of(protocol).samples("f")
+    assert len(samples) >= 4
+    for read in (sample.read for sample in samples):
+        assert read["n"] in (500, 502, 503)
+        assert read["k"] in (3, 9)
+        assert read["t"] in (20_000_000, 30_000_000, 40_000_000)
+        assert read["text"].startswith("%") and 2 <= len(read["text"]) <= 4
+        assert 1 <= len(read["list"]) <= 2
+        assert isinstance(read["x"], int if read["k"] == 3 else bytes)
+
+
+def test_inner_frames_and_announced_sizes() -> None:
+    protocol = load_protocol_text(
+        """
+        protocol: t
+        state: {next_size: {type: u16}}
+        groups: {pdu: {from: none}}
+        frames:
+          a: {group: pdu, body: [{const: 01}, {field: n, type: u8}]}
+          b: {group: pdu, body: [{const: 02}]}
+          outer:
+            body:
+              - {const: STX}
+              - {inner: pdu, of: pdu}
+              - {wrap: {escape: DLE}, of: [{data: d, size: rest}]}
+              - {const: DLE ETX}
+          header: {body: [{const: SOH}, {field: size, type: u16}], announces: {next_size: size}}
+          block: {body: [{const: SYN}, {data: bytes, size: next_size}]}
+        """
+    )
+    sampler = sampler_of(protocol)
+    assert {next(iter(sample.read["pdu"])) for sample in sampler.samples("outer")} == {"a", "b"}
+    assert {len(sample.read["bytes"]) for sample in sampler.samples("block")} == {ANNOUNCED}
+
+
+def test_what_cannot_be_made_has_no_samples() -> None:
+    protocol = load_protocol_text("protocol: t\nframes:\n  f: {body: [{field: n, type: u8}, {require: n * n == 7}]}\n")
+    assert sampler_of(protocol).samples("f") == ()
+
+
+def test_the_context_has_a_station_a_line_and_defaults_that_stand_on_others() -> None:
+    context = sample_context(load_protocol("modbus-rtu"))
+    assert context["station"] == context["own"] == 1
+    assert isinstance(context["line"], SampleLine)
+    assert context["frame_gap"] == context["line"].chars(35, 10)
+    named = load_protocol_text("protocol: t\nstation: {type: text, size: 3}\nframes: {f: {body: [{const: 00}]}}\n")
+    assert sample_context(named)["station"] == "AAA"
+    ranged = load_protocol_text("protocol: t\nstation: {range: 5..9}\nframes: {f: {body: [{const: 00}]}}\n")
+    assert sample_context(ranged)["station"] == 5

@@ -1,0 +1,54 @@
+"""Shipped files with random changes: whatever is wrong with them, it is told as problems, never as a traceback.
+
+Small files, so that hundreds of changes take seconds; FRAMEKIT_MUTATIONS=N tries N a file, on all of them.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from errors.mutations import dumped, mutated
+
+from framekit.cli.check_verb import check_file
+
+ROOT = Path(__file__).parents[2]
+WANTED = int(os.environ.get("FRAMEKIT_MUTATIONS", "0"))
+SMALL = [
+    ROOT / "frames" / "third-party-plc.yaml",
+    ROOT / "frames" / "standard.yaml",
+    ROOT / "frames" / "third-party-plc.vectors.yaml",
+    ROOT / "frames" / "masterlogic.memory.yaml",
+    ROOT / "examples" / "third-party-plc.run.yaml",
+    ROOT / "examples" / "third-party-plc.device.yaml",
+    ROOT / "tests" / "errors" / "definitions" / "good-link.yaml",
+    ROOT / "tests" / "errors" / "definitions" / "good-device.yaml",
+]
+ALL = [*sorted(ROOT.glob("frames/*.yaml")), *sorted(ROOT.glob("examples/*.yaml")), *SMALL[-2:]]
+EACH = WANTED or 26
+
+
+def beside(source: Path, folder: Path) -> None:
+    """The files that stand beside a source, for what it refers to."""
+    for other in source.parent.glob("*.yaml"):
+        if other != source:
+            (folder / other.name).symlink_to(other)
+
+
+@pytest.mark.parametrize("source", ALL if WANTED else SMALL, ids=lambda path: path.name)
+def test_only_problems_come_out(source: Path, tmp_path: Path) -> None:
+    beside(source, tmp_path)
+    tree: Any = yaml.load(source.read_text(encoding="utf-8"), Loader=yaml.BaseLoader)
+    wrong = 0
+    for number in range(EACH):
+        choose = random.Random(f"{source.name} {number}")
+        path = tmp_path / source.name
+        path.write_text(dumped(mutated(tree, choose)), encoding="utf-8")
+        _, problems = check_file(str(path))
+        assert all(problem.what and problem.at.line > 0 for problem in problems)
+        wrong += any(not problem.warning for problem in problems)
+    assert wrong > EACH // 3, "most changes break something"
