@@ -10,6 +10,7 @@ from typing import Any
 
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.model import Place
+from framekit.blocks.own_memory import addresses_of
 from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import Call, Text, walk
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
@@ -18,20 +19,27 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.visit import expressions_of, parts_of
-from framekit.definition.nodes import Entry, Scalar
+from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.area import Area
 from framekit.memory.load import load_profile, load_profile_node
 from framekit.memory.memory import DeviceMemory
+from framekit.memory.profile import MemoryProfile
 
 SERVING_ROLES = ("device", "server", "slave", "full")
+NO_PROFILE = ("set", "map", "about", "source")
+"""Keys of `memory:` that do not make a memory of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """A simulated device, ready to be put on a line. `grammar` reads addresses of its `memory`."""
+    """A simulated device, ready to be put on a line. `grammar` reads addresses of its memory.
+
+    `profile` is None for a memory that is the areas of the protocol. `mapping`: areas of the protocol that stand
+    elsewhere in the memory (area → memory area and the number of its first element there).
+    """
 
     name: str
     protocol: Protocol
@@ -40,6 +48,8 @@ class Device:
     params: Mapping[str, Any]
     areas: tuple[Area, ...]
     grammar: AddressGrammar
+    profile: MemoryProfile | None
+    mapping: Mapping[str, tuple[str, int]]
     initial: tuple[tuple[Place, tuple[int, ...]], ...]
 
     def create_memory(self) -> DeviceMemory:
@@ -91,8 +101,14 @@ class _DeviceLoader:
             entry for entry in reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
         ]
         params = read_params(reader, settings, self.protocol)
-        areas, grammar = self._memory()
+        profile = self._profile()
+        if profile is None:
+            areas, grammar = memory_of(self.protocol)
+        else:
+            areas, grammar = tuple(profile.create()), addresses_of(profile)
         reader.problems.extend(check_places(self.protocol, grammar))
+        node = self.root.get("memory")
+        mapped = node.get("map") if isinstance(node, MappingNode) else None
         return Device(
             name=self.definition.name,
             protocol=self.protocol,
@@ -101,6 +117,8 @@ class _DeviceLoader:
             params=params,
             areas=areas,
             grammar=grammar,
+            profile=profile,
+            mapping=read_mapping(reader, mapped, self.protocol, grammar),
             initial=self._initial(grammar),
         )
 
@@ -116,26 +134,24 @@ class _DeviceLoader:
         own = [entry.key.text for entry in self.reader.entries(self.root.get("roles"))]
         return next((role for role in (*own, *SERVING_ROLES) if role in roles), next(iter(roles)))
 
-    def _memory(self) -> tuple[tuple[Area, ...], AddressGrammar]:
-        """The memory the file describes; without one, the areas of the protocol."""
+    def _profile(self) -> MemoryProfile | None:
+        """The profile of the memory that the file describes; None for the areas of the protocol. Raises Broken."""
         node = self.root.get("memory")
         described = isinstance(node, Scalar) or (
-            isinstance(node, MappingNode) and ("areas" in node or "profile" in node)
+            isinstance(node, MappingNode) and any(entry.key.text not in NO_PROFILE for entry in node.entries)
         )
         if node is None or not described:
             if any(not problem.warning for problem in self.reader.problems):
                 raise Broken("what the protocol says of its areas may be wrong")
-            return memory_of(self.protocol)
+            return None
         try:
             folder = self.definition.path.parent
             if isinstance(node, MappingNode):
-                profile = load_profile_node(without(node, "set"), folder)
-            else:
-                profile = load_profile(self.reader.text(node), folder, node.at)
+                return load_profile_node(without(without(node, "set"), "map"), folder)
+            return load_profile(self.reader.text(node), folder, node.at)
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
             raise Broken("memory") from None
-        return tuple(profile.create()), AddressGrammar(profile.addresses, profile.areas, profile.tables)
 
     def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
         node = self.root.get("memory")
@@ -153,6 +169,31 @@ def memory_of(protocol: Protocol) -> tuple[tuple[Area, ...], AddressGrammar]:
     return areas, AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
 
 
+def read_mapping(
+    reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
+) -> dict[str, tuple[str, int]]:
+    """`map: {AREA: ADDRESS}`: where areas of a protocol begin in a memory; what is broken is noted and left out."""
+    found: dict[str, tuple[str, int]] = {}
+    for entry in reader.entries(node):
+        with reader.going_on():
+            area = protocol.areas.get(entry.key.text)
+            if area is None or area.layout is not None:
+                what = f"'{protocol.name}' has no area '{entry.key.text}'"
+                if area is not None:
+                    what = f"area '{area.name}' is built from what the protocol knows, it stands in no memory"
+                raise reader.broken(entry.key.at, what, did_you_mean(entry.key.text, protocol.areas))
+            text = reader.text(entry.value)
+            try:
+                address = grammar.parse(text)
+            except AddressError as error:
+                raise reader.broken(entry.value.at, *_parted(error)) from None
+            if address.first_bit % area.element_bits:
+                what = f"{text} is not where a {area.unit} of area '{area.name}' can begin"
+                raise reader.broken(entry.value.at, what, f"name a {area.unit}")
+            found[area.name] = address.area, address.first_bit // area.element_bits
+    return found
+
+
 def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:
     """Addresses that sequences mention, in `store` and in `memory('…', N)`, and that the memory does not have."""
     sequences = list(protocol.sequences.values())
@@ -163,10 +204,12 @@ def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Proble
                 places.append((node.arguments[0].at, node.arguments[0].value))
     for at, text in places:
         try:
-            grammar.parse(text)
+            address = grammar.parse(text)
         except AddressError as error:
-            what, _, todo = str(error).partition(" – ")
-            yield Problem(at, what, todo)
+            yield Problem(at, *_parted(error))
+        else:
+            if address.first_bit % 8:
+                yield Problem(at, f"{text} is in the middle of a byte", "name a byte or a word")
 
 
 def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[Place, tuple[int, ...]] | None:
@@ -176,8 +219,7 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
         try:
             address = grammar.parse(text)
         except AddressError as error:
-            what, _, todo = str(error).partition(" – ")
-            raise reader.broken(entry.key.at, what, todo) from None
+            raise reader.broken(entry.key.at, *_parted(error)) from None
         values = tuple(reader.number(item) for item in reader.items(entry.value))
         try:
             grammar.check(address, max(1, len(values)))
@@ -185,9 +227,9 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
             raise reader.broken(entry.value.at, *_parted(error)) from None
         bits = address.unit_bits
         for item, value in zip(reader.items(entry.value), values, strict=True):
-            if not -(1 << bits - 1) <= value < 1 << bits:
+            if not (-(1 << bits - 1) if bits > 1 else 0) <= value < 1 << bits:
                 raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
-        return Place(address=address, text=text), values
+        return Place(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
     return None
 
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import difflib
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
-from framekit.blocks.device import start_value, without
+from framekit.blocks.device import read_mapping, start_value, without
 from framekit.blocks.later import note_later
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.model import Block, Channel, Place, Run
+from framekit.blocks.own_memory import addresses_of
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Scalar
@@ -59,7 +61,8 @@ class RunLoader:
                     self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
                 channels[channel.number] = channel
         profile = self._profile()
-        grammar = AddressGrammar(profile.addresses, profile.areas, profile.tables)
+        grammar = addresses_of(profile)
+        channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
         blocks = BlockLoader(self.reader, grammar, channels, known)
         return Run(
@@ -73,6 +76,17 @@ class RunLoader:
             warnings=tuple(self._warnings()),
             at=self.root.at,
         )
+
+    def _mapped(self, channels: dict[int, Channel], grammar: AddressGrammar) -> dict[int, Channel]:
+        """The channels with the places that areas of their protocols have in the own memory."""
+        found = dict(channels)
+        for entry in self.reader.entries(self.root.get("channels")):
+            node = entry.value.get("map") if isinstance(entry.value, Mapping) else None
+            for number, channel in channels.items():
+                if node is not None and str(number) == entry.key.text:
+                    mapping = read_mapping(self.reader, node, channel.protocol, grammar)
+                    found[number] = replace(channel, mapping=mapping)
+        return found
 
     def _text(self, key: str) -> str:
         node = self.root.get(key)

@@ -22,6 +22,7 @@ from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position, did_you_mean
 from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.memory.numbers import unit_bits
 
 T = TypeVar("T")
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call")
@@ -190,19 +191,35 @@ class BlockLoader:
                 nodes[0].at, f"'{protocol.name}' has no service {instruction}", "use send and receive with its frames"
             )
         grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+        units: list[str] = []
         for node in nodes:
             with reader.going_on():
                 address = self._address(grammar, node.at, reader.text(node), unit, count if len(nodes) == 1 else 1)
+                units.append(unit or address.unit)
                 if instruction == "write" and protocol.areas[address.area].access == "read":
                     reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
         places, values = self._own_side(instruction, keys, len(nodes), count)
+        if len(units) == len(nodes):
+            self._room(keys.get("into" if instruction == "read" else "from"), places, units, count)
         return {
             "targets": tuple(reader.text(node) for node in nodes),
+            "units": tuple(units),
             "places": places,
             "unit": unit,
             "count": count,
             "values": values,
         }
+
+    def _room(self, node: Node | None, places: tuple[Place, ...], units: list[str], count: int) -> None:
+        """Own places with room for everything that is moved."""
+        for item, place, unit in zip(self.reader.items(node), places, units, strict=False):
+            address = place.address
+            bits = unit_bits(unit) * (count if len(units) == 1 else 1)
+            try:
+                self.grammar.check(address, -(-bits // address.unit_bits))
+            except AddressError as error:
+                what, _, todo = str(error).partition(" – ")
+                self.reader.note(item.at, what, todo)
 
     def _count(self, node: Node | None) -> int:
         count = self._maybe(self.reader.number, node)
@@ -232,6 +249,8 @@ class BlockLoader:
         elif values is not None and len(values) not in (1, max(targets, count)):
             wanted = max(targets, count)
             reader.note(keys.at, f"{len(values)} values stand for {wanted} places", f"give one value, or {wanted}")
+        elif values is not None and len(values) == 1:
+            values *= max(targets, count)
         own = len(reader.items(node))
         if own and own != targets:
             what = f"{targets} addresses of the other side stand against {own} own ones"

@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from framekit.blocks.fields import FramePart, may_overflow, misfit, parts_of
 from framekit.blocks.model import Place
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Data, Field, Segment
-from framekit.definition.model.sizes import field_names, flat
+from framekit.definition.model.segments import Data, Field
+from framekit.definition.model.sizes import field_names
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.nodes import Node, Scalar
 from framekit.definition.problems import did_you_mean
@@ -41,12 +42,14 @@ class FrameBlockLoader:
         if protocol.frames_alone:
             self._direction(instruction, frame, node)
         self._once(instruction, frame, node, (channel, frame.name), number)
-        fields = {part.name: part for part in flat(frame.segments) if isinstance(part, (Data, Field))}
+        fields = dict(parts_of(frame.segments))
         data = dict(self._own_memory(fields))
         for entry in reader.entries(keys.get("data")):
             with self._going_on():
                 self._known(entry.key, frame, fields)
-                data[entry.key.text] = self.place(entry.value)
+                place = self.place(entry.value)
+                self._fits(fields[entry.key.text], place, instruction, entry.value)
+                data[entry.key.text] = place
         values = self._values(keys.get("values"), frame)
         sizes = self._sizes(keys.get("size"), frame, fields)
         if instruction == "send" and not self.spoilt:
@@ -61,13 +64,22 @@ class FrameBlockLoader:
         except Broken:
             self.spoilt = True
 
-    def _own_memory(self, fields: Mapping[str, Segment]) -> Iterator[tuple[str, Place]]:
+    def _own_memory(self, fields: Mapping[str, FramePart]) -> Iterator[tuple[str, Place]]:
         """Places that the definition of a frame names itself."""
         for name, part in fields.items():
             memory = getattr(part, "memory", None)
             if memory:
                 with self._going_on():
                     yield name, self.place(Scalar(memory, part.at, False))
+
+    def _fits(self, part: FramePart, place: Place, instruction: str, node: Node) -> None:
+        """A place that can hold the values of a field."""
+        wrong = misfit(part, place)
+        if wrong is not None:
+            self.reader.note(node.at, *wrong)
+        elif instruction == "receive" and may_overflow(part, place):
+            what = f"{place.text} ({place.address.unit}) cannot hold every value of '{part.name}'"
+            self.reader.warn(node.at, what, "name a wider place; values that do not fit are refused")
 
     def _direction(self, instruction: str, frame: Frame, node: Node) -> None:
         """A run is the client where a protocol knows no roles."""
@@ -85,7 +97,7 @@ class FrameBlockLoader:
             if first != number:
                 self.reader.note(node.at, f"block {first} receives '{frame.name}' already", "let one block take it")
 
-    def _known(self, key: Scalar, frame: Frame, fields: Mapping[str, Segment]) -> None:
+    def _known(self, key: Scalar, frame: Frame, fields: Mapping[str, FramePart]) -> None:
         if key.text not in fields:
             hint = did_you_mean(key.text, fields)
             raise self.reader.broken(key.at, f"frame '{frame.name}' has no field '{key.text}'", hint)
@@ -101,7 +113,7 @@ class FrameBlockLoader:
                 found[entry.key.text] = self.reader.constant(entry.value)
         return found
 
-    def _sizes(self, node: Node | None, frame: Frame, fields: Mapping[str, Segment]) -> dict[str, int]:
+    def _sizes(self, node: Node | None, frame: Frame, fields: Mapping[str, FramePart]) -> dict[str, int]:
         found: dict[str, int] = {}
         for entry in self.reader.entries(node):
             with self._going_on():

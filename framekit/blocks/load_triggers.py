@@ -72,8 +72,8 @@ class TriggerLoader:
 
     def _changed(self, keys: Mapping, node: Node) -> Trigger:
         address = self.place(node).address
-        words = 1 if (count := keys.get("words")) is None else self.reader.number(count)
-        if words < 1 and count is not None:
+        words = None if (count := keys.get("words")) is None else self.reader.number(count)
+        if words is not None and words < 1 and count is not None:
             raise self.reader.broken(count.at, f"{words} words never change", "give 1 or more")
         return Changed(address=address, words=words)
 

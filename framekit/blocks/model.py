@@ -45,10 +45,10 @@ class While:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Changed:
-    """Due when a word of the area changes."""
+    """Due when the place changes, or one of `words` words from it on."""
 
     address: Address
-    words: int
+    words: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +81,11 @@ class Place:
 class Block:
     """One exchange of a run.
 
-    `targets`: addresses on the other side as text (READ, WRITE). `places`: own memory, one for each target, or one for
-    `count` elements of `unit`. `frame`, `data` (field → own memory) and `sizes` (bytes of a
-    field whose frame leaves that open): SEND and RECEIVE. `service` and `arguments`:
-    CALL. `station`: a constant, or the place it is read from at each start. `values`: constants to write or send.
+    `targets`: addresses on the other side as text (READ, WRITE), `units`: what an element of each is, `unit`: the
+    block's own type, if it gives one. `places`: own memory, one for each target; a single one for `count` elements.
+    `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE.
+    `service` and `arguments`: CALL. `station`: a constant, or the place it is read from at each start. `values`:
+    constants to write or send.
     """
 
     number: int
@@ -93,6 +94,7 @@ class Block:
     instruction: Instruction
     channel: int
     targets: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
     places: tuple[Place, ...] = ()
     unit: str | None = None
     count: int = 1
@@ -116,7 +118,8 @@ class Block:
 class Channel:
     """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form.
 
-    `port_at`: where the port is named.
+    `port_at`: where the port is named. `mapping`: areas of the protocol that stand elsewhere in the own memory when
+    others are answered (area → memory area and the number of its first element there).
     """
 
     number: int
@@ -128,6 +131,7 @@ class Channel:
     station: Any
     params: Mapping[str, Any]
     pause: int
+    mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     at: Position
     port_at: Position
 

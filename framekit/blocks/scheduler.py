@@ -11,15 +11,16 @@ import heapq
 import itertools
 from collections.abc import Callable, Iterable
 
-from framekit.blocks.conditions import Condition, Resolve
+from framekit.blocks.conditions import Resolve
 from framekit.blocks.counters import Counters
 from framekit.blocks.model import After, Block, BlockEnd, Every
 from framekit.blocks.triggers import Cycle, MemoryTriggers
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 
-LEVEL_PAUSE = 1_000_000
-"""A `while` block starts again 1 ms after it ended at the earliest, so that one that fails at once stops nobody."""
+LEAST_TIME = 1_000_000
+"""One that ends at once holds its channel for 1 ms; a `while` block starts again 1 ms after its end at the earliest:
+so blocks that fail at once and start each other, or themselves, stop nobody."""
 
 
 class BlockState:
@@ -32,7 +33,7 @@ class BlockState:
         self.waiting = False
         self.starts_left = block.repeat
         self.memory_triggers: MemoryTriggers | None = None
-        self.unless: Condition | None = None
+        self.started_at = 0
         self.last_outcome = ""
         self.last_end = 0
 
@@ -92,7 +93,6 @@ class Scheduler:
     def _arm(self, state: BlockState, now: int) -> None:
         block = state.block
         state.memory_triggers = MemoryTriggers(block, self.memory, self.resolve, self._fire_from_memory)
-        state.unless = None if block.unless is None else Condition(block.unless, self.resolve)
         for trigger in block.triggers:
             if isinstance(trigger, Every):
                 self._timer(now + trigger.phase, Cycle(now + trigger.phase, trigger.period), state)
@@ -100,8 +100,6 @@ class Scheduler:
                 self._timer(now + trigger.delay, None, state)
             elif isinstance(trigger, BlockEnd):
                 self._after.setdefault((trigger.block, trigger.ok), []).append(state)
-        if state.memory_triggers.level_holds():
-            self._timer(now, None, state)
 
     def _timer(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
         heapq.heappush(self._timers, (when, next(self._order), cycle, state))
@@ -126,6 +124,14 @@ class Scheduler:
 
     # ---- becoming due -------------------------------------------------------------------------------------
 
+    def enable(self, number: int, on: bool, now: int) -> None:
+        """Switches a block on or off; what runs ends as it does. Raises KeyError for a number there is not."""
+        state = self.states[number]
+        state.enabled = on
+        if on and state.memory_triggers is not None and state.memory_triggers.level_holds():
+            self._due(state, now)
+            self._wake()
+
     def fire(self, number: int, now: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""
         self._due(self.states[number], now)
@@ -135,10 +141,13 @@ class Scheduler:
         self._fired.append(self.states[block.number])
         self._wake()
 
-    def _due(self, state: BlockState, now: int) -> None:
+    def _may_start(self, state: BlockState) -> bool:
         if not state.enabled or not self._active or state.starts_left == 0:
-            return
-        if state.unless is not None and state.unless.holds(self.memory):
+            return False
+        return state.memory_triggers is None or not state.memory_triggers.held_back()
+
+    def _due(self, state: BlockState, now: int) -> None:
+        if not self._may_start(state):
             return
         if state.waiting or state.running:
             state.counters.overruns += 1
@@ -166,7 +175,9 @@ class Scheduler:
             due, _, cycle, state = heapq.heappop(self._timers)
             self._due(state, due)
             if cycle is not None:
-                state.counters.overruns += cycle.step(now)
+                missed = cycle.step(now)
+                if missed and self._may_start(state):
+                    state.counters.overruns += missed
                 self._timer(cycle.due, cycle, state)
         fired, self._fired = self._fired, []
         for state in fired:
@@ -180,23 +191,32 @@ class Scheduler:
         *_, state = heapq.heappop(lane.waiting)
         lane.busy = True
         state.waiting = False
+        state.started_at = now
         state.counters.started += 1
         self._start(state, now)
 
     def finished(self, number: int, ok: bool, outcome: str, now: int) -> None:
-        """An exchange has ended; blocks that wait for this come due."""
+        """An exchange has ended; blocks that wait for this come due. Telling it twice changes nothing."""
         state = self.states[number]
+        if not state.running:
+            return
         lane = self._lanes[state.block.channel]
         lane.busy = False
-        lane.free_from = now + lane.pause
+        lane.free_from = now + max(lane.pause, LEAST_TIME if now == state.started_at else 0)
         self._ended(state, ok, outcome, now)
         if state.memory_triggers is not None and state.memory_triggers.level_holds():
-            self._timer(now + LEVEL_PAUSE, None, state)
+            self._timer(now + LEAST_TIME, None, state)
         self._wake()
+
+    def takes(self, number: int) -> bool:
+        """Whether a RECEIVE block takes its frame now. Raises KeyError for a number there is not."""
+        return self._may_start(self.states[number])
 
     def arrived(self, number: int, ok: bool, outcome: str, now: int) -> None:
         """A frame of a RECEIVE block has come: it counts as one exchange, started and ended."""
         state = self.states[number]
+        if state.starts_left:
+            state.starts_left -= 1
         state.counters.started += 1
         self._ended(state, ok, outcome, now)
         self._wake()

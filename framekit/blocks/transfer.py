@@ -6,32 +6,46 @@ which places of the own memory belong to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Any
 
-from framekit.blocks.model import Block, Place
+from framekit.blocks.fields import FramePart, fixed_bytes, from_memory, parts_of, takes_bytes, to_memory
+from framekit.blocks.model import Block
+from framekit.blocks.own_memory import Piece, read_piece, store_pieces
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.segments import Data, Field
+from framekit.definition.model.protocol import StationType
 from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
+from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command
+from framekit.link.packing import cut_memory, values_of
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.numbers import unit_bits
 
 Ended = Callable[[bool, str], None]
-"""Told once how a block's exchange ended: well or not, and the outcome in a word ('' when all is well)."""
+"""Told once how a block's exchange ended: well or not, and the outcome in words ('' when all is well)."""
 
 
 class BlockTransfers:
     """Starts the exchanges of the blocks of one channel."""
 
-    def __init__(self, engine: Engine, client: Client | None, memory: DeviceMemory, frames: dict[str, Frame]) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        client: Client | None,
+        memory: DeviceMemory,
+        frames: Mapping[str, Frame],
+        station: StationType,
+    ) -> None:
         self.engine = engine
         self.client = client
         self.memory = memory
         self.frames = frames
+        self.station = station
+        self._parts: dict[str, dict[str, FramePart]] = {}
         self._sending: list[Ended] = []
 
     def closed(self, reason: str) -> None:
@@ -44,19 +58,15 @@ class BlockTransfers:
         """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
         try:
             return self._start(block, now, ended)
-        except (DeviceMemoryError, ValueError) as error:
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             ended(False, str(error))
             return []
 
     def _start(self, block: Block, now: int, ended: Ended) -> list[Command]:
-        station = self.station_of(block)
         if block.instruction == "send":
-            assert block.frame is not None
-            commands = self.engine.send_frame(block.frame, now, self.fields_of(block), self._sent)
-            self._sending.append(ended)
-            return commands
+            return self._send(block, now, ended)
         assert self.client is not None
-        done = self._finisher(block, ended)
+        station, done = self.station_of(block), self._finisher(block, ended)
         if block.instruction == "read":
             if len(block.targets) > 1:
                 return self.client.read_variables(
@@ -66,86 +76,110 @@ class BlockTransfers:
                 block.targets[0], station=station, unit=block.unit, count=block.count, now=now, on_done=done
             )
         if block.instruction == "write":
-            return self._write(block, station, now, done)
+            values = self.values_of(block)
+            if len(block.targets) > 1:
+                return self.client.write_variables(
+                    block.targets, values, station=station, unit=block.unit, now=now, on_done=done
+                )
+            return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
         assert block.service is not None
         return self.client.call(block.service, dict(block.arguments), station=station, now=now, on_done=done)
 
-    def _sent(self) -> None:
-        """The oldest frame that was to be sent by itself has left."""
-        if self._sending:
-            self._sending.pop(0)(True, "")
-
-    def _write(self, block: Block, station: Any, now: int, done: Callable[[TransferResult], None]) -> list[Command]:
-        assert self.client is not None
-        if len(block.targets) > 1:
-            values = list(block.values or (self.elements(place, block.unit, 1)[0] for place in block.places))
-            return self.client.write_variables(
-                block.targets, values, station=station, unit=block.unit, now=now, on_done=done
-            )
-        values = list(block.values or self.elements(block.places[0], block.unit, block.count))
-        return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
-
     def station_of(self, block: Block) -> Any:
-        """The other side's station: fixed, or from the word that holds it now."""
-        return block.station if block.station_from is None else self.elements(block.station_from, None, 1)[0]
+        """The other side's station: fixed, or from the own memory as it is now. Raises ValueError."""
+        place = block.station_from
+        if place is None:
+            return block.station
+        if self.station.type == "bytes":
+            return read_piece(self.memory, place, 8 * (self.station.size or 1))
+        number = values_of(read_piece(self.memory, place, place.address.unit_bits), place.address.unit, 1)[0]
+        limits = self.station.limits
+        if limits is not None and not limits[0] <= number <= limits[1]:
+            raise ValueError(f"station {number} in {place.text} is not in {limits[0]}..{limits[1]}")
+        return number
 
-    # ---- own memory ---------------------------------------------------------------------------------------
+    # ---- READ and WRITE -----------------------------------------------------------------------------------
 
-    def elements(self, place: Place, unit: str | None, count: int) -> list[int]:
-        """`count` elements of `unit` (default: the address's own) from a place on."""
-        address = place.address
-        wanted = unit or address.unit
-        start = address.first_bit // unit_bits(wanted)
-        return self.memory.read(address.area, wanted, start, count)
+    def values_of(self, block: Block) -> list[int]:
+        """What a WRITE block writes now: its constants, or elements from its places."""
+        if block.values is not None:
+            return list(block.values)
+        if len(block.targets) > 1:
+            pairs = zip(block.places, block.units, strict=True)
+            return [values_of(read_piece(self.memory, place, unit_bits(unit)), unit, 1)[0] for place, unit in pairs]
+        unit = block.units[0]
+        return values_of(read_piece(self.memory, block.places[0], block.count * unit_bits(unit)), unit, block.count)
 
     def _finisher(self, block: Block, ended: Ended) -> Callable[[TransferResult], None]:
         def done(result: TransferResult) -> None:
             if result.ok and block.instruction == "read":
                 try:
-                    self._store(block, result.values)
+                    store_pieces(self.memory, self.pieces_of(block, result.data))
                 except (DeviceMemoryError, ValueError) as error:
                     ended(False, str(error))
                     return
-            ended(result.ok, result.outcome)
+            ended(result.ok, told(result))
 
         return done
 
-    def _store(self, block: Block, values: list[int]) -> None:
-        if len(block.targets) > 1:
-            for place, value in zip(block.places, values, strict=True):
-                self._put(place, block.unit, [value])
-        elif block.places:
-            self._put(block.places[0], block.unit, values)
-
-    def _put(self, place: Place, unit: str | None, values: list[int]) -> None:
-        address = place.address
-        wanted = unit or address.unit
-        start = address.first_bit // unit_bits(wanted)
-        self.memory.write(address.area, wanted, start, values)
+    def pieces_of(self, block: Block, data: bytes) -> list[Piece]:
+        """What a READ block has read, in memory's form, at its places."""
+        if len(block.targets) == 1:
+            return [(block.places[0], block.count * unit_bits(block.units[0]), data)]
+        starts = [0]
+        for unit in block.units:
+            starts.append(starts[-1] + unit_bits(unit))
+        spans = zip(block.places, pairwise(starts), strict=True)
+        return [(place, end - start, cut_memory(data, start, end - start)) for place, (start, end) in spans]
 
     # ---- SEND and RECEIVE ---------------------------------------------------------------------------------
+
+    def _send(self, block: Block, now: int, ended: Ended) -> list[Command]:
+        assert block.frame is not None
+
+        def sent() -> None:
+            if ended in self._sending:
+                self._sending.remove(ended)
+                ended(True, "")
+
+        commands = self.engine.send_frame(block.frame, now, self.fields_of(block), sent)
+        self._sending.append(ended)
+        return commands
+
+    def _parts_of(self, frame: str) -> dict[str, FramePart]:
+        if frame not in self._parts:
+            self._parts[frame] = dict(parts_of(self.frames[frame].segments))
+        return self._parts[frame]
 
     def fields_of(self, block: Block) -> dict[str, Any]:
         """The fields of a SEND block's frame: constants of the block, and data from the own memory."""
         assert block.frame is not None
         fields: dict[str, Any] = dict(block.values or {})
-        segments = {part.name: part for part in self.frames[block.frame].segments if part.name}
+        parts = self._parts_of(block.frame)
         for name, place in block.data.items():
-            segment = segments.get(name)
-            if isinstance(segment, Data):
-                size = block.sizes.get(name) or segment.size
-                if not isinstance(size, int):
+            part, bits = parts[name], place.address.unit_bits
+            if takes_bytes(part):
+                size = block.sizes.get(name, fixed_bytes(part))
+                if size is None:
                     raise ValueError(f"the size of '{name}' is not known – give the block size: {{{name}: N}}")
-                fields[name] = self.memory.read_bytes(place.address.area, place.address.first_bit // 8, size)
-            elif isinstance(segment, Field):
-                fields[name] = self.elements(place, None, 1)[0]
+                bits = 8 * size
+            fields[name] = from_memory(part, place, read_piece(self.memory, place, bits))
         return fields
 
     def store_frame(self, block: Block, frame: FrameValue) -> None:
-        """Puts the fields of a received frame where the block says. Raises DeviceMemoryError, ValueError."""
+        """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""
+        parts = self._parts_of(frame.frame)
+        pieces: list[Piece] = []
         for name, place in block.data.items():
             value = frame.fields.get(name)
-            if isinstance(value, (bytes, bytearray)):
-                self.memory.write_bytes(place.address.area, place.address.first_bit // 8, bytes(value))
-            elif isinstance(value, int):
-                self._put(place, None, [value])
+            if value is not None:
+                bits, data = to_memory(parts[name], place, value, block.sizes.get(name))
+                pieces.append((place, bits, data))
+        store_pieces(self.memory, pieces)
+
+
+def told(result: TransferResult) -> str:
+    """The outcome in words: a device's refusal with its code and what that means."""
+    if result.ok or result.code is None:
+        return result.outcome
+    return f"{result.outcome} {result.code}" + (f": {result.meaning}" if result.meaning else "")

@@ -18,14 +18,9 @@ from framekit.memory.watch import Watch
 Fire = Callable[[Block], None]
 
 
-def words_of(address: Address, element_bits: int, count: int = 1) -> tuple[int, int]:
-    """First word and number of words that `count` elements of `element_bits` at an address lie in."""
-    first = address.start * element_bits // 16
-    last = ((address.start + count) * element_bits - 1) // 16
-    return first, last - first + 1
-
-
-UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
+def bits_of(trigger: Changed) -> int:
+    """How many bits from its address on an `on_change` looks at."""
+    return trigger.address.unit_bits if trigger.words is None else 16 * trigger.words
 
 
 class MemoryTriggers:
@@ -39,16 +34,20 @@ class MemoryTriggers:
         self.memory = memory
         self.fire = fire
         self.watches: list[Watch] = []
+        self.unless = None if block.unless is None else Condition(block.unless, resolve)
         self.levels: list[Condition] = []
         for trigger in block.triggers:
             if isinstance(trigger, (Rising, While)):
-                self._watch_condition(Condition(trigger.condition, resolve), isinstance(trigger, While))
+                condition = Condition(trigger.condition, resolve)
+                if isinstance(trigger, While):
+                    self.levels.append(condition)
+                self._watch_condition(condition)
             elif isinstance(trigger, Changed):
-                self._watch(trigger.address, trigger.words, lambda *_: self.fire(self.block))
+                self._watch_change(trigger)
+        if self.levels and self.unless is not None:
+            self._watch_hold(self.unless)
 
-    def _watch_condition(self, condition: Condition, level: bool) -> None:
-        if level:
-            self.levels.append(condition)
+    def _watch_condition(self, condition: Condition) -> None:
         before = False
 
         def look(*_: object) -> None:
@@ -59,16 +58,44 @@ class MemoryTriggers:
             before = now
 
         for address in condition.addresses.values():
-            self._watch(address, 1, look)
+            self._watch(address, address.unit_bits, look)
         look()
 
-    def _watch(self, address: Address, count: int, look: Callable[..., None]) -> None:
-        first, words = words_of(address, UNIT_BITS[address.unit], count)
-        self.watches.append(self.memory.watch(address.area, first, words, look))
+    def _watch_change(self, trigger: Changed) -> None:
+        """Other bits of the words that it lies in do not count."""
+        area, first, bits = self.memory.area(trigger.address.area), trigger.address.first_bit, bits_of(trigger)
+        before = area.read_bits(first, bits)
+
+        def look(*_: object) -> None:
+            nonlocal before
+            now = area.read_bits(first, bits)
+            if now != before:
+                before = now
+                self.fire(self.block)
+
+        self._watch(trigger.address, bits, look)
+
+    def _watch_hold(self, unless: Condition) -> None:
+        """A `while` that `unless` has held back goes on when that is over."""
+
+        def look(*_: object) -> None:
+            if self.level_holds() and not unless.holds(self.memory):
+                self.fire(self.block)
+
+        for address in unless.addresses.values():
+            self._watch(address, address.unit_bits, look)
+
+    def _watch(self, address: Address, bits: int, look: Callable[..., None]) -> None:
+        first, last = address.first_bit // 16, (address.first_bit + bits - 1) // 16
+        self.watches.append(self.memory.watch(address.area, first, last - first + 1, look))
 
     def level_holds(self) -> bool:
         """Whether a `while` condition asks for another start."""
         return any(condition.holds(self.memory) for condition in self.levels)
+
+    def held_back(self) -> bool:
+        """Whether `unless` holds."""
+        return self.unless is not None and self.unless.holds(self.memory)
 
     def cancel(self) -> None:
         for watch in self.watches:

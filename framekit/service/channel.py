@@ -2,45 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Protocol
 
 from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
-from framekit.codec.codec import compile_protocol
+from framekit.codec.codec import Codec, compile_protocol
 from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.events import Command
-from framekit.link.exchange import Asked
+from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor
+from framekit.link.serving import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver
+from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
-Arrived = Callable[[int, bool, str], None]
-"""Told that the frame of a RECEIVE block came: the block's number, whether it was stored, and why not."""
+
+class ChannelOwner(Protocol):
+    """Who wants to know what happens on channels."""
+
+    def opened(self, channel: int, is_open: bool) -> None:
+        """Whether exchanges can be started now."""
+
+    def takes(self, block: int) -> bool:
+        """Whether a RECEIVE block takes its frame now."""
+
+    def arrived(self, block: int, ok: bool, outcome: str) -> None:
+        """The frame of a RECEIVE block came; whether it was stored, and why not."""
 
 
 class ChannelService:
-    """Runs blocks on one channel. `arrived` is told of frames of RECEIVE blocks, `opened` whether the port is open."""
+    """Runs blocks on one channel; a role that answers serves the own memory."""
 
     def __init__(
         self,
         channel: Channel,
         port: Port,
         clock: Clock,
-        memory: DeviceMemory,
-        receiving: list[Block],
-        arrived: Arrived,
-        opened: Callable[[bool], None],
+        access: AddressedMemory,
+        receiving: Iterable[Block],
+        owner: ChannelOwner,
         monitor: Monitor | None = None,
     ) -> None:
         self.channel = channel
-        self.arrived = arrived
-        self.opened = opened
+        self.owner = owner
         self.receiving: dict[str, list[Block]] = {}
         for block in receiving:
             self.receiving.setdefault(block.frame or "", []).append(block)
@@ -54,20 +63,29 @@ class ChannelService:
             line=channel.line,
             own=channel.own,
             now=clock.now(),
+            server=self._server(codec, access),
+            memory=access,
             ask=self._ask,
-            on_frame=self._frame,
+            on_frame=self._frame if self.receiving else None,
             monitor=monitor,
         )
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
-        self.transfers = BlockTransfers(self.engine, client, memory, dict(protocol.frames))
+        self.transfers = BlockTransfers(self.engine, client, access.memory, protocol.frames, protocol.station)
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state)
+
+    def _server(self, codec: Codec, access: AddressedMemory) -> Server | None:
+        protocol = self.channel.protocol
+        if not protocol.services:
+            return None
+        server = MemoryServer(protocol, codec, access.memory, mapping=self.channel.mapping)
+        return RefreshedServer(server, access.refresh)
 
     def _on_state(self, state: str) -> None:
         self.state = state
         if state != "open":
             self.transfers.closed("closed")
-        self.opened(state == "open")
+        self.owner.opened(self.channel.number, state == "open")
 
     def start(self) -> None:
         self.driver.start()
@@ -90,9 +108,11 @@ class ChannelService:
     def _frame(self, frame: FrameValue) -> None:
         """A frame nobody waited for: the RECEIVE blocks that name it take it."""
         for block in self.receiving.get(frame.frame, ()):
+            if not self.owner.takes(block.number):
+                continue
             try:
                 self.transfers.store_frame(block, frame)
             except (DeviceMemoryError, ValueError) as error:
-                self.arrived(block.number, False, str(error))
+                self.owner.arrived(block.number, False, str(error))
             else:
-                self.arrived(block.number, True, "")
+                self.owner.arrived(block.number, True, "")

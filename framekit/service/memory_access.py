@@ -1,22 +1,60 @@
-"""A device's memory as sequences see it: bytes at addresses written as users write them."""
+"""A device's memory as its engine reaches it: by addresses written as users write them, and through a server.
+
+Bits that the memory sets by itself (clocks, say) are brought up to date before anybody looks.
+"""
 
 from __future__ import annotations
 
-from framekit.link.addresses import AddressGrammar
+from collections.abc import Callable
+from typing import Any
+
+from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.evaluate import Names
+from framekit.link.exchange import Served, Server
+from framekit.link.values import FrameValue
+from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
+
+Refresh = Callable[[], None]
 
 
 class AddressedMemory:
     """`memory('M0', 24)` and `store` of the language on a device memory. Raises ValueError for what is not there."""
 
-    def __init__(self, memory: DeviceMemory, grammar: AddressGrammar) -> None:
+    def __init__(self, memory: DeviceMemory, grammar: AddressGrammar, refresh: Refresh = lambda: None) -> None:
         self.memory = memory
         self.grammar = grammar
+        self.refresh = refresh
 
     def read(self, address: str, size: int) -> bytes:
-        place = self.grammar.parse(address)
-        return self.memory.read_bytes(place.area, place.first_bit // 8, size)
+        self.refresh()
+        place = self._place(address)
+        try:
+            return self.memory.read_bytes(place.area, place.first_bit // 8, size)
+        except DeviceMemoryError as error:
+            raise ValueError(str(error)) from None
 
     def write(self, address: str, data: bytes) -> None:
+        place = self._place(address)
+        try:
+            self.memory.write_bytes(place.area, place.first_bit // 8, data, force=True)
+        except DeviceMemoryError as error:
+            raise ValueError(str(error)) from None
+
+    def _place(self, address: str) -> Address:
         place = self.grammar.parse(address)
-        self.memory.write_bytes(place.area, place.first_bit // 8, data, force=True)
+        if place.first_bit % 8:
+            raise ValueError(f"{address} is in the middle of a byte")
+        return place
+
+
+class RefreshedServer:
+    """A server on a memory that is brought up to date before each request."""
+
+    def __init__(self, server: Server, refresh: Refresh) -> None:
+        self.server = server
+        self.refresh = refresh
+
+    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        self.refresh()
+        return self.server.serve(request, buffer, station, check_only, names)

@@ -10,14 +10,17 @@ from pathlib import Path
 
 from framekit.blocks.conditions import Condition
 from framekit.blocks.device import put_values
-from framekit.blocks.model import Run
+from framekit.blocks.model import Changed, Rising, Run, While
+from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.blocks.triggers import bits_of
 from framekit.definition.times import NEVER
-from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.addresses import Address
 from framekit.link.observe import Seen
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
+from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
 from framekit.transport.clock import Clock, Handle
 
@@ -33,7 +36,8 @@ class RunService:
         self.clock = clock
         self.memory = run.memory.create()
         put_values(self.memory, run.initial)
-        self.grammar = AddressGrammar(run.memory.addresses, run.memory.areas, run.memory.tables)
+        self.grammar = addresses_of(run.memory)
+        access = AddressedMemory(self.memory, self.grammar, self._refresh)
         self.devices: list[DeviceService] = []
         self.channels: dict[int, ChannelService] = {}
         folder = Path(run.folder)
@@ -46,10 +50,9 @@ class RunService:
                 channel,
                 port,
                 clock,
-                self.memory,
+                access,
                 receiving,
-                self._arrived,
-                self._opener(number),
+                self,
                 self._watcher(number, monitor),
             )
         pauses = {number: channel.pause for number, channel in run.channels.items()}
@@ -58,9 +61,6 @@ class RunService:
         self._timer: Handle | None = None
         self._woken = False
         self.running = False
-
-    def _opener(self, number: int) -> Callable[[bool], None]:
-        return lambda is_open: self.scheduler.set_open(number, is_open)
 
     @staticmethod
     def _watcher(number: int, monitor: RunMonitor | None) -> Callable[[Seen], None] | None:
@@ -81,10 +81,12 @@ class RunService:
         found: set[tuple[str, int]] = set()
         for block in self.run.blocks:
             for trigger in block.triggers:
-                expression = getattr(trigger, "condition", None)
-                if expression is not None:
-                    places = Condition(expression, self.resolve).addresses.values()
-                    found |= {(place.area, bit) for place in places for bit in range_of(place)}
+                if isinstance(trigger, (Rising, While)):
+                    places = Condition(trigger.condition, self.resolve).addresses.values()
+                    found |= {(place.area, bit) for place in places for bit in range_of(place, place.unit_bits)}
+                elif isinstance(trigger, Changed):
+                    place = trigger.address
+                    found |= {(place.area, bit) for bit in range_of(place, bits_of(trigger))}
         return found
 
     # ---- life ---------------------------------------------------------------------------------------------
@@ -119,6 +121,10 @@ class RunService:
         self.scheduler.fire(number, self.clock.now())
         self._arm()
 
+    def enable(self, number: int, on: bool = True) -> None:
+        """Switches a block on or off. Raises KeyError for a number there is not."""
+        self.scheduler.enable(number, on, self.clock.now())
+
     @property
     def states(self) -> dict[int, BlockState]:
         """The blocks at work, with their counters, by number."""
@@ -128,17 +134,31 @@ class RunService:
 
     def _start_block(self, state: BlockState, now: int) -> None:
         number = state.block.number
-        self.system.update(now)
+        self._refresh()
 
         def ended(ok: bool, outcome: str) -> None:
             self.scheduler.finished(number, ok, outcome, self.clock.now())
 
         self.channels[state.block.channel].start_block(state.block, ended)
 
-    def _arrived(self, number: int, ok: bool, outcome: str) -> None:
-        self.scheduler.arrived(number, ok, outcome, self.clock.now())
+    def opened(self, channel: int, is_open: bool) -> None:
+        """Whether exchanges can be started on a channel now."""
+        self.scheduler.set_open(channel, is_open)
+
+    def takes(self, block: int) -> bool:
+        """Whether a RECEIVE block takes its frame now."""
+        self._refresh()
+        return self.scheduler.takes(block)
+
+    def arrived(self, block: int, ok: bool, outcome: str) -> None:
+        """The frame of a RECEIVE block came."""
+        self.scheduler.arrived(block, ok, outcome, self.clock.now())
 
     # ---- time ---------------------------------------------------------------------------------------------
+
+    def _refresh(self) -> None:
+        """The bits that the memory sets by itself, as they are now."""
+        self.system.update(self.clock.now())
 
     def _wake(self) -> None:
         """Something came due between two ticks: one call soon is enough for all of it."""
@@ -147,13 +167,14 @@ class RunService:
             self.clock.call_soon(self._tick)
 
     def _tick(self) -> None:
-        self._woken = False
-        if not self.running:
-            return
-        now = self.clock.now()
-        self.system.update(now)
-        self.scheduler.tick(now)
-        self._arm()
+        self._woken = True  # what comes due meanwhile is in the next time the timer is set for
+        try:
+            if self.running:
+                self._refresh()
+                self.scheduler.tick(self.clock.now())
+        finally:
+            self._woken = False
+            self._arm()
 
     def _arm(self) -> None:
         if self._timer is not None:
@@ -165,6 +186,6 @@ class RunService:
             self._timer = self.clock.call_at(max(due, now), self._tick)
 
 
-def range_of(address: Address) -> range:
-    """The bits of its area that an address covers."""
-    return range(address.first_bit, address.first_bit + address.unit_bits)
+def range_of(address: Address, bits: int) -> range:
+    """`bits` bits of its area from an address on."""
+    return range(address.first_bit, address.first_bit + bits)

@@ -1,0 +1,65 @@
+"""The own memory at the places of a run: pieces of it in memory's form, read and stored whole.
+
+Everything goes by bits over the whole area, so a double word may begin at any word. What cannot be stored is refused
+before anything is changed. What a piece means is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from framekit.blocks.model import Place
+from framekit.definition.model.services import AddressForm, Area
+from framekit.definition.model.values import Table
+from framekit.link.addresses import Address, AddressGrammar
+from framekit.memory.errors import AccessError, MemoryRangeError
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.profile import MemoryProfile
+
+Piece = tuple[Place, int, bytes]
+"""A place, how many bits from there on, and what they are, in memory's form."""
+
+
+class OwnAddresses(AddressGrammar):
+    """The addresses of a memory: its forms, and the names that its profile gives to single places."""
+
+    def __init__(
+        self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table],
+        names: Mapping[str, str],
+    ) -> None:  # fmt: skip
+        super().__init__(forms, areas, tables)
+        self._names = names
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """As for every grammar; a name stands for its address."""
+        return super().parse(self._names.get(text.strip(), text), unit, check=check)
+
+
+def addresses_of(profile: MemoryProfile) -> OwnAddresses:
+    """The addresses of a memory with this profile."""
+    names = {name: place.address for name, place in profile.named.items()}
+    return OwnAddresses(profile.addresses, profile.areas, profile.tables, names)
+
+
+def read_piece(memory: DeviceMemory, place: Place, bits: int) -> bytes:
+    """`bits` bits from a place on, in memory's form. Raises DeviceMemoryError."""
+    area, first = memory.area(place.address.area), place.address.first_bit
+    if first % 8 == 0 and bits % 8 == 0:
+        return area.read_bytes(first // 8, bits // 8)
+    return area.read_bits(first, bits)
+
+
+def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:
+    """Stores all pieces, or, when one cannot be stored, none. Raises DeviceMemoryError."""
+    for place, bits, _ in pieces:
+        area = memory.area(place.address.area)
+        if area.access == "read":
+            raise AccessError(f"{place.text} is in area {area.name}, which can only be read")
+        if place.address.first_bit + bits > area.size_bits:
+            raise MemoryRangeError(f"{bits} bits from {place.text} on are not in area {area.name}")
+    for place, bits, data in pieces:
+        area, first = memory.area(place.address.area), place.address.first_bit
+        if first % 8 == 0 and bits % 8 == 0:
+            area.write_bytes(first // 8, data)
+        else:
+            area.write_bits(first, bits, data)
