@@ -19,7 +19,7 @@ from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
 from framekit.link.events import Break, CharacterFault, Command, LineFault, Reopen, Send
 from framekit.link.exchange import Ask, MemoryAccess, Server
 from framekit.link.frame_table import Codec
-from framekit.link.frame_vectors import default_line, set_state, state_value
+from framekit.link.frame_vectors import default_line, result_agrees, set_state, state_value
 
 PATIENCE = 3_600_000_000_000
 """So long a script waits for something to be sent, and a service for its end (ns)."""
@@ -253,7 +253,10 @@ class _Player:
             self._note(None, f"{told}, expected '{wanted.outcome}'")
         if wanted.error is not None and getattr(result, "code", None) != wanted.error:
             self._note(None, f"error {getattr(result, 'code', None)}, expected {wanted.error}")
-        if wanted.values is not None and result.ok:
+        if isinstance(wanted.values, Mapping) and result.ok:
+            if not result_agrees(result.gives, wanted.values):
+                self._note(None, f"results {result.gives}, expected {wanted.values}")
+        elif wanted.values is not None and result.ok:
             values = wanted.values if isinstance(wanted.values, list) else [wanted.values]
             numbers = [state_value("number", value) for value in values]
             if list(result.values) != numbers:

@@ -138,6 +138,7 @@ class Engine:
         self.scope.now = now
         item = self.output.left()
         if item is not None:
+            self.receiver.answered()
             if item.run is not None:
                 self.machine.left(item.run)
             if item.on_sent is not None:

@@ -193,3 +193,15 @@ def state_value(type_: str, value: Any) -> Any:
     if type_ == "bytes":
         return parse_bytes(value) if value.strip() else b""
     return value if type_ in ("text", "record", "frame", "list") else parse_number(value)
+
+
+def result_agrees(found: Any, wanted: Any) -> bool:
+    """Whether a value is what a case says in plain text; of a record only the fields that the case names."""
+    if isinstance(wanted, Mapping):
+        return isinstance(found, Mapping) and all(
+            name in found and result_agrees(found[name], value) for name, value in wanted.items()
+        )
+    if isinstance(wanted, (list, tuple)):
+        return len(found) == len(wanted) and all(result_agrees(*pair) for pair in zip(found, wanted, strict=True))
+    kind = "bytes" if isinstance(found, (bytes, bytearray)) else "text" if isinstance(found, str) else "number"
+    return bool(found == state_value(kind, wanted))

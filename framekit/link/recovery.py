@@ -88,6 +88,13 @@ class Recovery:
             self._collect(stop - stream.position, True)
         return AGAIN
 
+    def answered(self) -> None:
+        """This side has sent something: what comes from now on answers that, no silence has to stand before it."""
+        if self._skipping:
+            self._skipping = False
+            if self.stream.position < len(self.stream.buffer):
+                self._collect(len(self.stream.buffer) - self.stream.position, True)
+
     # ---- noise --------------------------------------------------------------------------------------------
 
     def _at_end(self) -> Noise | None:
