@@ -1,0 +1,198 @@
+"""The words in memory that hold a block's settings, and what a block is when they have been changed there.
+
+A number that is changed while the run goes on counts from the block's next exchange on. Where the words stand is the
+memory profile's; what an exchange is, is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from framekit.blocks.block_status import ITEMS, PULSES
+from framekit.blocks.fields import fixed_bytes, parts_of
+from framekit.blocks.model import Block
+from framekit.blocks.own_memory import read_piece
+from framekit.blocks.status_words import Key, get_item, put_item
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import Problem, did_you_mean
+from framekit.link.packing import values_of
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.numbers import unit_bits
+from framekit.memory.profile import BlockItem, BlockWords
+
+SLOTS = 4
+"""Variables of a block that have settings."""
+
+PLACES = {f"{kind}_{number}": (kind, number - 1) for kind in ("read", "write") for number in range(1, SLOTS + 1)}
+SIZES = {f"{name}_size": slot for name, slot in PLACES.items()}
+SETTINGS = ("station", *PLACES, *SIZES)
+"""What the words of a block can set, by the names that memory profiles use."""
+
+KINDS = {"read": "read", "receive": "read", "write": "write", "send": "write"}
+
+
+class SettingError(ValueError):
+    """A number in memory that a block cannot work with."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    """A variable of a block: how its place is written, its size, and what sets that: `count` or a field's name."""
+
+    text: str
+    size: int
+    sets: str | None = None
+
+
+def settings_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
+    """Those of a profile's sections that hold settings of blocks."""
+    return tuple(section for section in sections if any(name in SETTINGS for name in section.items))
+
+
+class BlockSettings:
+    """Shows the settings of blocks in the words of `sections`, and reads them back before each exchange."""
+
+    def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords]) -> None:
+        self._memory = memory
+        self._sections = tuple(sections)
+        self._protocols: dict[Key, Protocol] = {}
+        self._given: dict[Key, list[tuple[BlockWords, list[int]]]] = {}
+
+    def show(self, block: Block, protocol: Protocol) -> None:
+        """Puts a block's settings into its words, as the run gives them, over what stood there."""
+        key = (block.set, block.number)
+        self._protocols[key] = protocol
+        shown = []
+        for section in self._sections:
+            if not (1 <= block.set <= section.sets and 0 <= block.number < section.blocks):
+                continue
+            words = [0] * section.words
+            for item, value in self._items(section, block, protocol):
+                put_item(words, item, value)
+            self._memory.area(section.area).write("word", section.base(*key), words, force=True)
+            shown.append((section, words))
+        self._given[key] = shown
+
+    def forget(self, key: Key) -> None:
+        """A block is no more: its words are free memory, and 0."""
+        self._protocols.pop(key, None)
+        for section, words in self._given.pop(key, ()):
+            self._memory.area(section.area).write("word", section.base(*key), [0] * len(words), force=True)
+
+    # ---- what the words say -------------------------------------------------------------------------------
+
+    def _items(self, section: BlockWords, block: Block, protocol: Protocol) -> list[tuple[BlockItem, int]]:
+        found = []
+        slots = slots_of(block, protocol)
+        kind = KINDS.get(block.instruction)
+        for name, item in section.items.items():
+            if name == "station" and isinstance(block.station, int):
+                found.append((item, block.station))
+            elif name in PLACES and PLACES[name][0] == kind and PLACES[name][1] < len(slots):
+                text = slots[PLACES[name][1]].text
+                found += _as_words(text, item)
+            elif name in SIZES and SIZES[name][0] == kind and SIZES[name][1] < len(slots):
+                found.append((item, slots[SIZES[name][1]].size))
+        return found
+
+    def effective(self, block: Block) -> Block:
+        """The block with what stands in memory now; the same one while nothing has been changed there.
+
+        Raises SettingError for a station or a size it cannot work with.
+        """
+        key = (block.set, block.number)
+        changed = block
+        for section, given in self._given.get(key, ()):
+            area, first = self._memory.area(section.area), section.base(*key)
+            if block.station_from is not None:
+                self._show_station(section, block, given, first)
+            words = area.read("word", first, section.words)
+            if words != given:
+                changed = self._changed(changed, section, given, words)
+        return changed
+
+    def _show_station(self, section: BlockWords, block: Block, given: list[int], first: int) -> None:
+        """A station that the run takes from elsewhere is only shown."""
+        item, place = section.items.get("station"), block.station_from
+        if item is None or place is None or self._protocols[block.set, block.number].station.type != "number":
+            return
+        number = values_of(read_piece(self._memory, place, place.address.unit_bits), place.address.unit, 1)[0]
+        put_item(given, item, number)
+        area = self._memory.area(section.area)
+        words = area.read("word", first, section.words)
+        put_item(words, item, number)
+        area.write("word", first, words, force=True)
+
+    def _changed(self, block: Block, section: BlockWords, given: list[int], words: list[int]) -> Block:
+        slots = slots_of(block, self._protocols[block.set, block.number])
+        kind = KINDS.get(block.instruction)
+        for name, item in section.items.items():
+            value = get_item(words, item)
+            if value == get_item(given, item):
+                continue
+            where = f"{section.area} word {section.base(block.set, block.number) + item.word}"
+            if name == "station" and isinstance(block.station, int) and block.station_from is None:
+                block = self._with_station(block, value, where)
+            elif name in SIZES and SIZES[name][0] == kind and SIZES[name][1] < len(slots):
+                block = self._with_size(block, slots[SIZES[name][1]], value, where)
+        return block
+
+    def _with_station(self, block: Block, station: int, where: str) -> Block:
+        limits = self._protocols[block.set, block.number].station.limits
+        if limits is not None and not limits[0] <= station <= limits[1]:
+            raise SettingError(f"station {station} in {where} is not in {limits[0]}..{limits[1]}")
+        return replace(block, station=station)
+
+    def _with_size(self, block: Block, slot: _Slot, size: int, where: str) -> Block:
+        if slot.sets is None:
+            return block
+        if size < 1:
+            raise SettingError(f"the size in {where} is 0: that moves nothing")
+        if slot.sets != "count":
+            return replace(block, sizes={**block.sizes, slot.sets: size})
+        place = block.places[0]
+        if place.address.first_bit + size * unit_bits(block.units[0]) > self._memory.area(place.address.area).size_bits:
+            raise SettingError(f"the size {size} in {where} leaves no room from {place.text} on")
+        return replace(block, count=size)
+
+
+def slots_of(block: Block, protocol: Protocol) -> list[_Slot]:
+    """The variables of a block, at most four: those of the other side for READ and WRITE, fields of a frame else."""
+    if block.instruction in ("read", "write"):
+        if len(block.targets) > 1:
+            return [_Slot(text, 1) for text in block.targets[:SLOTS]]
+        settable = "count" if block.places and block.values is None else None
+        return [_Slot(text, block.count, settable) for text in block.targets]
+    if block.frame is None:
+        return []
+    parts = dict(parts_of(protocol.frames[block.frame].segments))
+    fixed = {name: fixed_bytes(parts[name]) for name in block.data}
+    return [
+        _Slot(place.text, block.sizes.get(name) or fixed[name] or 0, name if name in block.sizes else None)
+        for name, place in list(block.data.items())[:SLOTS]
+    ]
+
+
+def _as_words(text: str, item: BlockItem) -> list[tuple[BlockItem, int]]:
+    """An address as text, two characters a word, the first in the low byte; one that is too long is not shown."""
+    data = text.encode("ascii", "replace").ljust(2 * item.words, b"\0")
+    if len(data) > 2 * item.words:
+        return []
+    return [
+        (BlockItem(word=item.word + at), int.from_bytes(data[2 * at : 2 * at + 2], "little"))
+        for at in range(item.words)
+    ]
+
+
+def check_items(sections: Iterable[BlockWords]) -> Iterator[Problem]:
+    """Items of a profile that no block has."""
+    known = {*ITEMS, *PULSES, *SETTINGS}
+    for section in sections:
+        for name in section.items:
+            if name not in known:
+                yield Problem(section.at, f"'{name}' in '{section.name}' is nothing a block has", _hint(name, known))
+
+
+def _hint(name: str, known: set[str]) -> str:
+    return did_you_mean(name, known) or f"known: {', '.join(sorted(known))}"
