@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import shipped
 
 from framekit.codec.ambiguity import check_matrices
 from framekit.codec.checks import compute
@@ -34,7 +35,7 @@ def problems(rows: str) -> list[str]:
     return [problem.what for problem in check_matrices(load_protocol_text(text))]
 
 
-@pytest.mark.parametrize("name", ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp", "third-party-plc", "standard"])
+@pytest.mark.parametrize("name", shipped.PROTOCOLS)
 def test_shipped_frames_can_be_told_apart(name: str) -> None:
     assert all(problem.warning for problem in check_matrices(load_protocol(name)))
 

@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import pytest
+import shipped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_protocol import small_protocol
@@ -221,7 +222,7 @@ def made(name: str) -> tuple[Codec, FrameValues]:
 
 @QUICK
 @given(st.data())
-@pytest.mark.parametrize("name", ["mldp", "modbus-ascii", "modbus-tcp", "third-party-plc"])
+@pytest.mark.parametrize("name", [name for name in shipped.PROTOCOLS if name != "standard"])
 def test_frames_of_shipped_definitions(name: str, data: st.DataObject) -> None:
     codec, strategies = made(name)
     frame = data.draw(st.sampled_from([name for name, one in codec.protocol.frames.items() if not one.inner]))

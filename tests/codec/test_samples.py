@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import shipped
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.sample_context import ANNOUNCED, SampleLine, sample_context
@@ -10,14 +11,12 @@ from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 
-SHIPPED = ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp", "third-party-plc"]
-
 
 def sampler_of(protocol: Protocol) -> Sampler:
     return Sampler(compile_protocol(protocol), sample_context(protocol))
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", shipped.PROTOCOLS)
 def test_every_shipped_frame_has_samples_that_read_back(name: str) -> None:
     protocol = load_protocol(name)
     sampler = sampler_of(protocol)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import shipped
 
 from framekit.definition.expression.syntax import Expression, Text, walk
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Wrap
 from framekit.definition.problems import DefinitionError
 
-SHIPPED = ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp", "modbus-pdu", "third-party-plc", "standard"]
 
-
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", shipped.PROTOCOLS + shipped.APPLICATIONS)
 def test_shipped_definitions_load_without_a_warning(name: str) -> None:
     protocol = load_protocol(name)
     assert protocol.name == name

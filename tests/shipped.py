@@ -1,0 +1,21 @@
+"""The protocols that come with framekit, as `frames/` has them: what every one of them has to pass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+FRAMES = Path(__file__).parent.parent / "frames"
+
+
+def names(first_key: str) -> list[str]:
+    """Names of the shipped definitions whose first key this is."""
+    found = []
+    for path in sorted(FRAMES.glob("*.yaml")):
+        lines = (line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#"))
+        if next(lines).startswith(f"{first_key}:"):
+            found.append(path.stem)
+    return found
+
+
+PROTOCOLS = names("protocol")
+APPLICATIONS = names("application")
