@@ -10,7 +10,7 @@ from typing import Any
 
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.model import Place
-from framekit.blocks.own_memory import addresses_of
+from framekit.blocks.own_memory import ProtocolAddresses, addresses_of
 from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import Call, Text, walk
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
@@ -166,7 +166,7 @@ def memory_of(protocol: Protocol) -> tuple[tuple[Area, ...], AddressGrammar]:
         if area.layout is None:
             sizes.setdefault(area.memory, (area.unit, area.size))
     areas = tuple(Area(name, size=size, unit=unit) for name, (unit, size) in sizes.items())
-    return areas, AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+    return areas, ProtocolAddresses(protocol)
 
 
 def read_mapping(

@@ -7,8 +7,10 @@ before anything is changed. What a piece means is not known here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from framekit.blocks.model import Place
+from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
 from framekit.link.addresses import Address, AddressGrammar
@@ -33,6 +35,20 @@ class OwnAddresses(AddressGrammar):
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
         """As for every grammar; a name stands for its address."""
         return super().parse(self._names.get(text.strip(), text), unit, check=check)
+
+
+class ProtocolAddresses(AddressGrammar):
+    """The addresses of a memory that has a protocol's areas: an area stands there under its `memory` name."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        super().__init__(protocol.addresses, protocol.areas, protocol.tables)
+        self._memory = {name: area.memory for name, area in protocol.areas.items()}
+        self.areas = {area.memory: area for area in protocol.areas.values()} | dict(protocol.areas)
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """As for every grammar; `area` is the memory's."""
+        address = super().parse(text, unit, check=check)
+        return replace(address, area=self._memory[address.area])
 
 
 def addresses_of(profile: MemoryProfile) -> OwnAddresses:

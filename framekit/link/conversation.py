@@ -33,6 +33,7 @@ class SideUnderTest:
 
     `start` begins what the case asks for: engine, the case's `do`, its station, the time, what to call with the result;
     it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` gives values at an address.
+    `troubles` collects what a server could not work out.
     """
 
     server: Server | None = None
@@ -40,6 +41,7 @@ class SideUnderTest:
     ask: Callable[[Engine], Ask] | None = None
     start: Callable[[Engine, Mapping[str, Any], Any, int, Asked], list[Command]] | None = None
     read_memory: Callable[[str, int], list[int]] | None = None
+    troubles: list[str] = field(default_factory=list)
 
 
 MakeSide = Callable[[Conversation, Protocol, Codec], SideUnderTest]
@@ -102,8 +104,11 @@ class _Player:
         for script in self.case.script:
             getattr(self, f"_{script.kind}")(script)
             if self.problems:
-                return self.problems
-        self._finish()
+                break
+        else:
+            self._finish()
+        for trouble in self.side.troubles if self.problems else ():
+            self._note(None, trouble)
         return self.problems
 
     def _note(self, script: ScriptLine | None, what: str) -> None:

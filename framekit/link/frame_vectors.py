@@ -176,6 +176,11 @@ def set_state(scope: Scope, state: Mapping[str, Any]) -> None:
         variable = scope.protocol.state.get(name)
         if variable is None:
             raise ValueError(f"there is no state variable '{name}'")
+        if isinstance(value, Mapping) and isinstance(record := scope.get(name), Mapping):
+            unknown = [key for key in value if key not in record]
+            if unknown:
+                raise ValueError(f"state variable '{name}' has no field '{unknown[0]}'")
+            value = dict(record) | {key: state_value(_kind_of(record[key]), item) for key, item in value.items()}
         scope.set(name, state_value(variable.type, value))
 
 
@@ -203,5 +208,9 @@ def result_agrees(found: Any, wanted: Any) -> bool:
         )
     if isinstance(wanted, (list, tuple)):
         return len(found) == len(wanted) and all(result_agrees(*pair) for pair in zip(found, wanted, strict=True))
-    kind = "bytes" if isinstance(found, (bytes, bytearray)) else "text" if isinstance(found, str) else "number"
-    return bool(found == state_value(kind, wanted))
+    return bool(found == state_value(_kind_of(found), wanted))
+
+
+def _kind_of(value: Any) -> str:
+    """The type of variable that holds a value like this one."""
+    return "bytes" if isinstance(value, (bytes, bytearray)) else "text" if isinstance(value, str) else "number"

@@ -84,8 +84,10 @@ def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnder
     def start(engine: Engine, do: Mapping[str, Any], station: Any, now: int, done: Asked) -> list[Command]:
         return start_service(client(engine), do, station, now, done)
 
+    troubles: list[str] = []
     return SideUnderTest(
-        server=MemoryServer(protocol, codec, memory) if protocol.services else None,
+        troubles=troubles,
+        server=MemoryServer(protocol, codec, memory, on_trouble=troubles.append) if protocol.services else None,
         memory=AddressedMemory(memory, grammar),
         ask=ask if protocol.services else None,
         start=start,
