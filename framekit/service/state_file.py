@@ -1,0 +1,237 @@
+"""The file in which a run keeps its memory and counters: SQLite, written in transactions, one user at a time.
+
+Reading trusts nothing in it: a file that is no state, of another run, of another version or damaged is refused and left
+as it is. What memory and counters mean is not known here. One thread at a time may use a `StateFile`.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from framekit.memory.numbers import unit_bits
+from framekit.memory.snapshot import Shape
+
+APPLICATION = 0x464B5354
+"""What SQLite calls the application's number; it tells our files from others."""
+
+VERSION = 1
+PAGE = 1024
+"""Bytes of an area that are written together."""
+
+Key = tuple[int, int]
+"""Set and number of a block."""
+
+_TABLES = f"""
+BEGIN;
+PRAGMA application_id = {APPLICATION};
+PRAGMA user_version = {VERSION};
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE areas (name TEXT PRIMARY KEY, unit TEXT NOT NULL, size INTEGER NOT NULL) WITHOUT ROWID;
+CREATE TABLE pages (area TEXT, number INTEGER, content BLOB NOT NULL, PRIMARY KEY (area, number)) WITHOUT ROWID;
+CREATE TABLE blocks (
+    "set" INTEGER, number INTEGER, content TEXT NOT NULL, started INTEGER NOT NULL, done INTEGER NOT NULL,
+    failed INTEGER NOT NULL, overruns INTEGER NOT NULL, outcome TEXT NOT NULL, cause TEXT NOT NULL,
+    device_code INTEGER, meaning TEXT NOT NULL, PRIMARY KEY ("set", number)) WITHOUT ROWID;
+COMMIT;
+"""
+_COLUMNS = '"set", number, content, started, done, failed, overruns, outcome, cause, device_code, meaning'
+
+
+class StateError(Exception):
+    """A state file that cannot be used or written; the text says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptBlock:
+    """Counters of a block and its last failure; `content` is the block's fingerprint."""
+
+    set: int
+    number: int
+    content: str
+    started: int
+    done: int
+    failed: int
+    overruns: int
+    outcome: str = ""
+    cause: str = ""
+    device_code: int | None = None
+    meaning: str = ""
+
+    def row(self) -> tuple[int | str | None, ...]:
+        """As the table has it."""
+        return (
+            self.set, self.number, self.content, self.started, self.done, self.failed, self.overruns, self.outcome,
+            self.cause, self.device_code, self.meaning,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What a state file holds: the bytes of areas, and blocks."""
+
+    areas: Mapping[str, bytes] = field(default_factory=dict)
+    blocks: Mapping[Key, KeptBlock] = field(default_factory=dict)
+
+
+class StateFile:
+    """The state of the run `run`, whose kept areas have this `shape`.
+
+    Opening creates the file if there is none, locks it and reads it: `kept` is what it held, all blocks and those areas
+    of `shape` that were in it. Every method raises StateError.
+    """
+
+    def __init__(self, path: Path, run: str, shape: Shape) -> None:
+        self.path = path
+        self.run = run
+        self.shape = shape
+        self._written: dict[str, bytes] = {}
+        with self._errors():
+            if not path.exists() or path.stat().st_size == 0:
+                self._create()
+            self._check_head()
+            self._base = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=0)
+        try:
+            with self._errors():
+                self._open()
+                self.kept = self._load()
+        except StateError:
+            self._base.close()
+            raise
+
+    def close(self) -> None:
+        """Lets go of the file; what was written stays."""
+        self._base.close()
+
+    # ---- opening ------------------------------------------------------------------------------------------
+
+    def _create(self) -> None:
+        """Makes the file beside its place and puts it there whole, so that no half file is ever found."""
+        beside = self.path.with_name(f".{self.path.name}.{secrets.token_hex(4)}")
+        try:
+            with closing(sqlite3.connect(beside, isolation_level=None)) as base:
+                base.executescript(_TABLES)
+                base.execute("INSERT INTO about VALUES ('run', ?)", (self.run,))
+                base.execute("PRAGMA journal_mode = WAL")
+            os.replace(beside, self.path)
+        finally:
+            for name in (beside, Path(f"{beside}-wal"), Path(f"{beside}-shm"), Path(f"{beside}-journal")):
+                name.unlink(missing_ok=True)
+
+    def _check_head(self) -> None:
+        """Looks at the first bytes: SQLite itself would take a file of another kind for a damaged one."""
+        with self.path.open("rb") as file:
+            head = file.read(100)
+        if not head.startswith(b"SQLite format 3\0") or head[68:72] != APPLICATION.to_bytes(4, "big"):
+            raise StateError(f"{self.path} is no state file – name another file")
+
+    def _open(self) -> None:
+        base = self._base
+        base.execute("PRAGMA locking_mode = EXCLUSIVE")
+        base.execute("PRAGMA synchronous = NORMAL")
+        base.execute("BEGIN IMMEDIATE")
+        base.execute("ROLLBACK")
+        (version,) = base.execute("PRAGMA user_version").fetchone()
+        if version != VERSION:
+            what = f"{self.path} has the form {version}, this framekit writes form {VERSION}"
+            raise StateError(f"{what} – use the framekit that wrote it, or name another file")
+        (found,) = base.execute("PRAGMA integrity_check(1)").fetchone()
+        if found != "ok":
+            raise self._damaged(str(found))
+        self._check_run()
+
+    def _check_run(self) -> None:
+        row = self._base.execute("SELECT value FROM about WHERE name = 'run'").fetchone()
+        if row is None:
+            raise self._damaged("it names no run")
+        if row[0] != self.run:
+            what = f"{self.path} is the state of run '{row[0]}', this run is '{self.run}'"
+            raise StateError(f"{what} – name another file, or move it away to begin anew")
+        there = {name: (unit, size) for name, unit, size in self._base.execute("SELECT name, unit, size FROM areas")}
+        for name, unit, size in self.shape:
+            if name in there and there[name] != (unit, size):
+                what = f"{self.path} is of another memory: area {name} is {there[name][1]} × {there[name][0]} there"
+                raise StateError(f"{what} and {size} × {unit} here – name another file, or move it away to begin anew")
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+                raise StateError(f"{self.path} is in use – stop the run that uses it, or name another file") from None
+            raise StateError(f"{self.path}: {error}") from None
+        except sqlite3.DatabaseError as error:
+            raise self._damaged(str(error)) from None
+        except OSError as error:
+            raise StateError(f"{self.path}: {error.strerror or error}") from None
+
+    def _damaged(self, how: str) -> StateError:
+        return StateError(f"{self.path} is damaged: {how} – put a copy in its place, or move it away to begin anew")
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    def _load(self) -> Kept:
+        there = {name for (name,) in self._base.execute("SELECT name FROM areas")}
+        areas = {name: self._area(name, size) for name, size in self._sizes().items() if name in there}
+        rows = self._base.execute(f"SELECT {_COLUMNS} FROM blocks")
+        blocks = {(row[0], row[1]): self._block(row) for row in rows}
+        self._written = dict(areas)
+        return Kept(areas, blocks)
+
+    def _sizes(self) -> dict[str, int]:
+        return {name: (size * unit_bits(unit) + 7) // 8 for name, unit, size in self.shape}
+
+    def _area(self, name: str, size: int) -> bytes:
+        content = bytearray(size)
+        for number, page in self._base.execute("SELECT number, content FROM pages WHERE area = ?", (name,)):
+            if not isinstance(page, bytes) or number < 0 or number * PAGE + len(page) > size or len(page) > PAGE:
+                raise self._damaged(f"page {number} of area {name} has no place")
+            content[number * PAGE : number * PAGE + len(page)] = page
+        return bytes(content)
+
+    def _block(self, row: tuple[int | str | None, ...]) -> KeptBlock:
+        numbers, texts = (row[0], row[1], *row[3:7]), (row[2], row[7], row[8], row[10])
+        good = all(isinstance(number, int) and number >= 0 for number in numbers)
+        good = good and all(isinstance(text, str) for text in texts) and isinstance(row[9], (int, type(None)))
+        names = ("set", "number", "content", "started", "done", "failed", "overruns", "outcome", "cause")
+        block = KeptBlock(**dict(zip((*names, "device_code", "meaning"), row, strict=True)))  # type: ignore[arg-type]
+        if not good or block.started < block.done + block.failed:
+            raise self._damaged(f"block {row[1]} of set {row[0]} has impossible counters")
+        return block
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    def save(self, kept: Kept) -> int:
+        """Writes what has changed since the last time, all or nothing; how many pages that were."""
+        pages = [
+            (name, at // PAGE, content[at : at + PAGE])
+            for name, content in kept.areas.items()
+            for at in _changed(self._written.get(name), content)
+        ]
+        with self._errors():
+            self._base.execute("BEGIN IMMEDIATE")
+            try:
+                self._base.executemany("INSERT OR REPLACE INTO areas VALUES (?, ?, ?)", self.shape)
+                self._base.executemany("INSERT OR REPLACE INTO pages VALUES (?, ?, ?)", pages)
+                places = ", ".join("?" * 11)
+                rows = [block.row() for block in kept.blocks.values()]
+                self._base.executemany(f"INSERT OR REPLACE INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
+                self._base.execute("COMMIT")
+            except sqlite3.Error:
+                if self._base.in_transaction:
+                    self._base.execute("ROLLBACK")
+                raise
+        self._written.update(kept.areas)
+        return len(pages)
+
+
+def _changed(before: bytes | None, now: bytes) -> Iterable[int]:
+    """Where the pages begin that differ; of an area that was never kept, those that are not all 0."""
+    before = bytes(len(now)) if before is None else before
+    return [at for at in range(0, len(now), PAGE) if before[at : at + PAGE] != now[at : at + PAGE]]
