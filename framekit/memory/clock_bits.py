@@ -89,6 +89,14 @@ class SystemBits:
         self._waited_for = [clock for word in words for clock in word.clocks if clock.waited_for]
         self._has_scan_bits = any(word.first_scan or word.after_first_scan for word in words)
 
+    def wait_for(self, wake: Collection[tuple[str, int]]) -> None:
+        """From here on somebody waits for these bits and for no others; call `update` before."""
+        self._wake = {(self._memory.area(name).name, bit) for name, bit in wake}
+        for word in self._words.values():
+            for clock in word.clocks:
+                clock.waited_for = (word.area.name, 16 * word.number + clock.mask.bit_length() - 1) in self._wake
+        self._waited_for = [clock for word in self._words.values() for clock in word.clocks if clock.waited_for]
+
     def _add_clock(self, address: str, period: int, first: int) -> None:
         word, mask = self._place(address)
         place = (word.area.name, 16 * word.number + mask.bit_length() - 1)

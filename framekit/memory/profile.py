@@ -22,9 +22,13 @@ FixedKind = Literal["on", "off", "first_scan", "after_first_scan", "every_scan"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileArea(AreaModel):
-    """An area of a profile: what an area of a protocol is, with other names for it."""
+    """An area of a profile: what an area of a protocol is, with other names for it.
+
+    `retained`: its content outlasts a restart, where a run keeps its state.
+    """
 
     aliases: tuple[str, ...] = ()
+    retained: bool = False
     about: str = ""
 
 

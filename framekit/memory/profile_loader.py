@@ -42,7 +42,7 @@ PLAIN = AddressForm(
 """How places are written where a profile does not say: `M100`, counted in the area's own unit."""
 
 _ACCESS: dict[str, Literal["rw", "read"]] = {"rw": "rw", "read": "read"}
-_AREA_KEYS = ("unit", "size", "access", "aliases", "about")
+_AREA_KEYS = ("unit", "size", "access", "aliases", "retained", "about")
 _KINDS: dict[str, FixedKind] = {
     "on": "on",
     "off": "off",
@@ -120,6 +120,7 @@ class ProfileLoader:
             columns=columns,
             at=entry.key.at,
             aliases=reader.texts(node.get("aliases")),
+            retained=reader.flag(node.get("retained")),
             about=about or "",
         )
 

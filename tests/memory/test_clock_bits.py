@@ -191,3 +191,18 @@ def test_wrong_places_are_refused() -> None:
         bits.next_change(0)
     with pytest.raises(DeviceMemoryError, match="not been started"):
         bits.update(0)
+
+
+def test_waiting_for_other_bits() -> None:
+    memory, bits = system({"F0.0": S, "F0.1": 3 * S}, wake=["F0.0"])
+    bits.start(0)
+    assert run(bits, 0, 2 * S) == [S, S + S // 2, 2 * S]
+    bits.update(4 * S + S // 4)
+    before = memory.read("F", "word", 0)
+    bits.wait_for([locate("F0.1")])
+    bits.update(4 * S + S // 4 + 1)
+    assert memory.read("F", "word", 0) == before, "what rose before nobody waited for"
+    assert bits.next_change(4 * S + S // 2) == 4 * S + S // 2
+    assert run(bits, 4 * S + S // 2, 7 * S)[-1] == S + S // 2
+    bits.wait_for([])
+    assert bits.next_change(7 * S) == NEVER

@@ -154,3 +154,7 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path: Path, old: str, new: str
     line = GOOD[: GOOD.index(old)].count("\n") + 1
     places = [(problem.at.file, problem.at.line) for problem in caught.value.problems]
     assert (str(path), line) in places or (str(path), line - 1) in places or (str(path), line + 1) in places
+
+
+def test_areas_that_outlast_a_restart(tmp_path: Path) -> None:
+    assert [area.name for area in load_profile("masterlogic").areas.values() if area.retained] == ["K", "R", "ZR"]
