@@ -29,7 +29,7 @@ PATIENCE = 3600 * 1_000_000_000
 
 
 class TransferWorld:
-    """A client and a server of one protocol on one line. `places`: address of the first element → how many there are."""
+    """A client and a server of one protocol on one line."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class TransferWorld:
     # ---- transfers ----------------------------------------------------------------------------------------
 
     def mixed(self, transfers: int, places: dict[str, int], longest: int, seed: int = 1) -> None:
-        """So many reads and writes of up to `longest` elements, at random places."""
+        """So many reads and writes of up to `longest` elements; `places`: first address → elements from there on."""
         random = Random(seed)
         known: dict[str, list[int | None]] = {address: [0] * size for address, size in places.items()}
         for _ in range(transfers):

@@ -1,4 +1,4 @@
-"""`framekit generate python PROTOCOL [-o FILE]`: a stand-alone codec module."""
+"""`framekit generate python|diagram PROTOCOL [-o FILE]`: a stand-alone codec module; diagrams of the sequences."""
 
 from __future__ import annotations
 
@@ -11,16 +11,24 @@ from framekit.cli.main import Failure
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "what", choices=("python",), help="python: a module of plain functions, usable without framekit"
+        "what",
+        choices=("python", "diagram"),
+        help="python: a module of plain functions, usable without framekit; diagram: the sequences in Mermaid",
     )
     add_protocol(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write it; default: standard output")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from framekit.codec.codec import generate_source
+    protocol = load(arguments.protocol)
+    if arguments.what == "python":
+        from framekit.codec.codec import generate_source
 
-    source = generate_source(load(arguments.protocol))
+        source = generate_source(protocol)
+    else:
+        from framekit.definition.diagrams import diagrams
+
+        source = diagrams(protocol)
     if arguments.output is None:
         print(source, end="")
         return 0

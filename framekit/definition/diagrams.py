@@ -1,0 +1,183 @@
+"""State diagrams of link procedures, as Mermaid text, drawn from the same steps that are carried out.
+
+Nothing is added by hand, so a diagram cannot say anything else than the definition. How a step is executed is not
+known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.procedure import Action, Row, Sequence, Step
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.values import FrameOf, Value
+
+EVENTS = {
+    "on_timeout": "time is up",
+    "on_bad": "bad frame",
+    "on_other": "another frame",
+    "on_noise": "noise",
+    "on_break": "break",
+    "on_closed": "closed",
+    "on_exhausted": "retries used up",
+    "on_fail": "it failed",
+    "on_byte": "a byte",
+}
+Target = Callable[[str | None, str | None, str], str]
+
+LONGEST = 60
+"""Characters of a condition that are shown."""
+MOST_FRAMES = 3
+"""Frames of a row that are named."""
+
+
+def sequence_diagram(sequence: Sequence) -> str:
+    """A Mermaid state diagram: a state a step, an arrow a row, handler or branch, a state a failure."""
+    lines = ["stateDiagram-v2", f"    [*] --> {_state(sequence.steps[0].name)}"]
+    failures: dict[str, None] = {}
+    for place, step in enumerate(sequence.steps):
+        following = sequence.steps[place + 1].name if place + 1 < len(sequence.steps) else "end"
+        lines.append(f"    {_state(step.name)}: {_text(_does(step))}")
+        for label, target in _arrows(sequence, step, following, failures):
+            lines.append(f"    {_state(step.name)} --> {target}" + (f": {_text(label)}" if label else ""))
+    lines += [f"    {_state(name, 'failed')}: fails – {_text(name)}" for name in failures]
+    lines += [f"    {_state(name, 'failed')} --> [*]" for name in failures]
+    return "\n".join(dict.fromkeys(lines)) + "\n"
+
+
+def diagrams(protocol: Protocol) -> str:
+    """All link procedures of a protocol as Markdown, a heading and a Mermaid diagram each, with who runs it."""
+    parts = [f"# Sequences of {protocol.name}\n"]
+    for sequence in protocol.sequences.values():
+        parts.append(f"## {sequence.name}\n\n{_run_by(protocol, sequence.name)}\n")
+        parts.append(f"```mermaid\n{sequence_diagram(sequence)}```\n")
+    return "\n".join(parts)
+
+
+def _run_by(protocol: Protocol, name: str) -> str:
+    found = []
+    for role in protocol.roles.values():
+        for lane in role.lanes:
+            if name in lane.exchange:
+                found.append(f"exchange of role {role.name}")
+            if name == lane.listen:
+                found.append(f"runs by itself in role {role.name}")
+    for session in protocol.sessions.values():
+        found += [f"opens session {session.name}"] if name in session.open else []
+        found += [f"closes session {session.name}"] if name in session.close else []
+        found += [f"keeps session {session.name} alive"] if name == session.keep_alive_run else []
+    callers = [
+        other.name
+        for other in protocol.sequences.values()
+        if any(step.call is not None and step.call.sequence == name for step in other.steps)
+    ]
+    found += [f"called by {caller}" for caller in callers]
+    sentence = "; ".join(found)
+    return sentence[:1].upper() + sentence[1:] + "." if sentence else "Nothing runs it."
+
+
+# ---- a step -----------------------------------------------------------------------------------------------
+
+
+def _does(step: Step) -> str:
+    """What a step does, in a few words."""
+    words = [step.name]
+    if step.parts is not None:
+        words.append("for each piece")
+    if step.hold_break is not None:
+        words.append(f"break {step.hold_break.text}")
+    if step.wait is not None:
+        words.append(f"wait {step.wait.text}")
+    if step.call is not None:
+        words.append(f"call {step.call.sequence}")
+    if step.ask is not None:
+        words.append(f"ask {step.ask.frame}")
+    if step.serve is not None:
+        words.append("judge the request" if step.serve.check_only else "serve the request")
+    if step.send is not None:
+        words.append(f"send {_named(step.send)}")
+    if step.receive is not None:
+        words.append("receive" + (f" within {step.within.text}" if step.within is not None else ""))
+    return " · ".join(words)
+
+
+def _arrows(sequence: Sequence, step: Step, following: str, failures: dict[str, None]) -> Iterator[tuple[str, str]]:
+    """Label and state of every way out of a step."""
+
+    def target(word: str | None, fail: str | None, default: str) -> str:
+        if fail is not None:
+            failures[fail] = None
+            return _state(fail, "failed")
+        word = default if word is None else word
+        if word in ("again", "restart", "resend"):
+            return _state(step.name)
+        word = following if word == "next" else word
+        return "[*]" if word == "end" else _state(word)
+
+    if step.when is not None:
+        yield f"unless {_short(step.when)}", target(following, None, following)
+    for row in (*(step.receive or ()), *(sequence.always if step.receive is not None else ())):
+        yield from _action(row, _expected(row), "next", target)
+    for action in step.branch or ():
+        yield from _action(action, "", "next", target)
+    if step.receive is None and step.branch is None:
+        yield "", target(step.then, None, step.then)
+    for name, actions in ({**sequence.handlers, **step.handlers} if _waits(step) else step.handlers).items():
+        for action in actions:
+            yield from _action(action, EVENTS[name], "again", target)
+
+
+def _waits(step: Step) -> bool:
+    return step.receive is not None or step.call is not None or step.ask is not None
+
+
+def _action(action: Action, event: str, default: str, target: Target) -> Iterator[tuple[str, str]]:
+    words = [event] if event else []
+    if action.when is not None:
+        words.append(f"[{_short(action.when)}]")
+    if action.at_most is not None:
+        words.append(f"at most {action.at_most.text} times")
+    if action.send is not None:
+        words.append(f"/ send {_named(action.send)}")
+    if action.then in ("restart", "resend"):
+        words.append(f"/ {action.then}")
+    yield " ".join(words), target(action.then, action.fail, default)
+    if action.otherwise is not None:
+        yield from _action(action.otherwise, f"{event} more often".strip(), default, target)
+
+
+def _expected(row: Row) -> str:
+    if row.queue is not None:
+        return f"from {row.queue}"
+    if row.room is not None:
+        return f"room in {row.room}"
+    if row.expected:
+        return "expected reply"
+    shown = row.frames if len(row.frames) <= MOST_FRAMES else row.frames[: MOST_FRAMES - 1]
+    more = len(row.frames) - len(shown)
+    return " or ".join(shown) + (f" or {more} more" if more else "")
+
+
+# ---- words ------------------------------------------------------------------------------------------------
+
+
+def _named(value: Value) -> str:
+    if isinstance(value, FrameOf):
+        return value.frame
+    return value.text if isinstance(value, Expression) else "a frame"
+
+
+def _short(expression: Expression) -> str:
+    text = expression.text
+    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+
+
+def _state(name: str, kind: str = "step") -> str:
+    """A name that Mermaid takes for a state: it has words of its own."""
+    return f"{kind}_" + "".join(letter if letter.isalnum() or letter == "_" else "_" for letter in name)
+
+
+def _text(words: str) -> str:
+    """A label: what Mermaid would read as its own signs is written as character codes."""
+    return "".join(f"#{ord(letter)};" if letter in '#;:"{}<>' else letter for letter in words)
