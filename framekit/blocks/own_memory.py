@@ -38,7 +38,10 @@ class OwnAddresses(AddressGrammar):
 
 
 class ProtocolAddresses(AddressGrammar):
-    """The addresses of a memory that has a protocol's areas: an area stands there under its `memory` name."""
+    """The addresses of a memory that has a protocol's areas.
+
+    An area stands there under its `memory` name; an address form may say another one by a result `memory`.
+    """
 
     def __init__(self, protocol: Protocol) -> None:
         super().__init__(protocol.addresses, protocol.areas, protocol.tables)
@@ -48,7 +51,12 @@ class ProtocolAddresses(AddressGrammar):
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
         """As for every grammar; `area` is the memory's."""
         address = super().parse(text, unit, check=check)
-        return replace(address, area=self._memory[address.area])
+        return replace(address, area=str(address.parts.get("memory") or self._memory[address.area]))
+
+    def check(self, address: Address, count: int = 1) -> None:
+        """As for every grammar; how large an area is that only the memory knows is not judged."""
+        if address.area in self.areas:
+            super().check(address, count)
 
 
 def addresses_of(profile: MemoryProfile) -> OwnAddresses:

@@ -214,6 +214,10 @@ def test_the_work_grows_with_the_size() -> None:
     assert calls_until_complete(fixed, "f", fixed.encode("f", {"d": bytes(3000)})) <= 3
 
 
+ENDED_BY_CONTENT = [name for name in shipped.PROTOCOLS if name not in ("standard", "modbus-rtu", "ge-rtu")]
+"""Not those with frames that only silence ends."""
+
+
 @cache
 def made(name: str) -> tuple[Codec, FrameValues]:
     protocol = load_protocol(name)
@@ -222,7 +226,7 @@ def made(name: str) -> tuple[Codec, FrameValues]:
 
 @QUICK
 @given(st.data())
-@pytest.mark.parametrize("name", [name for name in shipped.PROTOCOLS if name != "standard"])
+@pytest.mark.parametrize("name", ENDED_BY_CONTENT)
 def test_frames_of_shipped_definitions(name: str, data: st.DataObject) -> None:
     codec, strategies = made(name)
     frame = data.draw(st.sampled_from([name for name, one in codec.protocol.frames.items() if not one.inner]))
