@@ -51,6 +51,7 @@ class ChannelLoader:
         number = self._maybe(reader.number, entry.key)
         port = self._maybe(self._port, keys.get("port"))
         pause = self._maybe(reader.time, keys.get("pause"))
+        answer = self._maybe(reader.time, keys.get("answer"))
         protocol = self._protocol(keys)
         channel = Channel(
             number=number or 0,
@@ -62,6 +63,7 @@ class ChannelLoader:
             station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
             params=read_params(reader, reader.entries(keys.get("params")), protocol),
             pause=pause or 0,
+            answer=answer or 0,
             at=entry.key.at,
             port_at=port_node.at,
         )

@@ -119,7 +119,8 @@ class Channel:
     """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form.
 
     `port_at`: where the port is named. `mapping`: areas of the protocol that stand elsewhere in the own memory when
-    others are answered (area → memory area and the number of its first element there).
+    others are answered (area → memory area and the number of its first element there). `answer`: how long devices are
+    taken to need for an answer (ns) when the load is worked out; nothing at work depends on it.
     """
 
     number: int
@@ -131,6 +132,7 @@ class Channel:
     station: Any
     params: Mapping[str, Any]
     pause: int
+    answer: int = 0
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     at: Position
     port_at: Position

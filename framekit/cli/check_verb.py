@@ -1,40 +1,71 @@
-"""`framekit check FILE …`: every problem of definitions, devices, runs, vectors and memory profiles, all at once."""
+"""`framekit check FILE …`: every problem of definitions, devices, runs, vectors and memory profiles, all at once.
+
+For a run it also says how much of their time its channels need.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import add_json, near, print_json, told
 
 if TYPE_CHECKING:
+    from framekit.blocks.feasibility import ChannelLoad
     from framekit.definition.problems import Problem
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a file is, in words, what is wrong with it, and the load of its channels."""
+
+    what: str
+    problems: list[Problem]
+    loads: tuple[ChannelLoad, ...] = ()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="a YAML file, or the name of a shipped protocol")
+    parser.add_argument("--load", action="store_true", help="show what each block of a run takes of its channel's time")
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    results = [(name, *check_file(name)) for name in arguments.files]
-    failed = any(not problem.warning for _, _, problems in results for problem in problems)
+    results = [(name, check_file(name)) for name in arguments.files]
+    failed = any(not problem.warning for _, checked in results for problem in checked.problems)
     if arguments.json:
-        print_json(
-            [
-                {"file": name, "what": what, "problems": [_as_json(one) for one in found]}
-                for name, what, found in results
-            ]
-        )
+        print_json([{"file": name, **_file_as_json(checked)} for name, checked in results])
         return int(failed)
-    for name, what, problems in results:
-        for problem in problems:
+    for name, checked in results:
+        for problem in checked.problems:
             print(told(problem), file=sys.stderr)
-        if not any(not problem.warning for problem in problems):
-            print(f"{name}: {what}")
+        if not any(not problem.warning for problem in checked.problems):
+            print(f"{name}: {checked.what}")
+            _show_loads(checked, arguments.load)
     return int(failed)
+
+
+def _show_loads(checked: Checked, in_full: bool) -> None:
+    """A line for each channel with cycles; in full, every channel with a table of its blocks."""
+    from framekit.cli.load_output import load_line, load_table
+
+    for load in checked.loads:
+        if in_full:
+            print(f"\n{load_line(load)}\n{load_table(load)}")
+        elif load.round:
+            print(f"  {load_line(load)}")
+
+
+def _file_as_json(checked: Checked) -> dict[str, Any]:
+    found = {"what": checked.what, "problems": [_as_json(one) for one in checked.problems]}
+    if checked.loads:
+        from framekit.cli.load_output import load_data
+
+        found["channels"] = [load_data(load) for load in checked.loads]
+    return found
 
 
 def _as_json(problem: Problem) -> dict[str, object]:
@@ -48,8 +79,8 @@ def _as_json(problem: Problem) -> dict[str, object]:
     }
 
 
-def check_file(name: str) -> tuple[str, list[Problem]]:
-    """What a file is, in words, and what is wrong with it."""
+def check_file(name: str) -> Checked:
+    """What a file is, and what is wrong with it."""
     from framekit.definition.load.library import definition_path
     from framekit.definition.nodes import read_nodes
     from framekit.definition.problems import DefinitionError
@@ -58,13 +89,13 @@ def check_file(name: str) -> tuple[str, list[Problem]]:
     try:
         path = definition_path(name)
         kind = kind_of(read_nodes(path))
-        what, problems = CHECKS[kind](path)
-        return what, sorted(problems)
+        checked = CHECKS[kind](path)
+        return Checked(checked.what, sorted(checked.problems), checked.loads)
     except DefinitionError as error:
-        return "", list(error.problems)
+        return Checked("", list(error.problems))
 
 
-def _protocol(path: Path) -> tuple[str, list[Problem]]:
+def _protocol(path: Path) -> Checked:
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.load import load_protocol
     from framekit.link.address_check import check_addresses
@@ -73,21 +104,23 @@ def _protocol(path: Path) -> tuple[str, list[Problem]]:
     problems = [*protocol.warnings, *check_matrices(protocol)]
     problems += check_addresses(protocol.addresses, protocol.areas, protocol.tables)
     roles = f", roles {', '.join(protocol.roles)}" if protocol.roles else ""
-    return f"{protocol.kind} {protocol.name}, {len(protocol.frames)} frames{roles}", problems
+    return Checked(f"{protocol.kind} {protocol.name}, {len(protocol.frames)} frames{roles}", problems)
 
 
-def _device(path: Path) -> tuple[str, list[Problem]]:
+def _device(path: Path) -> Checked:
     from framekit.blocks.device import load_device
 
     device = load_device(path, path.parent)
-    return f"device {device.name} speaking {device.protocol.name}", []
+    return Checked(f"device {device.name} speaking {device.protocol.name}", [])
 
 
-def _run(path: Path) -> tuple[str, list[Problem]]:
+def _run(path: Path) -> Checked:
+    from framekit.blocks.feasibility import load_problems
     from framekit.blocks.load import load_run
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.problems import DefinitionError
     from framekit.service.ports import devices_of
+    from framekit.service.rehearsal import loads_of
 
     loaded = load_run(path)
     problems: list[Problem] = []
@@ -100,10 +133,12 @@ def _run(path: Path) -> tuple[str, list[Problem]]:
         problems += [problem for problem in check_matrices(protocol) if not problem.warning]
     if problems:
         raise DefinitionError(problems)
-    return f"run {loaded.name}, {len(loaded.blocks)} blocks on {len(loaded.channels)} channels", list(loaded.warnings)
+    loads = loads_of(loaded)
+    what = f"run {loaded.name}, {len(loaded.blocks)} blocks on {len(loaded.channels)} channels"
+    return Checked(what, [*loaded.warnings, *load_problems(loads)], loads)
 
 
-def _vectors(path: Path) -> tuple[str, list[Problem]]:
+def _vectors(path: Path) -> Checked:
     from framekit.definition.check.vectors import check_vectors
     from framekit.definition.load import load_protocol
     from framekit.definition.load.library import definition_path
@@ -121,19 +156,17 @@ def _vectors(path: Path) -> tuple[str, list[Problem]]:
         raise DefinitionError([Problem(vectors.protocol_at, what, todo)]) from None
     if problems := check_vectors(vectors, protocol):
         raise DefinitionError(problems)
-    return (
-        f"vectors of {vectors.protocol}, {len(vectors.frames)} frames, {len(vectors.conversations)} conversations",
-        [],
-    )
+    what = f"vectors of {vectors.protocol}, {len(vectors.frames)} frames, {len(vectors.conversations)} conversations"
+    return Checked(what, [])
 
 
-def _memory(path: Path) -> tuple[str, list[Problem]]:
+def _memory(path: Path) -> Checked:
     from framekit.link.address_check import check_addresses
     from framekit.memory.load import load_profile
 
     profile = load_profile(path)
     problems = check_addresses(profile.addresses, profile.areas, profile.tables)
-    return f"memory {profile.name}, {len(profile.areas)} areas", problems
+    return Checked(f"memory {profile.name}, {len(profile.areas)} areas", problems)
 
 
 CHECKS = {"protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory}

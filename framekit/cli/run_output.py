@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import spaced, table
+from framekit.cli.load_output import percent, what_of
 from framekit.cli.main import Failure
 from framekit.memory.numbers import unit_bits
 
 if TYPE_CHECKING:
+    from framekit.blocks.feasibility import ChannelLoad
     from framekit.blocks.model import Run
     from framekit.blocks.scheduler import BlockState
     from framekit.definition.model.segments import Segment
@@ -25,9 +28,11 @@ MOST_WORDS = 12
 class Output:
     """Watches a run. `service` makes the run's service with this output as its monitor."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, loads: tuple[ChannelLoad, ...] = ()) -> None:
         self.run = run
+        self.loads = loads
         self.began = 0
+        self.bytes: Counter[int] = Counter()
 
     def service(self, run: Run, clock: Clock) -> RunService:
         """Raises DefinitionError for a wrong device, Failure for a port of no known kind."""
@@ -36,11 +41,21 @@ class Output:
 
         self.began = clock.now()
         try:
-            return RunService(run, clock, self.seen)
+            return RunService(run, clock, self._seen)
         except DefinitionError:
             raise
         except ValueError as error:
             raise Failure(str(error)) from None
+
+    def _seen(self, channel: int, seen: Seen) -> None:
+        if seen.kind in ("frame", "bad", "noise"):
+            self.bytes[channel] += len(seen.raw)
+        self.seen(channel, seen)
+
+    def measured(self, load: ChannelLoad, elapsed: int) -> float | None:
+        """The part of the time so far that a channel's line carried bytes; None where there is no line speed."""
+        line = load.channel.line
+        return None if line is None else self.bytes[load.channel.number] * line.character_time / max(1, elapsed)
 
     def seconds(self, time: int) -> float:
         return (time - self.began) / 1e9
@@ -77,13 +92,22 @@ class TextOutput(Output):
         rows = [_row(state) for state in service.states.values()]
         print()
         print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
+        loads = [row for load in self.loads if (row := self._load_row(load, service.clock.now() - self.began))]
+        if loads:
+            print("\n" + table(loads, ("channel", "settings", "line load expected", "measured")))
         stored = [line for state in service.states.values() for line in _stored(service, state)]
         if stored:
             print("\n" + table(stored, ("memory", "words")))
 
+    def _load_row(self, load: ChannelLoad, elapsed: int) -> tuple[str, ...] | None:
+        measured = self.measured(load, elapsed)
+        if measured is None or load.line is None:
+            return None
+        return str(load.channel.number), str(load.channel.line), percent(load.line), percent(measured)
+
 
 class JsonOutput(Output):
-    """One JSON object a line: `seen` for what goes by, `block` for each block at the end."""
+    """One JSON object a line: `seen` for what goes by, `block` and `channel` for each of these at the end."""
 
     def seen(self, channel: int, seen: Seen) -> None:
         from framekit.codec.plain import PlainValues
@@ -121,6 +145,16 @@ class JsonOutput(Output):
                 "last": state.last_outcome,
             }
             print(json.dumps(line, ensure_ascii=False), flush=True)
+        elapsed = service.clock.now() - self.began
+        for load in self.loads:
+            measured = self.measured(load, elapsed)
+            line = {
+                "event": "channel",
+                "channel": load.channel.number,
+                "line_expected": None if load.line is None else round(load.line, 6),
+                "line_measured": None if measured is None else round(measured, 6),
+            }
+            print(json.dumps(line), flush=True)
 
     def warning(self, text: str) -> None:
         print(json.dumps({"event": "warning", "reason": text}, ensure_ascii=False), flush=True)
@@ -153,6 +187,5 @@ def _segments(service: RunService, state: BlockState) -> tuple[Segment, ...]:
 
 def _row(state: BlockState) -> tuple[str, ...]:
     block, counters = state.block, state.counters
-    what = f"{block.instruction.upper()} {block.frame or block.service or ', '.join(block.targets)}"
     numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
-    return (str(block.number), what, *map(str, numbers), state.last_outcome or "-")
+    return (str(block.number), what_of(block), *map(str, numbers), state.last_outcome or "-")

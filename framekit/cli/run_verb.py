@@ -28,15 +28,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from framekit.blocks.feasibility import load_problems
     from framekit.blocks.load import load_run
     from framekit.cli.run_output import JsonOutput, TextOutput
+    from framekit.service.rehearsal import loads_of
 
     duration = _duration(arguments.duration)
     if arguments.virtual and duration is None:
         raise Failure("--virtual needs --for TIME")
     loaded = load_run(arguments.run)
-    output = JsonOutput(loaded) if arguments.json else TextOutput(loaded)
-    for warning in loaded.warnings:
+    loads = loads_of(loaded)
+    output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
+    for warning in (*loaded.warnings, *load_problems(loads)):
         output.warning(told(warning))
     try:
         if arguments.virtual:

@@ -1,0 +1,169 @@
+"""The load of a run's channels: what its blocks need in their cycles, and which cycles the channels have no time for.
+
+What one exchange costs is measured elsewhere and given as `Cost`; here it is only added up. Knows no ports, frames or
+protocols.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from framekit.blocks.conditions import Condition
+from framekit.blocks.feasible_cycles import cycle_starts
+from framekit.blocks.model import Block, BlockEnd, Channel, Every, Rising, Run
+from framekit.blocks.own_memory import addresses_of
+from framekit.definition.problems import Problem
+from framekit.definition.times import format_time
+from framekit.link.addresses import AddressError, AddressGrammar
+
+BlockKey = tuple[int, int]
+"""Set and number of a block."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What one exchange of a block takes: the channel's time (ns), bytes on the wire in both directions, frames.
+
+    `duration` has everything that keeps the channel from beginning the next one. `doubt`: why the real exchange may
+    take longer, '' when there is no reason to think so.
+    """
+
+    duration: int
+    bytes: int = 0
+    frames: int = 0
+    doubt: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockLoad:
+    """A block's part: its `period` (ns; None: nobody knows how often it starts), and what each exchange costs.
+
+    `reached` is how long it is from start to start, on average, when the channel has only its cycles to do; `missed`
+    is the part of the cycles that find no time.
+    """
+
+    block: Block
+    period: int | None
+    cost: Cost
+    reached: float = 0.0
+    missed: float = 0.0
+
+    @property
+    def busy(self) -> float:
+        """The part of the channel's time this block wants; 0 when nobody knows how often it starts."""
+        return self.cost.duration / self.period if self.period else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelLoad:
+    """All blocks of a channel. `busy` is the part of its time that the cycles want, `line` the part with bytes on
+    the wire; None where there is no line speed."""
+
+    channel: Channel
+    blocks: tuple[BlockLoad, ...]
+
+    @property
+    def busy(self) -> float:
+        return sum(one.busy for one in self.blocks)
+
+    @property
+    def line(self) -> float | None:
+        line = self.channel.line
+        if line is None:
+            return None
+        return sum(one.cost.bytes * line.character_time / one.period for one in self.blocks if one.period)
+
+    @property
+    def round(self) -> int:
+        """One exchange of each block that has a cycle, ns."""
+        return sum(one.cost.duration for one in self.blocks if one.period)
+
+
+def channel_loads(run: Run, costs: Mapping[BlockKey, Cost]) -> tuple[ChannelLoad, ...]:
+    """The load of each channel of a run, without blocks that are switched off."""
+    periods = Periods(run)
+    found = []
+    for channel in run.channels.values():
+        blocks = [block for block in run.blocks if block.channel == channel.number and block.enabled]
+        loads = [BlockLoad(block, periods.of(block), costs[block.set, block.number]) for block in blocks]
+        starts = cycle_starts([(one.block, one.period, max(1, one.cost.duration)) for one in loads if one.period])
+        found.append(ChannelLoad(channel, tuple(_reached(one, starts) for one in loads)))
+    return tuple(found)
+
+
+def _reached(load: BlockLoad, starts: Mapping[BlockKey, tuple[float, float]]) -> BlockLoad:
+    key = load.block.set, load.block.number
+    return load if key not in starts else BlockLoad(load.block, load.period, load.cost, *starts[key])
+
+
+class Periods:
+    """How often blocks start: cycles, clock bits, and blocks that follow such a block."""
+
+    def __init__(self, run: Run) -> None:
+        self.grammar: AddressGrammar = addresses_of(run.memory)
+        self.clocks: dict[tuple[str, int], int] = {}
+        for clock in run.memory.clocks:
+            place = self.grammar.parse(clock.address)
+            self.clocks[place.area, place.first_bit] = clock.period
+        self.blocks = {(block.set, block.number): block for block in run.blocks}
+
+    def of(self, block: Block) -> int | None:
+        """The shortest period (ns) of its triggers; None when none has one."""
+        return self._of(block, frozenset())
+
+    def _of(self, block: Block, seen: frozenset[int]) -> int | None:
+        periods: list[int] = []
+        for trigger in block.triggers:
+            if isinstance(trigger, Every):
+                periods.append(trigger.period)
+            elif isinstance(trigger, Rising):
+                periods.extend(self._clocks_of(trigger))
+            elif isinstance(trigger, BlockEnd) and trigger.ok and trigger.block not in seen:
+                before = self.blocks.get((block.set, trigger.block))
+                period = None if before is None else self._of(before, seen | {block.number})
+                periods.extend(() if period is None else (period,))
+        return min(periods, default=None)
+
+    def _clocks_of(self, trigger: Rising) -> list[int]:
+        """The clock whose bit is the condition, or part of it: it rises no more often than that."""
+        try:
+            places = Condition(trigger.condition, self.grammar.parse).addresses.values()
+        except AddressError:
+            return []
+        found = [self.clocks.get((place.area, place.first_bit)) for place in places if place.unit == "bit"]
+        periods = [period for period in found if period is not None]
+        return periods if len(periods) == 1 else []
+
+
+# ---- what to say ------------------------------------------------------------------------------------------
+
+
+def load_problems(loads: tuple[ChannelLoad, ...]) -> list[Problem]:
+    """A warning at each block whose cycle its channel has no time for."""
+    return [
+        Problem(one.block.at, _what(load, one), _todo(load, one), warning=True)
+        for load in loads
+        for one in load.blocks
+        if one.missed > 0
+    ]
+
+
+def _what(load: ChannelLoad, one: BlockLoad) -> str:
+    assert one.period is not None
+    number, wants = one.block.number, format_time(one.period)
+    if len([block for block in load.blocks if block.period]) == 1 or one.cost.duration > one.period:
+        needs = f"one exchange takes {milliseconds(one.cost.duration)}"
+    else:
+        needs = f"channel {load.channel.number} needs {milliseconds(load.round)} for all its cycles"
+    return f"block {number} wants {wants}, {needs}: it runs every {milliseconds(one.reached)}"
+
+
+def _todo(load: ChannelLoad, one: BlockLoad) -> str:
+    faster = "" if load.channel.line is None else ", a faster line"
+    return f"use a longer period{faster} or fewer blocks on this channel"
+
+
+def milliseconds(time: float) -> str:
+    """`34 ms`, `2.5 ms`: three digits are enough."""
+    return f"{float(f'{time / 1e6:.3g}'):g} ms"
