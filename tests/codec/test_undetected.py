@@ -41,3 +41,26 @@ def test_exclusive_or_of_all_bytes(flips: int, theory: float) -> None:
     """Wrong bits cancel when every column has an even number of them: 8 of 64 pairs, 8 + 3 · 56 of 4,096 fours."""
     measured = passes(flips, seed=flips)
     assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
+
+
+@pytest.mark.parametrize(("wrong", "theory"), [(1, 0.0), (2, 1 / 254), (3, 253 / 254**2)])
+def test_sum_of_all_bytes(wrong: int, theory: float) -> None:
+    """Bytes that are replaced at random, none by a DLE: the last one has to undo the others."""
+    codec = compile_protocol(load_protocol("df1"))
+    names = Names({"check_kind": "bcc", "max_packet": 250})
+    random = Random(wrong)
+    packet = {"reply": {"dst": 0, "src": 1, "cmd": 15, "tns": 7, "data": bytes(range(0x20, 0x80))}}
+    good = codec.encode("message", {"packet": packet}, names)
+    others = [value for value in range(256) if value != 0x10]
+    taken = 0
+    for _ in range(TRIES):
+        data = bytearray(good)
+        for place in random.sample(range(8, 8 + 96), wrong):
+            data[place] = random.choice([value for value in others if value != data[place]])
+        try:
+            codec.decode("message", bytes(data), names)
+        except FrameError:
+            continue
+        taken += 1
+    measured = taken / TRIES
+    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)

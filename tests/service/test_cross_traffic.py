@@ -1,0 +1,144 @@
+"""Two stations that both ask and both answer, at the same time, on a full-duplex line that damages what it carries.
+
+`FRAMEKIT_EXCHANGES` sets how many exchanges (both sides together); the figures of docs/protocols are those of 100,000.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass, field
+from random import Random
+from typing import Any
+
+import pytest
+
+from framekit.blocks.device import memory_of
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.times import parse_format
+from framekit.link.client import Client, TransferResult
+from framekit.link.engine import Engine
+from framekit.link.evaluate import Names
+from framekit.link.events import Command
+from framekit.link.exchange import Served
+from framekit.link.serving import MemoryServer
+from framekit.link.values import FrameValue
+from framekit.memory.memory import DeviceMemory
+from framekit.service.driver import Driver
+from framekit.service.memory_access import AddressedMemory
+from framekit.transport.clock import VirtualClock
+from framekit.transport.simulated import SimulatedLine
+from framekit.transport.transmission import Transmission
+
+EXCHANGES = int(os.environ.get("FRAMEKIT_EXCHANGES", "2000"))
+PROTOCOL = load_protocol("df1")
+CODEC = compile_protocol(PROTOCOL)
+
+
+@dataclass
+class Damage:
+    """Every hundredth transmission has wrong bytes: so many, at random places."""
+
+    random: Random
+    wrong_bytes: int
+    hit: int = 0
+
+    def __call__(self, transmission: Transmission) -> None:
+        if self.random.random() < 0.01:
+            self.hit += 1
+            for index in self.random.sample(
+                range(len(transmission.data)), min(self.wrong_bytes, len(transmission.data))
+            ):
+                transmission.flip(index, self.random.randrange(1, 256))
+
+
+@dataclass
+class Station:
+    """One end: its client asks the other without a pause, its server answers. `executed`: (source, number) in order."""
+
+    number: int
+    other: int
+    clock: VirtualClock
+    line: SimulatedLine
+    params: dict[str, Any]
+    todo: int
+    outcomes: Counter[str] = field(default_factory=Counter)
+    executed: list[tuple[int, int]] = field(default_factory=list)
+    known: dict[int, int | None] = field(default_factory=dict)
+    wrong: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        areas, grammar = memory_of(PROTOCOL)
+        self.memory = DeviceMemory(areas)
+        self.server = MemoryServer(PROTOCOL, CODEC, self.memory)
+        self.engine = Engine(
+            PROTOCOL, CODEC, "full", params={"node": self.number, **self.params}, line=self.line.settings,
+            own=self.number, server=self, memory=AddressedMemory(self.memory, grammar), now=0,
+        )  # fmt: skip
+        self.client = Client(PROTOCOL, CODEC, self.engine)
+        self.driver = Driver(self.engine, self.line.port(str(self.number)), self.clock)
+        self.random = Random(self.number)
+
+    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        self.executed.append((request.fields["src"], request.fields["tns"]))
+        return self.server.serve(request, buffer, station, check_only, names)
+
+    def next(self) -> None:
+        """Writes a random value somewhere, or reads what has been written."""
+        if self.todo == 0:
+            return
+        self.todo -= 1
+        place, value = self.random.randrange(100), self.random.randrange(1, 65536)
+        if self.random.random() < 0.5:
+            self.driver.do(lambda now: self._write(place, value, now))
+        else:
+            self.driver.do(lambda now: self._read(place, now))
+
+    def _write(self, place: int, value: int, now: int) -> list[Command]:
+        def ended(result: TransferResult) -> None:
+            self.known[place] = value if result.ok else None
+            self.ended(result)
+
+        return self.client.write(f"N7:{place}", [value], station=self.other, now=now, on_done=ended)
+
+    def _read(self, place: int, now: int) -> list[Command]:
+        def ended(result: TransferResult) -> None:
+            if result.ok:
+                expected = [self.known.get(one, 0) for one in range(place, place + 3)]
+                if any(one not in (None, other) for one, other in zip(expected, result.values, strict=True)):
+                    self.wrong.append(f"N7:{place} read as {result.values}, not {expected}")
+            self.ended(result)
+
+        return self.client.read(f"N7:{place}", count=3, station=self.other, now=now, on_done=ended)
+
+    def ended(self, result: TransferResult) -> None:
+        self.outcomes["ok" if result.ok else result.outcome] += 1
+        self.clock.call_soon(self.next)
+
+
+def run(wrong_bytes: int, params: dict[str, Any], exchanges: int) -> tuple[list[Station], Damage]:
+    clock = VirtualClock()
+    damage = Damage(Random(3), wrong_bytes)
+    line = SimulatedLine(clock, parse_format("8N1", 19200), fault=damage)
+    stations = [Station(1, 2, clock, line, params, exchanges // 2), Station(2, 1, clock, line, params, exchanges // 2)]
+    for station in stations:
+        station.driver.start()
+    clock.run_for(0)
+    for station in stations:
+        station.next()
+    while any(station.outcomes.total() < exchanges // 2 for station in stations):
+        clock.run_for(1_000_000_000)
+    return stations, damage
+
+
+@pytest.mark.parametrize("embedded", ["no", "yes"])
+def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> None:
+    stations, damage = run(3, {"check_kind": "crc", "embedded": embedded, "ack_timeout": "500 ms"}, EXCHANGES)
+    for station in stations:
+        assert station.wrong == []
+        assert station.outcomes.total() == EXCHANGES // 2
+        assert station.outcomes["ok"] >= 0.99 * EXCHANGES / 2, station.outcomes
+        repeated = [one for one, other in zip(station.executed, station.executed[1:], strict=False) if one == other]
+        assert repeated == [], "a message that was repeated is delivered once"
+    assert damage.hit > EXCHANGES / 100
