@@ -169,23 +169,30 @@ class Receiver(Recovery):
         if stream.pauses or stream.faults or self._now != stream.last:
             return None
         buffer, position, names = stream.buffer, stream.position, self._names
-        end, size, chosen = len(buffer), 0, None
+        end, whole = len(buffer), []
         try:
             for info in interest.at(buffer[position])[0]:
                 length = info.measure(buffer, position, end, names)
-                if length > 0 and (length < size or chosen is None):
-                    size, chosen = length, info
-            if chosen is None:
-                return None
-            raw = bytes(buffer[position : position + size])
-            fields = chosen.decode(raw, names)
+                if length > 0:
+                    whole.append((length, info))
         except EVALUATION_ERRORS:
             return None
-        self._given = size
-        self._declined.append(chosen.name)
-        value = self.table.received_as(chosen, fields, raw, None)
-        started = stream.time_of(position)
-        return FrameArrived(value, raw, stream.offset, started, stream.time_of(position + size - 1))
+        if len(whole) > 1:
+            whole.sort(key=_size_of)
+        for size, info in whole:
+            raw = bytes(buffer[position : position + size])
+            try:
+                fields = info.decode(raw, names)
+            except EVALUATION_ERRORS as error:
+                if getattr(error, "cause", None) is None or getattr(error, "refuse", None) is not None:
+                    return None
+                continue
+            self._given = size
+            self._declined.append(info.name)
+            value = self.table.received_as(info, fields, raw, None)
+            started = stream.time_of(position)
+            return FrameArrived(value, raw, stream.offset, started, stream.time_of(position + size - 1))
+        return None
 
     def _look(self, interest: Interest) -> Arrival | Again | None:
         stream = self.stream
@@ -300,3 +307,7 @@ class Receiver(Recovery):
         self._interest = interest
         self.starts = interest.starts
         return interest
+
+
+def _size_of(item: tuple[int, FrameInfo]) -> int:
+    return item[0]
