@@ -5,13 +5,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check lint bench clean
+.PHONY: demo test test-long check lint bench clean
 
 demo: $(STAMP)
 	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
 
 test: $(STAMP)
 	$(BIN)/python -m pytest
+
+test-long: $(STAMP)
+	$(BIN)/python -m pytest -m long
 
 check: lint test
 
