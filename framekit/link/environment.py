@@ -20,7 +20,7 @@ from framekit.link.queues import Queues
 from framekit.link.runs import Activation, Run, State
 from framekit.link.scope import Scope
 from framekit.link.sessions import SessionState
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, plain
 
 
 class Environment:
@@ -136,7 +136,8 @@ class Environment:
         **more: Any,
     ) -> None:  # fmt: skip
         if self.monitor is not None:
-            self.monitor(Seen(direction, kind, self.scope.now, raw, frame, fields or {}, **more))
+            shown = {name: plain(value) for name, value in fields.items()} if fields else {}
+            self.monitor(Seen(direction, kind, self.scope.now, raw, frame, shown, **more))
 
     # ---- serving ------------------------------------------------------------------------------------------
 

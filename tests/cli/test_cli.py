@@ -165,6 +165,20 @@ def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
         assert block["started"] == block["done"] + block["failed"] + block["running"]
 
 
+@pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.run.yaml")))
+def test_every_example_shows_its_frames_as_json(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    """Frames inside frames as well; what cannot be shown would break the exchange."""
+    status, out, _ = call(capsys, "run", str(EXAMPLES / name), "--virtual", "--for", "3s", "--json")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert status == 0
+    assert not [line for line in lines if line["event"] == "trouble"]
+    assert all(line["failed"] == 0 for line in lines if line["event"] == "block")
+    frames = [line for line in lines if line["event"] == "frame"]
+    assert {line["direction"] for line in frames} == {"in", "out"}
+    if name.startswith("modbus"):
+        assert frames[0]["fields"]["pdu"] == {"read_inputs": {"function": 2, "address": 0, "count": 16}}
+
+
 @pytest.mark.parametrize(
     ("words", "status"),
     [
