@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from framekit.definition.times import NEVER
 from framekit.link.engine import Engine
 from framekit.link.events import Break, CharacterFault, Command, Reopen, Send, SetRts
+from framekit.service.line_load import LineLoad
 from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import Port
 
@@ -21,7 +22,10 @@ log = logging.getLogger(__name__)
 
 
 class Driver:
-    """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails."""
+    """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
+
+    `load` measures how busy the line is.
+    """
 
     def __init__(self, engine: Engine, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None) -> None:
         self.engine = engine
@@ -31,6 +35,7 @@ class Driver:
         self.is_open = False
         self.stopped = False
         self.reopenings = 0
+        self.load = LineLoad(port.settings, clock.now())
         self._pending: deque[Command] = deque()
         self._timer: Handle | None = None
         self._timer_at = NEVER
@@ -65,6 +70,7 @@ class Driver:
         self._carry_out(self.engine.opened(now))
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self.load.bytes_in += len(data)
         self._carry_out(self.engine.receive(data, now, faults))
 
     def line_break(self, now: int) -> None:
@@ -117,6 +123,7 @@ class Driver:
     def _one(self, command: Command) -> None:
         match command:
             case Send(data=data):
+                self.load.bytes_out += len(data)
                 self.port.write(data)
             case Break(duration=duration):
                 self.port.send_break(duration)

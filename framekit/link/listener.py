@@ -1,0 +1,197 @@
+"""Listens to a line between others: frames of both sides on the same wires, or on two. It never has anything to send.
+
+Sans-I/O like the engine: it is told bytes and times, and tells its monitor what it saw. Sequences are not followed:
+which side speaks next is guessed from which spoke last, and only decides what is tried first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.counters import LinkCounters
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.events import CharacterFault
+from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.observe import Kind, Monitor, Seen
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
+from framekit.link.values import FrameValue
+
+Direction = Literal["in", "out", ""]
+Side = Literal["client", "server"]
+
+LONGEST_PAUSE = 1_000_000_000
+"""An unfinished frame ends after so long a silence (ns) where the definition has no `gap`: nobody else gives it up."""
+
+
+class _Wires:
+    """What comes in one direction. `side`: who speaks there, None when both do."""
+
+    def __init__(self, receiver: Receiver, direction: Direction, side: Side | None) -> None:
+        self.receiver = receiver
+        self.direction: Direction = direction
+        self.side = side
+        self.cut_at = NEVER
+
+
+class Listener:
+    """Finds the frames on a line. `client`: the direction in which the client speaks, where the two are apart.
+
+    `monitor` is told of frames, bad frames, noise, breaks and trouble, each with its own time. Raises ParameterError
+    for parameters that do not fit. Nothing else here raises.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        codec: Codec,
+        monitor: Monitor,
+        *,
+        params: Mapping[str, Any] | None = None,
+        line: LineFormat | None = None,
+        now: int = 0,
+        client: Literal["in", "out"] | None = None,
+    ) -> None:
+        if line is None and protocol.line.kind == "serial":
+            line = parse_format(protocol.line.format, protocol.line.speed)
+        self.protocol = protocol
+        self.monitor = monitor
+        self.counters = LinkCounters()
+        self.scope = Scope(protocol, line=line, params=params, now=now)
+        self.table = FrameTable(protocol, codec)
+        self._codec = codec
+        self._names = Names({"request": None, "buffer": b""}, self.scope)
+        self._client = client
+        self._wires: dict[Direction, _Wires] = {}
+        self._frames = self._sides()
+        self._next_side: Side = "client"
+
+    def _sides(self) -> dict[Side, tuple[tuple[str, ...], tuple[str, ...]]]:
+        """For each side that may speak next: its frames and those of both, then the other side's."""
+
+        def of(*sides: str) -> tuple[str, ...]:
+            return tuple(name for name in self.table.on_line if self.table.infos[name].frame.side in sides)
+
+        return {"client": (of("client", "both"), of("server")), "server": (of("server", "both"), of("client"))}
+
+    def _wire(self, direction: Direction) -> _Wires:
+        wires = self._wires.get(direction)
+        if wires is None:
+            receiver = Receiver(self._codec, self.protocol, self._names, self.table, self._trouble)
+            side: Side | None = None
+            if self._client is not None and direction:
+                side = "client" if direction == self._client else "server"
+            wires = self._wires[direction] = _Wires(receiver, direction, side)
+        return wires
+
+    # ---- events -------------------------------------------------------------------------------------------
+
+    def receive(
+        self, data: bytes, now: int, faults: Iterable[CharacterFault] = (), direction: Direction = "in"
+    ) -> None:
+        """Bytes came, the last of them at `now`."""
+        wires = self._wire(direction)
+        began = max(self.scope.now, now - self.scope.line.chars(len(data)))
+        if self.deadline <= began:
+            self.tick(began)
+        self.scope.now = max(self.scope.now, now)
+        wires.receiver.append(data, now, faults)
+        self._take(wires)
+
+    def line_break(self, now: int, direction: Direction = "in") -> None:
+        """The line was in break state; an unfinished frame belongs to nothing."""
+        self.scope.now = max(self.scope.now, now)
+        for wires in self._wires.values():
+            self._flush(wires)
+        self._show("break", now, direction)
+
+    def tick(self, now: int) -> None:
+        """Nothing has come until `now`."""
+        while (due := self.deadline) <= now:
+            self.scope.now = max(self.scope.now, due)
+            for wires in list(self._wires.values()):
+                if wires.cut_at <= due:
+                    wires.receiver.cut()
+                wires.receiver.tick(due)
+                self._take(wires)
+        self.scope.now = max(self.scope.now, now)
+
+    def ended(self, now: int) -> None:
+        """Nothing more comes: what has not become a frame is shown."""
+        self.tick(now)
+        for wires in self._wires.values():
+            wires.receiver.cut()
+            wires.receiver.tick(now)
+            self._take(wires)
+            self._flush(wires)
+
+    @property
+    def deadline(self) -> int:
+        """When `tick` is to be called although nothing came."""
+        return min((min(wires.receiver.deadline, wires.cut_at) for wires in self._wires.values()), default=NEVER)
+
+    # ---- what comes of it ---------------------------------------------------------------------------------
+
+    def _take(self, wires: _Wires) -> None:
+        receiver = wires.receiver
+        while (found := receiver.next(*self._frames[wires.side or self._next_side])) is not None:
+            self._found(found, wires)
+            if receiver.broken:
+                self._flush(wires)
+        waits = bool(receiver.waiting) and receiver.deadline == NEVER
+        wires.cut_at = receiver.stream.last + LONGEST_PAUSE if waits else NEVER
+
+    def _found(self, found: Arrival, wires: _Wires) -> None:
+        at = found.ended_at
+        if isinstance(found, FrameArrived):
+            self.counters.received += 1
+            value = found.value
+            side = self.table.infos[value.frame].frame.side
+            if side != "both":
+                self._next_side = "server" if side == "client" else "client"
+            reason = "" if value.refusal is None else f"refused with {value.refusal}"
+            self._announce(value)
+            self.monitor(
+                Seen(
+                    wires.direction, "frame", at, found.raw, value.frame, value.fields, reason,
+                    started_at=found.started_at,
+                )
+            )  # fmt: skip
+        elif isinstance(found, BadFrame):
+            self.counters.bad += 1
+            self.monitor(
+                Seen(
+                    wires.direction, "bad", at, found.raw, found.frame, {}, found.cause,
+                    started_at=found.started_at, segment=found.segment, place=found.place,
+                )
+            )  # fmt: skip
+        else:
+            self.counters.noise_bytes += len(found.data)
+            reason = "what a bad frame left" if found.skipped else ""
+            self.monitor(Seen(wires.direction, "noise", at, found.data, reason=reason, started_at=found.started_at))
+
+    def _announce(self, value: FrameValue) -> None:
+        info = self.table.infos[value.frame]
+        if not info.announces:
+            return
+        names = Names(value.complete(), self.scope)
+        for variable, evaluate in info.announces:
+            try:
+                self.scope.set(variable, evaluate(names))
+            except EVALUATION_ERRORS as error:
+                self._trouble(value.frame, error)
+
+    def _flush(self, wires: _Wires) -> None:
+        for noise in wires.receiver.reset():
+            self._found(noise, wires)
+        wires.cut_at = NEVER
+
+    def _show(self, kind: Kind, at: int, direction: Direction) -> None:
+        self.monitor(Seen(direction, kind, at))
+
+    def _trouble(self, frame: str, error: Exception) -> None:
+        self.monitor(Seen("", "trouble", self.scope.now, frame=frame, reason=str(error)))

@@ -1,0 +1,138 @@
+"""A listener between others: both sides on the same wires, in any pieces, with noise, damage and pauses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.times import NEVER, parse_format
+from framekit.link.events import CharacterFault, LineFault
+from framekit.link.listener import LONGEST_PAUSE, Listener
+from framekit.link.observe import Seen
+
+MS = 1_000_000
+CHARACTER = 1_145_833  # 9600 8E1
+ASK = bytes.fromhex("11 03 00 6B 00 03 76 87")
+ANSWER = bytes.fromhex("11 03 06 AE 41 56 52 43 40 49 AD")
+SET = bytes.fromhex("11 06 00 01 00 03 9A 9B")
+
+
+class Bench:
+    """A listener with what it saw; time goes on by what is told."""
+
+    def __init__(self, name: str, **options: object) -> None:
+        protocol = load_protocol(name, Path.cwd())
+        self.seen: list[Seen] = []
+        line = parse_format("8E1", 9600)
+        self.listener = Listener(protocol, compile_protocol(protocol), self.seen.append, line=line, **options)  # type: ignore[arg-type]
+        self.now = 0
+
+    def hear(self, data: bytes, pause: int = 50 * MS, direction: str = "in", piece: int = 0) -> None:
+        """Bytes behind a pause, one character after the other, in pieces."""
+        self.now += pause
+        size = piece or len(data)
+        for start in range(0, len(data), size):
+            part = data[start : start + size]
+            self.now += len(part) * CHARACTER
+            self.listener.receive(part, self.now, (), direction)  # type: ignore[arg-type]
+
+    def rest(self, time: int) -> None:
+        self.now += time
+        self.listener.tick(self.now)
+
+    @property
+    def told(self) -> list[tuple[str, str]]:
+        return [(seen.kind, seen.frame) for seen in self.seen]
+
+
+@pytest.mark.parametrize("piece", [0, 1, 3])
+def test_requests_and_replies_on_the_same_wires(piece: int) -> None:
+    """A write's reply has the bytes of its request: which is which follows from who spoke last."""
+    bench = Bench("modbus-rtu")
+    for data in (ASK, ANSWER, SET, SET, ASK, ANSWER):
+        bench.hear(data, piece=piece)
+    bench.rest(50 * MS)
+    sides = ["request_adu", "reply_adu"] * 3
+    assert bench.told == [("frame", name) for name in sides]
+    assert bench.seen[0].fields["pdu"].frame == "read_holding"
+    assert bench.seen[0].fields["pdu"].fields["address"] == 107
+    assert bench.seen[1].raw == ANSWER
+    assert bench.seen[1].at == bench.seen[1].started_at + (
+        0 if not piece else bench.seen[1].at - bench.seen[1].started_at
+    )
+
+
+def test_a_request_without_a_reply_is_followed_by_another_request() -> None:
+    """`11 03 10 …` begins like a reply of 16 bytes; the pause behind it tells that it is none."""
+    other = bytes.fromhex("11 03 10 00 00 01")
+    crc = 0xFFFF
+    for byte in other:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ 0xA001 * (crc & 1)
+    other += crc.to_bytes(2, "little")
+    bench = Bench("modbus-rtu")
+    for data in (ASK, other, ASK, ANSWER):
+        bench.hear(data)
+    bench.rest(50 * MS)
+    assert bench.told == [("frame", "request_adu")] * 3 + [("frame", "reply_adu")]
+
+
+def test_noise_damage_and_an_unfinished_frame_are_shown() -> None:
+    bench = Bench("mldp")
+    ask = bytes.fromhex("05 30 31 72 53 53 30 31 30 36 25 4D 57 31 30 30 04")
+    ask += b"%02X" % (sum(ask) & 0xFF)
+    bench.hear(b"\x00\xff\x01")
+    bench.hear(ask[:-2] + b"00")
+    bench.hear(ask)
+    bench.hear(ask[:9])
+    bench.rest(10_000 * MS)
+    kinds = [seen.kind for seen in bench.seen]
+    assert kinds[0] == "noise"
+    assert bench.seen[0].raw == b"\x00\xff\x01"
+    bad = [seen for seen in bench.seen if seen.kind == "bad"]
+    assert [seen.reason for seen in bad] == ["check", "cut"]
+    assert bad[0].place == 17 or bad[0].segment
+    assert ("frame", "read_individual") in bench.told
+    assert bench.listener.counters.received == 1
+    assert bench.listener.counters.bad == 2
+
+
+def test_a_damaged_character_makes_a_bad_frame() -> None:
+    bench = Bench("modbus-rtu")
+    bench.listener.receive(ASK, 20 * MS, (CharacterFault(2, LineFault.PARITY),))
+    bench.listener.ended(100 * MS)
+    assert (bench.seen[0].kind, bench.seen[0].reason) == ("bad", "parity")
+
+
+def test_two_directions_are_two_streams() -> None:
+    """Pieces of a reply and of the next request in between do not mix."""
+    bench = Bench("modbus-rtu", client="out")
+    bench.hear(ASK, direction="out")
+    bench.hear(ANSWER[:5], direction="in")
+    bench.hear(SET, direction="out", pause=0)
+    bench.listener.receive(ANSWER[5:], bench.now + 1, (), "in")
+    bench.listener.ended(bench.now + 100 * MS)
+    frames = [(seen.direction, seen.frame) for seen in bench.seen if seen.kind == "frame"]
+    assert ("out", "request_adu") in frames
+    assert frames.count(("out", "request_adu")) == 2
+
+
+def test_without_a_gap_a_long_silence_ends_what_is_unfinished() -> None:
+    bench = Bench("ccm")
+    assert bench.listener.deadline == NEVER
+    bench.hear(bytes.fromhex("01 30 31"))
+    assert bench.listener.deadline == bench.now + LONGEST_PAUSE
+    bench.rest(LONGEST_PAUSE)
+    assert bench.seen[0].kind == "bad"
+    assert bench.listener.deadline == NEVER
+
+
+def test_a_break_drops_what_is_unfinished() -> None:
+    bench = Bench("modbus-rtu")
+    bench.hear(ASK[:4])
+    bench.listener.line_break(bench.now + MS)
+    assert [(seen.kind, seen.raw) for seen in bench.seen] == [("noise", ASK[:4]), ("break", b"")]
