@@ -1,3 +1,75 @@
-"""framekit: protocols of serial field devices described in YAML, and run."""
+"""framekit: protocols of serial field devices described in YAML, and run.
+
+The names of the API stand here; each is imported when it is first used, so that importing framekit costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from framekit.api.async_client import AsyncClient, aconnect
+    from framekit.api.client import Client, connect
+    from framekit.api.errors import (
+        ExchangeError,
+        FramekitError,
+        LineClosedError,
+        NoReplyError,
+        RefusedError,
+        ReplyError,
+        RequestError,
+    )
+    from framekit.api.results import Answer, Frame, Reading
+    from framekit.blocks.error_codes import ErrorCode
+    from framekit.definition.problems import DefinitionError
+    from framekit.link.observe import Seen
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "api.async_client": ("AsyncClient", "aconnect"),
+    "api.client": ("Client", "connect"),
+    "api.errors": (
+        "ExchangeError", "FramekitError", "LineClosedError", "NoReplyError", "RefusedError", "ReplyError",
+        "RequestError",
+    ),
+    "api.results": ("Answer", "Frame", "Reading"),
+    "blocks.error_codes": ("ErrorCode",),
+    "definition.problems": ("DefinitionError",),
+    "link.observe": ("Seen",),
+}  # fmt: skip
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Answer",
+    "AsyncClient",
+    "Client",
+    "DefinitionError",
+    "ErrorCode",
+    "ExchangeError",
+    "Frame",
+    "FramekitError",
+    "LineClosedError",
+    "NoReplyError",
+    "Reading",
+    "RefusedError",
+    "ReplyError",
+    "RequestError",
+    "Seen",
+    "aconnect",
+    "connect",
+]
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOME_OF.get(name)
+    if home is None:
+        raise AttributeError(f"module 'framekit' has no attribute '{name}'")
+    value = getattr(import_module(f"framekit.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -199,6 +199,15 @@ class Engine:
         self.lanes.cancel(exchange)
         return self._finish()
 
+    def give_up(self, exchange: Exchange, now: int) -> list[Command]:
+        """Nobody waits for an exchange any more. What has been asked is waited for all the same, but not asked again.
+
+        So a late reply is never taken for that of the next exchange, as it may be after `cancel`.
+        """
+        self.scope.now = max(self.scope.now, now)
+        self.lanes.give_up(exchange)
+        return self._finish()
+
     def send_frame(
         self,
         frame: FrameValue | str,

@@ -206,6 +206,13 @@ class Lanes:
                 run.agenda.clear()
                 self.machine.fail_run(run, "cancelled")
 
+    def give_up(self, exchange: Exchange) -> None:
+        """Ends an exchange that has not begun; one under way repeats nothing any more, and ends by itself."""
+        if any(exchange in lane.waiting for lane in self.lanes):
+            self.cancel(exchange)
+        for run, planned in self._plans.items():
+            run.given_up = run.given_up or planned is exchange
+
     def fail_waiting(self, outcome: str, cause: str) -> None:
         """Exchanges that have not begun fail."""
         for lane in self.lanes:

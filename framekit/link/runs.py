@@ -111,13 +111,14 @@ class Run:
 
     Times: `started` is when the step's clock began, `within` when it runs out before a frame has begun, `candidate`
     when the first byte of a frame came that fits so far, `deadline` when something has to happen. `agenda` are the
-    sequences it runs one after the other, `doing` what the present one is for.
+    sequences it runs one after the other, `doing` what the present one is for. `given_up`: nothing is
+    repeated any more.
     """
 
     __slots__ = (
-        "agenda", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "gap", "interest", "kind",
-        "lane", "longest", "outcome", "pause", "stack", "started", "state", "unsent", "wait_number", "wants_others",
-        "within",
+        "agenda", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "gap", "given_up", "interest",
+        "kind", "lane", "longest", "outcome", "pause", "stack", "started", "state", "unsent", "wait_number",
+        "wants_others", "within",
     )  # fmt: skip
 
     def __init__(self, lane: LaneState, kind: str) -> None:
@@ -141,6 +142,7 @@ class Run:
         self.interest: tuple[str, ...] = ()
         self.wants_others = False
         self.cause = ""
+        self.given_up = False
         self.longest = NEVER
 
     @property

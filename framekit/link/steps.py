@@ -103,7 +103,7 @@ class Steps(Environment):
         if action.at_most is not None:
             counters = activation.counters.setdefault(activation.index, {})
             count = counters.get(action, 0)
-            if count >= action.at_most(activation.names):
+            if count >= action.at_most(activation.names) or (run.given_up and action.then == "resend"):
                 self._used_up(run, activation, action)
                 return
             counters[action] = count + 1
@@ -148,7 +148,7 @@ class Steps(Environment):
 
     def _resend(self, run: Run, activation: Activation) -> None:
         retries = activation.step.retries
-        if retries is not None and activation.resends >= retries(activation.names):
+        if run.given_up or (retries is not None and activation.resends >= retries(activation.names)):
             self.handle(run, "on_exhausted", "exhausted")
             return
         activation.resends += 1

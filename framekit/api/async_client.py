@@ -1,0 +1,197 @@
+"""The client for asyncio: reads, writes and services of one device line, as coroutines.
+
+It turns typed values into transfers and back, and failures into exceptions.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, overload
+
+from framekit.api.async_line import OPEN_WITHIN, AsyncLine, frame_of
+from framekit.api.errors import RequestError, raise_for
+from framekit.api.results import Answer, Reading
+from framekit.api.settings import checked_params, line_settings
+from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
+from framekit.definition.model.protocol import Protocol
+from framekit.link.observe import Seen
+from framekit.link.transfer import TransferResult
+from framekit.memory.errors import DeviceMemoryError
+from framekit.service.client import Begin
+
+
+class AsyncClient(AsyncLine):
+    """A client on a port, made by `framekit.aconnect`. `async with` opens and closes it; so do `await` and `close`.
+
+    It belongs to the loop in which it was opened; its tasks may call it side by side. A call that is cancelled leaves
+    the line in order: what was asked is waited for and dropped before the next request goes out.
+    """
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: IntType | None = ...,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[int]: ...  # fmt: skip
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: FloatType,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[float]: ...  # fmt: skip
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: TextType,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[str]: ...  # fmt: skip
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: str,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[Any]: ...  # fmt: skip
+    async def read(
+        self, address: str, count: int = 1, *, station: Any = None, type: str | None = None,
+        order: Order | None = None, params: Mapping[str, Any] | None = None,
+    ) -> Reading[Any]:  # fmt: skip
+        """`count` values from an address on; of a string, so many characters.
+
+        `type`: a unit of memory (`bit byte word dword lword`; default: the address's own), or `int16`, `uint32`,
+        `float32`, `string` …; `order`: where their bytes stand. `params`: other values of parameters, for this call.
+        Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
+        """
+        service = self._working()
+        to = self.settings.station_for(station)
+        how = typed(service.client.grammar, address, type, order, count)
+        result = await self._transfer(
+            lambda client, now, done: client.read(
+                address, station=to, unit=how.unit, count=how.units, params=self._params(params), now=now, on_done=done
+            )
+        )
+        return self._reading(how, result, (address,), to)
+
+    async def read_many(
+        self, addresses: Sequence[str], *, station: Any = None, type: str | None = None, order: Order | None = None,
+        params: Mapping[str, Any] | None = None,
+    ) -> Reading[Any]:  # fmt: skip
+        """One value of each address, in their order; in one request where the protocol has lists. Else as `read`."""
+        service = self._working()
+        to = self.settings.station_for(station)
+        if type == "string" or not addresses:
+            raise RequestError("read_many reads one number of each address – texts are read one by one")
+        how = typed(service.client.grammar, addresses[0], type, order, len(addresses))
+        result = await self._transfer(
+            lambda client, now, done: client.read_variables(
+                addresses, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
+            )
+        )
+        return self._reading(how, result, tuple(addresses), to)
+
+    @staticmethod
+    def _reading(how: Typed, result: TransferResult, addresses: tuple[str, ...], station: Any) -> Reading[Any]:
+        values = tuple(how.values(result.data, result.values))
+        return Reading(values, how.type, addresses, station, result.data, result.raw)
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    async def write(
+        self, address: str, values: Value | Sequence[Value], *, station: Any = None, type: str | None = None,
+        order: Order | None = None, count: int | None = None, params: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Writes one value, or several from an address on; a text is filled up with 00 to `count` characters.
+
+        `type` and `order` as for `read`; negative numbers are written as two's complement. Raises what `read` raises;
+        `written` of the error counts what was written before a later part failed.
+        """
+        service = self._working()
+        to = self.settings.station_for(station)
+        given = values_given(values)
+        several = len(given[0]) if type == "string" and given and isinstance(given[0], str) else len(given)
+        how = typed(service.client.grammar, address, type, order, several if count is None else count)
+        numbers = how.numbers(given)
+        await self._transfer(
+            lambda client, now, done: client.write(
+                address, numbers, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
+            )
+        )
+
+    async def write_many(
+        self, values: Mapping[str, int | float], *, station: Any = None, type: str | None = None,
+        order: Order | None = None, params: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Writes one value to each address; in one request where the protocol has lists. Else as `write`."""
+        service = self._working()
+        to = self.settings.station_for(station)
+        if type == "string" or not values:
+            raise RequestError("write_many writes one number to each address – texts are written one by one")
+        addresses = list(values)
+        how = typed(service.client.grammar, addresses[0], type, order, len(addresses))
+        numbers = how.numbers(list(values.values()))
+        await self._transfer(
+            lambda client, now, done: client.write_variables(
+                addresses, numbers, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
+            )
+        )
+
+    # ---- services -----------------------------------------------------------------------------------------
+
+    async def call(
+        self, service: str, arguments: Mapping[str, Any] | None = None, *, station: Any = None,
+        addresses: Sequence[str] = (), unit: str | None = None, count: int = 1,
+        params: Mapping[str, Any] | None = None,
+    ) -> Answer:  # fmt: skip
+        """Runs any other service of the protocol. One address stands for `count` elements, several for one each.
+
+        Raises what `read` raises.
+        """
+        self._working()
+        to = self.settings.station_for(station, needed=False)
+        result = await self._transfer(
+            lambda client, now, done: client.call(
+                service, arguments, station=to, addresses=addresses, unit=unit, count=count,
+                params=self._params(params), now=now, on_done=done,
+            )
+        )  # fmt: skip
+        return Answer(result.gives, None if result.reply is None else frame_of(result.reply), result.raw)
+
+    def _params(self, params: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        return None if params is None else checked_params(self.settings.protocol, params)
+
+    async def _transfer(self, begin: Begin) -> TransferResult:
+        """Starts a transfer and waits for it. Raises what it failed with."""
+        service = self._working()
+        future: asyncio.Future[TransferResult] = asyncio.get_running_loop().create_future()
+        try:
+            request = service.request(begin, lambda result: None if future.done() else future.set_result(result))
+        except (ValueError, DeviceMemoryError) as error:
+            raise RequestError(str(error)) from None
+        try:
+            result = await future
+        except asyncio.CancelledError:
+            service.give_up(request)
+            raise
+        raise_for(result)
+        return result
+
+
+def aconnect(
+    protocol: str | Path | Protocol,
+    port: str,
+    *,
+    station: Any = None,
+    speed: int | None = None,
+    format: str | None = None,
+    params: Mapping[str, Any] | None = None,
+    role: str | None = None,
+    own: Any = None,
+    frames_alone: bool = False,
+    open_within: float = OPEN_WITHIN,
+    monitor: Callable[[Seen], None] | None = None,
+) -> AsyncClient:
+    """A client for asyncio, opened by `async with` or `await`; see `framekit.connect` for the arguments."""
+    settings = line_settings(
+        protocol, port, role=role, frames_alone=frames_alone, speed=speed, format=format, own=own, station=station,
+        params=params,
+    )  # fmt: skip
+    return AsyncClient(settings, open_within=open_within, monitor=monitor)

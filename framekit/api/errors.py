@@ -1,0 +1,79 @@
+"""What the API raises. Each error is also the standard library's for its case, so callers need not know these names."""
+
+from __future__ import annotations
+
+from framekit.blocks.error_codes import ErrorCode, error_code
+from framekit.link.transfer import TransferResult
+
+NO_REPLY = ("no_reply", "timeout")
+CLOSED = ("closed",)
+
+
+class FramekitError(Exception):
+    """Anything the API raises of its own. A wrong file raises `DefinitionError`, which is a ValueError."""
+
+
+class RequestError(FramekitError, ValueError):
+    """What cannot be asked at all: an address, a value, a parameter, a station that does not fit. Nothing was sent."""
+
+
+class ExchangeError(FramekitError):
+    """An exchange that did not end well.
+
+    `outcome` is its name (`no_reply`, `refused` …), `error_code` framekit's code of that, `cause` says more in words.
+    `written` counts the elements that are known to be written all the same.
+    """
+
+    def __init__(self, message: str, outcome: str = "", cause: str = "", written: int = 0) -> None:
+        super().__init__(message)
+        self.outcome = outcome
+        self.cause = cause
+        self.written = written
+
+    @property
+    def error_code(self) -> ErrorCode:
+        """framekit's code of the outcome (docs/error-codes.md)."""
+        return error_code(self.outcome)
+
+
+class NoReplyError(ExchangeError, TimeoutError):
+    """Nothing came in time, after all repeats."""
+
+
+class ReplyError(ExchangeError):
+    """What came was damaged or does not fit the request; nothing of it is handed out."""
+
+
+class RefusedError(ExchangeError):
+    """The device answered with an error: its `code`, and the `meaning` the protocol gives that ('' if none)."""
+
+    def __init__(self, message: str, code: int, meaning: str, outcome: str = "refused", written: int = 0) -> None:
+        super().__init__(message, outcome, meaning, written)
+        self.code = code
+        self.meaning = meaning
+
+
+class LineClosedError(ExchangeError, ConnectionError):
+    """The port could not be opened, or was closed or lost."""
+
+
+def raise_for(result: TransferResult) -> None:
+    """Raises what a failed transfer is; returns if it ended well."""
+    if result.ok:
+        return
+    if result.code is not None:
+        meaning = f": {result.meaning}" if result.meaning else ""
+        raise RefusedError(
+            f"the device refused with code {result.code}{meaning}",
+            result.code, result.meaning, result.outcome, result.written,
+        )  # fmt: skip
+    kind: type[ExchangeError] = ReplyError
+    text = result.outcome.replace("_", " ")
+    if result.outcome in NO_REPLY:
+        kind, text = NoReplyError, "the device did not answer"
+    elif result.outcome in CLOSED:
+        kind, text = LineClosedError, "the line was closed"
+    elif result.outcome in ("cancelled", "abandoned", "no_sequence", "queue_full", "expression", "circle"):
+        kind = ExchangeError
+    message = text + (f": {result.cause}" if result.cause else "")
+    raise kind(message, result.outcome, result.cause, result.written)

@@ -1,0 +1,130 @@
+"""How a line to a device is set up, from what users write: protocol, port, role, stations, parameters.
+
+Everything is looked at before a port is opened. What goes over the line is not known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from framekit.api.errors import RequestError
+from framekit.blocks.given import parse_station
+from framekit.blocks.load_channel import CLIENT_ROLES, needs_station
+from framekit.blocks.model import Channel
+from framekit.definition.load import load_protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import NOWHERE, Position, did_you_mean
+from framekit.definition.times import LineFormat, parse_format
+from framekit.link.parameters import ParameterError, given_value
+
+
+def protocol_of(given: str | Path | Protocol) -> Protocol:
+    """A protocol by its name, its file, or itself. Raises DefinitionError."""
+    return given if isinstance(given, Protocol) else load_protocol(given, Path.cwd())
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """A checked line. `station` is the other side's where a call names none."""
+
+    protocol: Protocol
+    port: str
+    role: str | None
+    line: LineFormat | None
+    own: Any
+    station: Any
+    params: Mapping[str, Any]
+
+    def channel(self) -> Channel:
+        """The same as a channel of a run has it."""
+        at = Position(self.port, 1, 1)
+        return Channel(
+            number=1, port=self.port, protocol=self.protocol, role=self.role, line=self.line, own=self.own,
+            station=self.station, params=self.params, pause=0, at=NOWHERE, port_at=at,
+        )  # fmt: skip
+
+    def station_for(self, given: Any, *, needed: bool = True) -> Any:
+        """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
+        if given is not None:
+            return checked_station(self.protocol, given)
+        if self.station is None and needed and needs_station(self.protocol):
+            raise RequestError(f"'{self.protocol.name}' needs a station – name it with station=")
+        return self.station
+
+
+def line_settings(
+    protocol: str | Path | Protocol,
+    port: str,
+    *,
+    roles: tuple[str, ...] = CLIENT_ROLES,
+    role: str | None = None,
+    frames_alone: bool = False,
+    speed: int | None = None,
+    format: str | None = None,
+    own: Any = None,
+    station: Any = None,
+    params: Mapping[str, Any] | None = None,
+) -> LineSettings:
+    """Raises DefinitionError for a wrong definition, RequestError for a setting that does not fit it."""
+    found = protocol_of(protocol)
+    if found.kind != "protocol":
+        raise RequestError(f"'{found.name}' is carried by other protocols, it has no line of its own")
+    return LineSettings(
+        protocol=found,
+        port=port,
+        role=None if frames_alone else _role(found, role, roles),
+        line=_line(found, speed, format),
+        own=None if own is None else checked_station(found, own),
+        station=None if station is None else checked_station(found, station),
+        params=checked_params(found, params or {}),
+    )
+
+
+def checked_station(protocol: Protocol, given: Any) -> Any:
+    """A station as the protocol wants it; numbers and hex pairs may be text. Raises RequestError."""
+    text = given.hex(" ") if isinstance(given, bytes) and protocol.station.type == "bytes" else str(given)
+    try:
+        return parse_station(text, protocol)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+
+
+def checked_params(protocol: Protocol, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters that the protocol has, with values that fit. Raises RequestError."""
+    for name, value in params.items():
+        if name not in protocol.params:
+            hint = did_you_mean(name, protocol.params)
+            raise RequestError(f"'{protocol.name}' has no parameter '{name}'" + (f" – {hint}" if hint else ""))
+        try:
+            given_value(protocol.params[name], value)
+        except ParameterError as error:
+            raise RequestError(str(error)) from None
+    return dict(params)
+
+
+def _role(protocol: Protocol, role: str | None, usual: tuple[str, ...]) -> str | None:
+    if role is None:
+        if not protocol.roles:
+            return None
+        role = next((name for name in usual if name in protocol.roles), None)
+        if role is None:
+            raise RequestError(f"name the role: one of {', '.join(protocol.roles)}")
+    if role not in protocol.roles:
+        hint = did_you_mean(role, protocol.roles)
+        raise RequestError(f"'{protocol.name}' has no role '{role}'" + (f" – {hint}" if hint else ""))
+    return role
+
+
+def _line(protocol: Protocol, speed: int | None, format: str | None) -> LineFormat | None:
+    line = protocol.line
+    if line.kind == "stream":
+        if speed is not None or format is not None:
+            raise RequestError(f"'{protocol.name}' runs on connections, which have no speed and no format")
+        return None
+    try:
+        return parse_format(line.format if format is None else format, line.speed if speed is None else speed)
+    except ValueError as error:
+        raise RequestError(str(error)) from None

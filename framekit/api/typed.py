@@ -1,0 +1,106 @@
+"""Between typed values of a call and what transfers carry: units, counts, and data in memory's form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from framekit.api.errors import RequestError
+from framekit.link.addresses import AddressGrammar
+from framekit.link.packing import values_of
+from framekit.memory.errors import MemoryValueError
+from framekit.memory.numbers import unit_bits
+from framekit.memory.views import NumberView, Order, TextView, view_of
+
+IntType = Literal[
+    "bit", "byte", "word", "dword", "lword",
+    "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+]  # fmt: skip
+"""Types whose values are int: the units of memory, and numbers with and without sign."""
+FloatType = Literal["float32", "float64"]
+TextType = Literal["string"]
+Value = int | float | str
+"""What is written."""
+
+__all__ = ["FloatType", "IntType", "Order", "TextType", "Typed", "Value", "typed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Typed:
+    """How `count` values of a type at a place of the unit `place` travel: as `units` × `unit` (None: its own unit)."""
+
+    type: str
+    view: NumberView | TextView | None
+    unit: str | None
+    units: int
+    count: int
+    place: str
+
+    def values(self, data: bytes, numbers: Sequence[int]) -> list[Any]:
+        """The values in what a transfer brought."""
+        match self.view:
+            case NumberView() as view:
+                return list(view.read(data))
+            case TextView() as view:
+                return [view.read(data, self.count, self.place)]
+        return list(numbers)
+
+    def numbers(self, values: Sequence[Value]) -> list[int]:
+        """What a transfer carries for the values. Raises RequestError for values that do not fit."""
+        try:
+            match self.view:
+                case NumberView() as view:
+                    return values_of(view.write(_numbers(values, self.type)), view.unit, len(values))
+                case TextView() as view:
+                    data = view.write(_text(values), self.count, self.place)
+                    return values_of(data, view.unit(self.place), self.units)
+        except MemoryValueError as error:
+            raise RequestError(str(error)) from None
+        found = _numbers(values, self.type)
+        if any(isinstance(value, float) for value in found):
+            raise RequestError(f"a {self.type} holds no floating-point number – give a type such as float32")
+        return [int(value) for value in found]
+
+
+def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
+    """How values of a type (None: the address's own unit) at an address travel. Raises RequestError."""
+    try:
+        place = grammar.parse(address).unit
+        if type_ is None or _is_unit(type_):
+            if order is not None:
+                raise ValueError(f"order= is for numbers and text – give a type, such as uint32, not {type_ or 'none'}")
+            return Typed(type_ or place, None, type_, count, count, place)
+        view = view_of(type_, order)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    if isinstance(view, TextView):
+        return Typed(type_, view, view.unit(place), view.units(count, place), count, place)
+    return Typed(type_, view, view.unit, count, count, place)
+
+
+def values_given(values: Value | Sequence[Value]) -> list[Value]:
+    """One value or several, as a list."""
+    return [values] if isinstance(values, (int, float, str)) else list(values)
+
+
+def _is_unit(name: str) -> bool:
+    try:
+        return unit_bits(name) > 0
+    except ValueError:
+        return False
+
+
+def _numbers(values: Sequence[Value], type_: str) -> list[int | float]:
+    found: list[int | float] = []
+    for value in values:
+        if isinstance(value, str):
+            raise RequestError(f"{value!r} is no {type_} – text has the type string")
+        found.append(value)
+    return found
+
+
+def _text(values: Sequence[Value]) -> str:
+    if len(values) != 1 or not isinstance(values[0], str):
+        raise RequestError("a string is written as one text")
+    return values[0]

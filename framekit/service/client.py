@@ -1,0 +1,206 @@
+"""A client at work: an engine on a port, transfers that can be given up, and frames sent and received by themselves.
+
+Callbacks only, on a clock; whoever wants to wait builds that on top. Nothing is decided here about types of values.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from framekit.blocks.device import memory_of
+from framekit.codec.codec import compile_protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import LineFormat
+from framekit.link.client import Client, TransferResult
+from framekit.link.engine import Engine
+from framekit.link.events import Command
+from framekit.link.exchange import Asked, Exchange, Outcome
+from framekit.link.observe import Monitor
+from framekit.link.serving import MemoryServer
+from framekit.link.transfer import Done
+from framekit.link.values import FrameValue
+from framekit.memory.memory import DeviceMemory
+from framekit.service.driver import Driver
+from framekit.service.memory_access import AddressedMemory
+from framekit.transport.clock import Clock
+from framekit.transport.port import Port
+
+MOST_FRAMES = 1000
+"""So many frames are kept for those who will ask for them."""
+
+log = logging.getLogger(__name__)
+
+Begin = Callable[[Client, int, Done], list[Command]]
+"""Starts a transfer of a client at a time, with what is to be called at its end."""
+StateChanged = Callable[[bool, str], None]
+"""Told whether the port is open, and why not."""
+
+
+class Request:
+    """One transfer asked for; `exchange` is the one under way."""
+
+    def __init__(self) -> None:
+        self.exchange: Exchange | None = None
+        self.given_up = False
+
+
+class _Tracking:
+    """An engine that notes which request each exchange belongs to."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self.scope = engine.scope
+        self.current: Request | None = None
+
+    def start(self, exchange: Exchange, now: int) -> list[Command]:
+        request = self.current
+        if request is None or exchange.inside is not None:
+            return self.engine.start(exchange, now)
+        if request.given_up:
+            exchange.on_done(Outcome(False, "cancelled"))
+            return []
+        request.exchange = exchange
+        told = exchange.on_done
+        exchange.on_done = lambda outcome: self.during(request, lambda: told(outcome))
+        return self.engine.start(exchange, now)
+
+    def during(self, request: Request, action: Callable[[], Any]) -> Any:
+        """Does something for a request: what it starts belongs to that."""
+        before, self.current = self.current, request
+        try:
+            return action()
+        finally:
+            self.current = before
+
+
+class ClientService:
+    """A client on a port. Raises ParameterError for parameters that do not fit, KeyError for an unknown role.
+
+    `role` None: frames alone. `memory` is its own, for protocols in which the other side asks as well. `frames` are
+    those that came and that nobody waited for, the oldest first; `lost_frames` counts those there was no room for.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        port: Port,
+        clock: Clock,
+        *,
+        role: str | None,
+        params: Mapping[str, Any] | None = None,
+        line: LineFormat | None = None,
+        own: Any = None,
+        on_state: StateChanged | None = None,
+        on_frame: Callable[[], None] | None = None,
+        monitor: Monitor | None = None,
+    ) -> None:
+        self.clock = clock
+        codec = compile_protocol(protocol)
+        areas, grammar = memory_of(protocol)
+        self.memory = DeviceMemory(areas)
+        self.frames: deque[FrameValue] = deque()
+        self.lost_frames = 0
+        self._on_state = on_state
+        self._on_frame = on_frame
+        self.engine = engine = Engine(
+            protocol,
+            codec,
+            role,
+            params=params,
+            line=line,
+            own=own,
+            now=clock.now(),
+            server=MemoryServer(protocol, codec, self.memory) if protocol.services else None,
+            memory=AddressedMemory(self.memory, grammar),
+            ask=self._ask,
+            on_frame=self._frame,
+            monitor=monitor,
+        )
+        self.tracking = _Tracking(engine)
+        self.client = Client(protocol, codec, self.tracking)
+        self.driver = Driver(engine, port, clock, self._state)
+        self._sending: list[Callable[[bool], None]] = []
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can go out now."""
+        return self.driver.is_open
+
+    def start(self) -> None:
+        """Opens the port, and again whenever it is lost."""
+        self.driver.start()
+
+    def stop(self) -> None:
+        """Closes the port; what is under way fails as `closed`."""
+        self.driver.stop()
+        self.driver.is_open = False
+        self.engine.closed(self.clock.now(), "closed by this side")
+        self._fail_sending()
+
+    def _state(self, state: str) -> None:
+        if state != "open":
+            self._fail_sending()
+        if self._on_state is not None:
+            self._on_state(state == "open", state)
+
+    def _fail_sending(self) -> None:
+        sending, self._sending = self._sending, []
+        for ended in sending:
+            ended(False)
+
+    # ---- transfers ----------------------------------------------------------------------------------------
+
+    def request(self, begin: Begin, on_done: Callable[[TransferResult], None]) -> Request:
+        """Starts a transfer; `on_done` is called exactly once. Raises ValueError for what cannot be asked."""
+        request = Request()
+        self.driver.do(lambda now: self.tracking.during(request, lambda: begin(self.client, now, on_done)))
+        return request
+
+    def give_up(self, request: Request) -> None:
+        """Nobody waits for it any more: nothing more is asked, and the line is free once its reply came or is late."""
+        request.given_up = True
+        exchange = request.exchange
+        if exchange is not None:
+            self.driver.do(lambda now: self.engine.give_up(exchange, now))
+
+    def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
+        self.client.ask(service, arguments, station, done)
+
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    def send(self, frame: str, fields: Mapping[str, Any], ended: Callable[[bool], None]) -> None:
+        """Sends a frame by itself; `ended` is told once whether it has left. Raises ValueError, KeyError."""
+
+        def sent() -> None:
+            if ended in self._sending:
+                self._sending.remove(ended)
+                ended(True)
+
+        self._sending.append(ended)
+        try:
+            self.driver.do(lambda now: self.engine.send_frame(frame, now, fields, sent))
+        except (ValueError, LookupError, TypeError):
+            self._sending.remove(ended)
+            raise
+
+    def _frame(self, frame: FrameValue) -> None:
+        self.frames.append(frame)
+        if len(self.frames) > MOST_FRAMES:
+            self.frames.popleft()
+            self.lost_frames += 1
+            log.warning("%s: %d frames that nobody asked for are lost", self.driver.port.name, self.lost_frames)
+        if self._on_frame is not None:
+            self._on_frame()
+
+    def take_frame(self, names: tuple[str, ...]) -> FrameValue | None:
+        """The oldest frame of these names (of any, if there are none) that nobody has taken."""
+        for frame in self.frames:
+            if not names or frame.frame in names:
+                self.frames.remove(frame)
+                return frame
+        return None
