@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from framekit.api.async_client import AsyncClient, aconnect
     from framekit.api.client import Client, connect
+    from framekit.api.codec import Protocol, load
     from framekit.api.errors import (
         ExchangeError,
         FramekitError,
@@ -22,22 +23,27 @@ if TYPE_CHECKING:
     )
     from framekit.api.results import Answer, Frame, Reading
     from framekit.blocks.error_codes import ErrorCode
+    from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
     from framekit.link.observe import Seen
+    from framekit.memory.views import Order
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "api.async_client": ("AsyncClient", "aconnect"),
     "api.client": ("Client", "connect"),
+    "api.codec": ("Protocol", "load"),
     "api.errors": (
         "ExchangeError", "FramekitError", "LineClosedError", "NoReplyError", "RefusedError", "ReplyError",
         "RequestError",
     ),
     "api.results": ("Answer", "Frame", "Reading"),
     "blocks.error_codes": ("ErrorCode",),
+    "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
     "link.observe": ("Seen",),
+    "memory.views": ("Order",),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -46,12 +52,16 @@ __all__ = [
     "AsyncClient",
     "Client",
     "DefinitionError",
+    "EncodeError",
     "ErrorCode",
     "ExchangeError",
     "Frame",
+    "FrameError",
     "FramekitError",
     "LineClosedError",
     "NoReplyError",
+    "Order",
+    "Protocol",
     "Reading",
     "RefusedError",
     "ReplyError",
@@ -59,6 +69,7 @@ __all__ = [
     "Seen",
     "aconnect",
     "connect",
+    "load",
 ]
 
 

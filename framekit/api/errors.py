@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.blocks.error_codes import ErrorCode, error_code
+from framekit.blocks.error_codes import ErrorCode, error_code, error_table
 from framekit.link.transfer import TransferResult
 
 NO_REPLY = ("no_reply", "timeout")
@@ -68,7 +68,8 @@ def raise_for(result: TransferResult) -> None:
             result.code, result.meaning, result.outcome, result.written,
         )  # fmt: skip
     kind: type[ExchangeError] = ReplyError
-    text = result.outcome.replace("_", " ")
+    row = error_table().get(result.outcome)
+    text = result.outcome if row is None else row.meaning
     if result.outcome in NO_REPLY:
         kind, text = NoReplyError, "the device did not answer"
     elif result.outcome in CLOSED:

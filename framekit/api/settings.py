@@ -5,6 +5,7 @@ Everything is looked at before a port is opened. What goes over the line is not 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +52,7 @@ class LineSettings:
         if given is not None:
             return checked_station(self.protocol, given)
         if self.station is None and needed and needs_station(self.protocol):
-            raise RequestError(f"'{self.protocol.name}' needs a station – name it with station=")
+            raise RequestError(f"'{self.protocol.name}' needs a station – say which")
         return self.station
 
 
@@ -74,7 +75,7 @@ def line_settings(
         raise RequestError(f"'{found.name}' is carried by other protocols, it has no line of its own")
     return LineSettings(
         protocol=found,
-        port=port,
+        port=_port(port),
         role=None if frames_alone else _role(found, role, roles),
         line=_line(found, speed, format),
         own=None if own is None else checked_station(found, own),
@@ -103,6 +104,13 @@ def checked_params(protocol: Protocol, params: Mapping[str, Any]) -> dict[str, A
         except ParameterError as error:
             raise RequestError(str(error)) from None
     return dict(params)
+
+
+def _port(port: str) -> str:
+    """A port as it is named; whether there is such a one is found out when it is opened."""
+    if re.fullmatch(r"[A-Za-z0-9.-]+:\d+", port) and not port.startswith("sim:"):
+        raise RequestError(f"'{port}' is no port – write tcp://{port} for a connection")
+    return port
 
 
 def _role(protocol: Protocol, role: str | None, usual: tuple[str, ...]) -> str | None:

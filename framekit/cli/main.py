@@ -20,6 +20,9 @@ VERBS = {
     "frames": "list protocols, frames and fields",
     "generate": "write stand-alone code from a definition",
     "test": "run the vectors beside a definition",
+    "read": "read values of a device",
+    "write": "write values into a device",
+    "call": "run another service of a device",
     "run": "carry out a run file",
     "completion": "print a shell's completion script",
 }

@@ -1,0 +1,103 @@
+"""A protocol's frames from Python: bytes from fields, fields from bytes. No port is involved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from framekit.api.errors import RequestError
+from framekit.api.results import Frame
+from framekit.api.settings import checked_params, checked_station, protocol_of
+from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import EncodeError, FrameError
+from framekit.definition.model import protocol as model
+from framekit.definition.problems import did_you_mean
+from framekit.link.fitting import candidates, fitting, nearest, reason
+from framekit.link.scope import Scope
+
+
+class Protocol:
+    """A compiled definition, made by `framekit.load`. `definition` is the whole model, `name` and `about` its own."""
+
+    def __init__(self, definition: model.Protocol, params: Mapping[str, Any] | None = None, own: Any = None) -> None:
+        self.definition = definition
+        self.name = definition.name
+        self.about = definition.about
+        self._codec = compile_protocol(definition)
+        own = None if own is None else checked_station(definition, own)
+        self._scope = Scope(definition, params=checked_params(definition, params or {}), own=own)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The names of the frames that stand on the line, in the order of the definition."""
+        return tuple(frame.name for frame in self.definition.frames.values() if not frame.inner)
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """The names of the services, `read` and `write` among them."""
+        return tuple(self.definition.services)
+
+    def encode(self, frame: str, /, **fields: Any) -> bytes:
+        """The bytes of a frame. Raises EncodeError (a ValueError) for fields it cannot carry, RequestError."""
+        self._known(frame, self.definition.frames)
+        return self._codec.encode(frame, fields, self._scope)
+
+    def decode(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> Frame:
+        """The frame that some bytes are, in whole. `frame`: only this one, or those of this group.
+
+        `sender`: `client` or `server`, where both send frames that look alike. Raises FrameError (a ValueError) with
+        what the frame that fits best has to say.
+        """
+        fits, faults = self._fitting(data, frame, sender)
+        if fits:
+            return fits[0]
+        best = nearest(faults)
+        if best is None or not data:
+            raise FrameError("short", frame or "frame", 0, "bytes", "none")
+        fault = best[1]
+        raise FrameError(
+            fault.cause, f"{best[0]}, {fault.segment}", fault.offset, fault.expected, fault.found, fault.refuse,
+            fault.fields,
+        ) from None  # fmt: skip
+
+    def decode_all(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> list[Frame]:
+        """Every frame that the bytes may be; none is no error."""
+        return self._fitting(data, frame, sender)[0]
+
+    def why_not(self, data: bytes) -> str:
+        """Why bytes are no frame, in words; '' if they are one."""
+        fits, faults = self._fitting(data, None, None)
+        return "" if fits else reason(faults, data)
+
+    def _fitting(
+        self, data: bytes, frame: str | None, sender: str | None
+    ) -> tuple[list[Frame], list[tuple[str, FrameError]]]:
+        if frame is not None:
+            self._known(frame, [*self.definition.frames, *self.definition.groups])
+        if sender not in (None, "client", "server"):
+            raise RequestError(f"'{sender}' is neither client nor server")
+        found, faults = fitting(self._codec, bytes(data), candidates(self.definition, frame, sender), self._scope)
+        return [Frame(fit.frame, fit.fields, bytes(data), fit.refusal) for fit in found], faults
+
+    def _known(self, frame: str, known: Any) -> None:
+        if frame not in known:
+            hint = did_you_mean(frame, known)
+            raise RequestError(f"'{self.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+
+    def __repr__(self) -> str:
+        return f"<protocol {self.name}, {len(self.frames)} frames>"
+
+
+def load(
+    protocol: str | Path | model.Protocol, *, params: Mapping[str, Any] | None = None, own: Any = None
+) -> Protocol:
+    """A shipped protocol by its name, one beside the current folder, or a YAML file.
+
+    `params` and `own` (the own station) are for frames whose bytes depend on them. Raises DefinitionError with every
+    problem of the file, RequestError for parameters that do not fit.
+    """
+    return Protocol(protocol_of(protocol), params, own)
+
+
+__all__ = ["EncodeError", "FrameError", "Protocol", "load"]

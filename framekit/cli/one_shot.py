@@ -1,0 +1,116 @@
+"""What `read`, `write` and `call` share: how a line is named, a client on it, and what failures print and return.
+
+Exit status: 0 done, 1 the device refused, 2 what was asked cannot be asked, 3 no good answer came.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import add_json, add_protocol, assignment, load, print_json, spaced
+from framekit.cli.main import Failure
+
+if TYPE_CHECKING:
+    from framekit.api.client import Client
+    from framekit.api.errors import FramekitError
+    from framekit.link.observe import Seen
+
+LONGEST_SHOWN = 64
+TIMEOUT, RETRIES = "reply_timeout", "retries"
+"""The parameters that --timeout and --retries stand for."""
+
+
+def add_line(parser: argparse.ArgumentParser) -> None:
+    """PROTOCOL and the options that name a line and a device on it."""
+    add_protocol(parser)
+    parser.add_argument(
+        "--port", required=True, help="/dev/ttyUSB0, COM3, tcp://HOST:PORT, a pyserial URL, or sim:FILE"
+    )
+    parser.add_argument("--station", metavar="N", help="the device's station")
+    parser.add_argument("--speed", type=int, metavar="BITS", help="bits a second; default: the protocol's")
+    parser.add_argument("--format", metavar="8E1", help="data bits, parity, stop bits; default: the protocol's")
+    parser.add_argument("--own", metavar="N", help="the own station, where the protocol has one")
+    parser.add_argument("--role", help="the own role, where the protocol leaves a choice")
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter; may be repeated"
+    )
+    parser.add_argument("--timeout", metavar="TIME", help=f"the same as --param {TIMEOUT}=TIME")
+    parser.add_argument("--retries", metavar="N", help=f"the same as --param {RETRIES}=N")
+    parser.add_argument("--frames", action="store_true", help="show the frames on standard error")
+    add_json(parser)
+
+
+def add_type(parser: argparse.ArgumentParser) -> None:
+    """--type and --order."""
+    from framekit.memory.views import ORDERS, VIEWS
+
+    parser.add_argument(
+        "--type",
+        metavar="TYPE",
+        help=f"bit, byte, word, dword, lword, {', '.join(VIEWS)}; default: as the address says",
+    )
+    parser.add_argument(
+        "--order", choices=ORDERS, help="where the bytes of a number stand; default: CDAB, low word first"
+    )
+
+
+def carry_out(arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True) -> int:
+    """Connects and acts; the exit status. `to_station`: nothing can be done without knowing which."""
+    from framekit.api.async_client import AsyncClient
+    from framekit.api.client import Client
+    from framekit.api.errors import FramekitError
+    from framekit.api.settings import line_settings
+
+    try:
+        params = assignments(arguments.param)
+        for name, value in ((TIMEOUT, arguments.timeout), (RETRIES, arguments.retries)):
+            if value is not None:
+                params[name] = value
+        settings = line_settings(
+            load(arguments.protocol), arguments.port, station=arguments.station, speed=arguments.speed,
+            format=arguments.format, own=arguments.own, role=arguments.role, params=params,
+        )  # fmt: skip
+        settings.station_for(None, needed=to_station)
+        with Client(AsyncClient(settings, monitor=show if arguments.frames else None)) as client:
+            action(client)
+    except FramekitError as error:
+        return failed(arguments, error)
+    return 0
+
+
+def assignments(texts: Sequence[str]) -> dict[str, Any]:
+    """Several NAME=VALUE. Raises RequestError."""
+    from framekit.api.errors import RequestError
+
+    try:
+        return dict(assignment(text) for text in texts)
+    except Failure as failure:
+        raise RequestError(str(failure)) from None
+
+
+def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
+    """Prints what went wrong; the exit status."""
+    from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
+
+    if arguments.json and isinstance(error, ExchangeError):
+        shown: dict[str, Any] = {"error": error.outcome, "message": str(error)}
+        if isinstance(error, RefusedError):
+            shown |= {"code": error.code, "meaning": error.meaning}
+        print_json(shown)
+    print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
+    if isinstance(error, RequestError):
+        return 2
+    return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1
+
+
+def show(seen: Seen) -> None:
+    """A line on standard error for everything that goes over the line."""
+    if seen.kind in ("open", "closed"):
+        return
+    arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
+    cut = " …" if len(seen.raw) > LONGEST_SHOWN else ""
+    what = f"{seen.frame or seen.kind} {seen.reason}".rstrip()
+    print(f"{arrow} {what:<22} {spaced(seen.raw[:LONGEST_SHOWN])}{cut}".rstrip(), file=sys.stderr, flush=True)

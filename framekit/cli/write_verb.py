@@ -1,0 +1,46 @@
+"""`framekit write PROTOCOL --port PORT --station N ADDRESS VALUE …`: puts values into a device."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from framekit.cli.common import print_json
+from framekit.cli.one_shot import add_line, add_type, carry_out
+
+if TYPE_CHECKING:
+    from framekit.api.client import Client
+    from framekit.api.typed import Value
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_line(parser)
+    parser.add_argument("address", metavar="ADDRESS", help="as the protocol writes addresses")
+    parser.add_argument("values", nargs="+", metavar="VALUE", help="decimal, 0x…, or as --type says")
+    parser.add_argument("-n", "--count", type=int, metavar="COUNT", help="characters of a string, filled up with 00")
+    add_type(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    def write(client: Client) -> None:
+        values = [value_of(text, arguments.type) for text in arguments.values]
+        client.write(arguments.address, values, type=arguments.type, order=arguments.order, count=arguments.count)
+        if arguments.json:
+            print_json({"address": arguments.address, "written": len(values)})
+
+    return carry_out(arguments, write)
+
+
+def value_of(text: str, type_: str | None) -> Value:
+    """A value from its text. Raises RequestError."""
+    from framekit.api.errors import RequestError
+    from framekit.definition.load.scalars import parse_number
+
+    if type_ == "string":
+        return text
+    try:
+        if type_ in ("float32", "float64"):
+            return float(text)
+        return parse_number(text)
+    except ValueError:
+        raise RequestError(f"'{text}' is no {type_ or 'number'}") from None

@@ -1,0 +1,74 @@
+"""Which frames of a protocol some bytes are, where nobody knows what to expect. No line and no time is involved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.codec.codec import Codec, Context
+from framekit.codec.errors import FrameError
+from framekit.definition.model.protocol import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A frame that the bytes are; `refusal` is the code a server would refuse it with."""
+
+    frame: str
+    fields: dict[str, Any]
+    refusal: int | None = None
+
+
+def candidates(protocol: Protocol, frame: str | None = None, side: str | None = None) -> list[str]:
+    """The frames to try: one or those of a group, or all that stand on the line and may come from that side.
+
+    Raises KeyError for a frame or group there is not.
+    """
+    if frame is not None:
+        return list(protocol.frames_of(frame))
+    found = [one for one in protocol.frames.values() if not one.inner]
+    if side is not None:
+        found = [one for one in found if one.side in (side, "both")]
+    return [one.name for one in sorted(found, key=lambda one: one.refuse is not None or one.side == "none")]
+
+
+def fitting(
+    codec: Codec, data: bytes, names: list[str], context: Mapping[str, Any] | Context | None = None
+) -> tuple[list[Fit], list[tuple[str, FrameError]]]:
+    """The frames that the bytes are, and why they are not the others. Catch-all frames count only alone."""
+    fits: list[Fit] = []
+    faults: list[tuple[str, FrameError]] = []
+    for name in names:
+        frame = codec.protocol.frames[name]
+        if fits and (frame.refuse is not None or frame.side == "none"):
+            continue
+        try:
+            fits.append(Fit(name, codec.decode(name, data, context), frame.refuse))
+        except FrameError as error:
+            if error.refuse is not None and error.cause != "check":
+                fits.append(Fit(name, error.fields, error.refuse))
+            faults.append((name, error))
+    whole = [fit for fit in fits if fit.refusal is None]
+    known = [fit for fit in whole if not _holds_unknown(fit.fields)]
+    return known or whole or fits, faults
+
+
+def nearest(faults: list[tuple[str, FrameError]]) -> tuple[str, FrameError] | None:
+    """The frame that fits best, and its fault."""
+    return max(faults, key=lambda fault: (fault[1].cause == "check", fault[1].offset), default=None)
+
+
+def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:
+    """Why the bytes are no frame: what the frame that fits best has to say."""
+    if not data:
+        return "there are no bytes to decode"
+    best = nearest(faults)
+    if best is None:
+        return "this protocol has no frames that could be tried"
+    return f"no frame fits; nearest is '{best[0]}': {best[1]}"
+
+
+def _holds_unknown(fields: Mapping[str, Any]) -> bool:
+    """Whether a frame inside is none that the protocol knows."""
+    return any(isinstance(value, dict) and ("unknown" in value or _holds_unknown(value)) for value in fields.values())

@@ -1,0 +1,148 @@
+"""`framekit read`, `write` and `call`: over real pseudo-terminals and TCP, what they print, and their exit status."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from api_world import device_file, device_on, pymodbus_server
+
+from framekit.cli.main import main
+from framekit.memory.memory import DeviceMemory
+from framekit.transport.pty_pair import PtyPair
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    try:
+        status = main(words)
+    except SystemExit as ended:
+        status = int(ended.code or 0)
+    output = capsys.readouterr()
+    assert "Traceback" not in output.out + output.err
+    return status, output.out, output.err
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, DeviceMemory]]:
+    """A pseudo-terminal with our device, station 7, at its other end."""
+    with PtyPair() as pair, device_on(pair.first, tmp_path_factory.mktemp("bench")) as memory:
+        yield pair.second, memory
+
+
+def test_read(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+    line = ("modbus-rtu", "--port", bench[0], "--station", "7")
+    assert call(capsys, "read", *line, "40001", "-n", "3") == (0, "40001  100 200 300\n", "")
+    assert call(capsys, "read", *line, "40003", "00001") == (0, "40003  300\n00001  1\n", "")
+    assert call(capsys, "read", *line, "40001", "40002", "-n", "2") == (0, "40001  100 200\n40002  200 300\n", "")
+    status, out, _ = call(capsys, "read", *line, "40001", "40003", "--json")
+    assert (status, json.loads(out)) == (
+        0, {"station": 7, "addresses": ["40001", "40003"], "type": "word", "values": [100, 300]},
+    )  # fmt: skip
+    status, out, _ = call(capsys, "read", *line, "40001", "--every", "1ms", "--times", "3", "--json")
+    assert (status, [json.loads(text)["values"] for text in out.splitlines()]) == (0, [[100], [100], [100]])
+
+
+def test_write(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+    line = ("modbus-rtu", "--port", bench[0], "--station", "7")
+    assert call(capsys, "write", *line, "40011", "0x10", "-2") == (0, "", "")
+    assert bench[1].read("holding", "word", 10, 2) == [0x10, 0xFFFE]
+    assert call(capsys, "write", *line, "40011", "--type", "float32", "--order", "ABCD", "1.5", "-0.1") == (0, "", "")
+    assert bench[1].read("holding", "word", 10, 2) == [0x3FC0, 0]
+    shown = call(capsys, "read", *line, "40011", "-n", "2", "--type", "float32", "--order", "ABCD")
+    assert shown == (0, "40011  1.5 -0.1\n", "")
+    status, out, _ = call(capsys, "write", *line, "40021", "Hello", "--type", "string", "-n", "8", "--json")
+    assert (status, json.loads(out)) == (0, {"address": "40021", "written": 1})
+    assert call(capsys, "read", *line, "40021", "-n", "8", "--type", "string") == (0, "40021  Hello\n", "")
+
+
+def test_call(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+    line = ("modbus-rtu", "--port", bench[0], "--station", "7")
+    bench[1].write("holding", "word", 30, [0x12])
+    assert call(capsys, "call", *line, "mask_write", "address=30", "and_mask=0xF2", "or_mask=0x25")[0] == 0
+    assert bench[1].read("holding", "word", 30) == [0x12 & 0xF2 | 0x25 & ~0xF2]
+    assert call(capsys, "call", *line, "identify") == (0, "id: 66 6B 01\n", "")
+    status, out, _ = call(capsys, "call", *line, "identify", "--json")
+    assert (status, json.loads(out)) == (0, {"service": "identify", "results": {"id": "66 6B 01"}})
+
+
+def test_the_frames_are_shown(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(capsys, "read", "modbus-rtu", "--port", bench[0], "--station", "7", "40001", "--frames")
+    assert (status, out) == (0, "40001  100\n")
+    assert "→ request_adu            07 03 00 00 00 01" in err and "← reply_adu" in err
+
+
+def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:
+    with pymodbus_server() as port:
+        line = ("modbus-tcp", "--port", port, "--station", "1")
+        assert call(capsys, "read", *line, "40005", "-n", "2") == (0, "40005  1004 1005\n", "")
+        told = "framekit read: the device refused with code 2: illegal data address\n"
+        assert call(capsys, "read", *line, "49000") == (1, "", told)
+        status, out, err = call(capsys, "read", *line, "49000", "--json")
+        assert (status, err) == (1, told)
+        assert json.loads(out) == {
+            "error": "refused", "message": "the device refused with code 2: illegal data address",
+            "code": 2, "meaning": "illegal data address",
+        }  # fmt: skip
+        assert call(capsys, "read", *line, "49000", "40001", "--every", "1ms", "--times", "2")[0] == 1
+
+
+def test_nobody_answers(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("modbus-rtu", "--port", bench[0], "--station", "9", "40001", "--timeout", "20ms", "--retries", "0")
+    told = "framekit read: the device did not answer: nothing came in time\n"
+    assert call(capsys, "read", *words) == (3, "", told)
+    status, out, _ = call(capsys, "read", *words, "--json")
+    assert (status, json.loads(out)["error"]) == (3, "no_reply")
+
+
+@pytest.mark.parametrize(
+    ("port", "message"),
+    [
+        ("/dev/no-such-port", "there is no such device"),
+        ("tcp://127.0.0.1:1", "Connection refused"),
+        ("tcp://no.such.host.invalid:1", "no connection to"),
+    ],
+)
+def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) -> None:
+    status, out, err = call(capsys, "read", "modbus-rtu", "--port", port, "--station", "1", "40001")
+    assert (status, out) == (3, "")
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("read", "40001"), "needs a station"),
+        (("read", "--station", "7", "4x"), "is not an address"),
+        (("read", "--station", "7", "40001", "-n", "0"), "the count is 0"),
+        (("read", "--station", "7", "40001", "--type", "flot32"), "did you mean 'float32'"),
+        (("read", "--station", "7", "40001", "--order", "ABC"), "invalid choice"),
+        (("read", "--station", "7", "40001", "--param", "retries"), "is not NAME=VALUE"),
+        (("read", "--station", "7", "40001", "--param", "retrys=1"), "did you mean 'retries'"),
+        (("read", "--station", "7", "40001", "--timeout", "soon"), "is not a time"),
+        (("read", "--station", "7", "40001", "--every", "soon"), "--every: 'soon' is not a time"),
+        (("read", "--station", "7", "40001", "--speed", "fast"), "invalid int value"),
+        (("read", "--station", "7"), "required: ADDRESS"),
+        (("write", "--station", "7", "40001"), "required: VALUE"),
+        (("write", "--station", "7", "40001", "1.5"), "'1.5' is no number"),
+        (("write", "--station", "7", "40001", "70000"), "does not fit into a word"),
+        (("write", "--station", "7", "40001", "x", "--type", "float32"), "'x' is no float32"),
+        (("call", "--station", "7", "nothing"), "there is no service 'nothing'"),
+        (("call", "--station", "7", "mask_write", "address"), "is not NAME=VALUE"),
+        (("call", "--station", "7", "mask_write", "adress=1"), "did you mean 'address'"),
+    ],
+)
+def test_a_wrong_command_line(
+    bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
+) -> None:
+    status, out, err = call(capsys, words[0], "modbus-rtu", "--port", bench[0], *words[1:])
+    assert (status, out) == (2, "")
+    assert message in err
+
+
+def test_a_wrong_definition(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    status, _, err = call(capsys, "read", "modbus-rtx", "--port", f"sim:{device_file(tmp_path)}", "40001")
+    assert status == 1 and "there is no definition 'modbus-rtx'" in err
+    status, _, err = call(capsys, "read", "mldp", "--port", f"sim:{device_file(tmp_path)}", "--station", "1", "M0")
+    assert status == 1 and "speaks modbus-rtu, this channel mldp" in err
