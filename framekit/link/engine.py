@@ -17,6 +17,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.clock import DEFAULT_START
 from framekit.link.counters import LinkCounters
+from framekit.link.device_state import DeviceState
 from framekit.link.dispatch import Dispatcher
 from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command
@@ -43,7 +44,7 @@ class Engine:
     """One side of a line. `role` None: frames alone are sent and received.
 
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
-    `on_frame` gets good frames that nobody waited for. `monitor` is shown everything; without one that costs nothing.
+    `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for. `monitor` is shown everything; without one that costs nothing.
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
     what cannot be done is reported by outcomes and to the monitor.
     """
@@ -64,12 +65,15 @@ class Engine:
         on_frame: OnFrame | None = None,
         monitor: Monitor | None = None,
         clock_start: datetime = DEFAULT_START,
+        device: DeviceState | None = None,
     ) -> None:
         if line is None and protocol.line.kind == "serial":
             line = parse_format(protocol.line.format, protocol.line.speed)
         self.protocol = protocol
         self.role = role
-        self.scope = Scope(protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start)
+        self.scope = Scope(
+            protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start, device=device
+        )
         self.counters = LinkCounters()
         self._commands: list[Command] = []
         table = FrameTable(protocol, codec)

@@ -14,6 +14,7 @@ from framekit.definition.expression.syntax import Call, Expression, LineTime, na
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.clock import DEFAULT_START, Clock
+from framekit.link.device_state import DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression
 from framekit.link.parameters import ParameterError, check_value, given_value
 from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
@@ -44,9 +45,9 @@ class LineTimes:
 
 
 class Scope(Names):
-    """Names of a protocol's engine. `version` grows whenever a variable or parameter changes."""
+    """Names of a protocol's engine. Engines that play one device share its `device` variables and its clock."""
 
-    __slots__ = ("_cache", "_fits", "_lasting", "clock", "line", "now", "protocol", "version")
+    __slots__ = ("_cache", "_changes", "_fits", "_lasting", "clock", "device", "line", "now", "protocol")
 
     def __init__(
         self,
@@ -58,13 +59,17 @@ class Scope(Names):
         params: Mapping[str, Any] | None = None,
         now: int = 0,
         clock_start: datetime = DEFAULT_START,
+        device: DeviceState | None = None,
     ) -> None:
         """Raises ParameterError for unknown parameters and values that do not fit."""
-        super().__init__(formulas={})
+        self.device = DeviceState() if device is None else device
+        super().__init__(parent=self.device, formulas={})
         self.protocol = protocol
         self.now = now
-        self.version = 0
-        self.clock = Clock(now, clock_start)
+        self._changes = 0
+        if self.device.clock is None:
+            self.device.clock = Clock(now, clock_start)
+        self.clock = self.device.clock
         self.line = LineTimes(line)
         self._cache: dict[str, tuple[int, Any]] = {}
         self._lasting: frozenset[str] = frozenset()
@@ -77,7 +82,24 @@ class Scope(Names):
         self._add_parameters(formulas, params or {})
         self._fits = {name: fit_of(variable.type, variable.values) for name, variable in protocol.state.items()}
         for variable in protocol.state.values():
-            self[variable.name] = self._start_value(variable)
+            if variable.scope != "device":
+                self[variable.name] = self._start_value(variable)
+            elif variable.name not in self.device:
+                self.device[variable.name] = self._start_value(variable)
+
+    @property
+    def version(self) -> int:
+        """Grows whenever a variable or parameter changes."""
+        return self._changes + self.device.changes
+
+    def _put(self, name: str, value: Any) -> None:
+        """A variable becomes `value`, where it is kept."""
+        if name in self.device:
+            self.device[name] = value
+            self.device.changes += 1
+        else:
+            self[name] = value
+            self._changes += 1
 
     # ---- parameters ---------------------------------------------------------------------------------------
 
@@ -139,39 +161,40 @@ class Scope(Names):
         if fit is not None:
             most = self.protocol.state[name].most
             fitted = fit(value)
-            self[name] = fitted[-most:] if most is not None and type(fitted) is list else fitted
+            self._put(name, fitted[-most:] if most is not None and type(fitted) is list else fitted)
         elif name == "clock":
             self.clock.set(value, self.now)
+            self.device.changes += 1
         else:
             parameter = self.protocol.params[name]
             if parameter.is_ is not None:
                 raise ParameterError(name, "it is a formula that nobody sets")
             check_value(parameter, value)
-            self[name] = fit_of(parameter.type)(value)
-        self.version += 1
+            self._put(name, fit_of(parameter.type)(value))
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
         """Sets an entry of a table, an item of a list or a field of a record variable."""
         holder = self[name]
         if isinstance(holder, StateTable):
             holder.put(key, value)
+            self._put(name, holder)
         else:
             changed = holder.copy()
             changed[key] = value
-            self[name] = changed
-        self.version += 1
+            self._put(name, changed)
 
     def drop_entry(self, name: str, key: Any) -> None:
         """Takes an entry out of a table. Raises KeyError if it has none."""
-        del self[name][key]
-        self.version += 1
+        holder = self[name]
+        del holder[key]
+        self._put(name, holder)
 
     def reset_session(self) -> None:
         """Session variables return to their start values."""
         for variable in self.protocol.state.values():
             if variable.scope == "session":
                 self[variable.name] = self._start_value(variable)
-        self.version += 1
+        self._changes += 1
 
     def published(self) -> dict[str, Any]:
         """Variables that are shown as status."""

@@ -146,8 +146,7 @@ class Work:
         holder = scope[table]
         for key, entry in list(holder.items()):
             if when(Names({"key": key, "entry": entry}, names)):
-                del holder[key]
-        scope.version += 1
+                scope.drop_entry(table, key)
 
     def _do_read(self, names: Names) -> list[bytes] | None:
         if self._read_spans is not None:
