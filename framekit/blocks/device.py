@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from framekit.blocks.device_settings import DeviceSettings
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import ProtocolAddresses, addresses_of
@@ -15,13 +16,15 @@ from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import Call, Text, walk
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
 from framekit.definition.load.documents import Documents
+from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.visit import expressions_of, parts_of
-from framekit.definition.nodes import Entry, Node, Scalar
+from framekit.definition.nodes import Entry, Node, Scalar, read_nodes
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError, Problem, did_you_mean
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.schema import kind_of
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.area import Area
 from framekit.memory.load import load_profile, load_profile_node
@@ -52,6 +55,15 @@ class Device:
     mapping: Mapping[str, tuple[str, int]]
     initial: tuple[tuple[Place, tuple[int, ...]], ...]
 
+    def areas_without_memory(self) -> list[str]:
+        """Areas of the protocol that its memory does not have: every request for them is refused."""
+        known = {name for area in self.areas for name in (area.name, *area.aliases)}
+        return [
+            area.name
+            for area in self.protocol.areas.values()
+            if area.layout is None and area.name not in self.mapping and area.memory not in known
+        ]
+
     def create_memory(self) -> DeviceMemory:
         """A memory of its own with the start values in it."""
         memory = DeviceMemory(
@@ -69,18 +81,46 @@ def put_values(memory: DeviceMemory, initial: tuple[tuple[Place, tuple[int, ...]
 
 
 def load_device(name: str | Path, folder: Path) -> Device:
-    """The device in a file. Raises DefinitionError with everything that is wrong."""
+    """The device in a file, the first one where it has several stations. Raises DefinitionError."""
+    return load_devices(name, folder)[0]
+
+
+def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None = None) -> tuple[Device, ...]:
+    """The device in a file, or one that simply serves a protocol's memory; once for every station that it has.
+
+    `settings` go before what the file says. Raises DefinitionError with everything that is wrong.
+    """
     reader = Reader()
     documents = Documents(reader)
-    device = None
+    devices: tuple[Device, ...] = ()
     with suppress(Broken):
-        definition = load_device_definition(reader, documents, name, folder)
-        reader.problems.extend(check_protocol(definition.protocol, definition.broken))
-        device = _DeviceLoader(reader, definition).load()
+        definition = _definition(reader, documents, name, folder)
+        if settings is not None:
+            definition = replace(definition, root=settings.on(definition.root))
+        devices = _DeviceLoader(reader, definition).load()
     problems = documents.first_words(reader.problems)
-    if device is None or any(not problem.warning for problem in problems):
+    if not devices or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
-    return device
+    return devices
+
+
+def _definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
+    """Raises Broken and DefinitionError."""
+    path = definition_path(name, folder)
+    kind = kind_of(read_nodes(path))
+    if kind == "protocol":
+        protocol = load_protocol(path)
+        at = Position(str(name), 1, 1)
+        if protocol.kind == "application":
+            what = f"'{protocol.name}' has no line of its own"
+            raise DefinitionError([Problem(at, what, "name a protocol that carries it")])
+        return DeviceDefinition(protocol.name, protocol, MappingNode((), at), folder / "device", frozenset())
+    if kind != "device":
+        what = f"this is a {kind} file"
+        raise DefinitionError([Problem(Position(str(name), 1, 1), what, "name a protocol or a device file")])
+    definition = load_device_definition(reader, documents, path, folder)
+    reader.problems.extend(check_protocol(definition.protocol, definition.broken))
+    return definition
 
 
 class _DeviceLoader:
@@ -90,13 +130,12 @@ class _DeviceLoader:
         self.protocol = definition.protocol
         self.root = definition.root
 
-    def load(self) -> Device:
-        """The device. Raises Broken when its memory is none; everything else is looked at before that."""
-        reader, own, role, station = self.reader, self.root.get("station"), None, None
+    def load(self) -> tuple[Device, ...]:
+        """The devices. Raises Broken when their memory is none; everything else is looked at before that."""
+        reader, role = self.reader, None
         with reader.going_on():
             role = self._role()
-        with reader.going_on():
-            station = None if own is None else read_station(reader, own, self.protocol)
+        stations = self._stations()
         settings = [
             entry for entry in reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
         ]
@@ -109,11 +148,11 @@ class _DeviceLoader:
         reader.problems.extend(check_places(self.protocol, grammar))
         node = self.root.get("memory")
         mapped = node.get("map") if isinstance(node, MappingNode) else None
-        return Device(
+        device = Device(
             name=self.definition.name,
             protocol=self.protocol,
             role=role,
-            own=station,
+            own=None,
             params=params,
             areas=areas,
             grammar=grammar,
@@ -121,6 +160,20 @@ class _DeviceLoader:
             mapping=read_mapping(reader, mapped, self.protocol, grammar),
             initial=self._initial(grammar),
         )
+        if len(stations) < 2:
+            return (replace(device, own=stations[0] if stations else None),)
+        return tuple(replace(device, name=f"{device.name} {own}", own=own) for own in stations)
+
+    def _stations(self) -> list[Any]:
+        """The device's stations; what is wrong with one is noted."""
+        found: list[Any] = []
+        for node in self.reader.items(self.root.get("station")):
+            with self.reader.going_on():
+                station = read_station(self.reader, node, self.protocol)
+                if station in found:
+                    raise self.reader.broken(node.at, f"station {station} stands here twice", "leave one out")
+                found.append(station)
+        return found
 
     def _role(self) -> str | None:
         roles, node = self.protocol.roles, self.root.get("role")

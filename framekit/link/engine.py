@@ -44,7 +44,8 @@ class Engine:
     """One side of a line. `role` None: frames alone are sent and received.
 
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
-    `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for. `monitor` is shown everything; without one that costs nothing.
+    `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for.
+    `monitor` is shown everything; without one that costs nothing.
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
     what cannot be done is reported by outcomes and to the monitor.
     """

@@ -1,45 +1,42 @@
-"""Simulated devices: an engine in its serving role, with a memory of its own, on a port."""
+"""Simulated devices: an engine in its serving role, with a memory of its own, on a port.
+
+What a device keeps lies in a store, so that it can serve several connections at once.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from framekit.blocks.device import Device
 from framekit.codec.codec import compile_protocol
 from framekit.definition.times import LineFormat
+from framekit.link.device_state import DeviceState
 from framekit.link.engine import Engine
 from framekit.link.observe import Monitor
 from framekit.link.serving import MemoryServer
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
+from framekit.service.service_counters import CountingServer, ServiceCounters
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 
-class DeviceService:
-    """A device at work. Its memory can be read and written from outside at any time."""
+class DeviceStore:
+    """What a device keeps, whoever talks to it: memory, variables, clock, counters."""
 
-    def __init__(
-        self, device: Device, port: Port, clock: Clock, line: LineFormat | None, monitor: Monitor | None = None
-    ) -> None:
+    def __init__(self, device: Device, clock: Clock) -> None:
         self.device = device
-        self.memory = device.create_memory()
         self.clock = clock
+        self.memory = device.create_memory()
+        self.state = DeviceState()
+        self.counters = ServiceCounters()
         self.system = self._system_bits()
         codec = compile_protocol(device.protocol)
-        self.server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
-        self.engine = Engine(
-            device.protocol,
-            codec,
-            device.role,
-            params=device.params,
-            line=line,
-            own=device.own,
-            server=RefreshedServer(self.server, self.refresh),
-            memory=AddressedMemory(self.memory, device.grammar, self.refresh),
-            now=clock.now(),
-            monitor=monitor,
-        )
-        self.driver = Driver(self.engine, port, clock)
+        server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
+        self.server = CountingServer(RefreshedServer(server, self.refresh), self.counters)
+        self.access = AddressedMemory(self.memory, device.grammar, self.refresh)
+        self._begun = False
 
     def _system_bits(self) -> SystemBits | None:
         """The bits that the device's memory sets by itself; nobody waits for them."""
@@ -53,14 +50,55 @@ class DeviceService:
 
         return SystemBits(self.memory, profile, locate, ())
 
+    def begin(self) -> None:
+        """The clock bits begin to run, once."""
+        if self.system is not None and not self._begun:
+            self.system.start(self.clock.now())
+        self._begun = True
+
     def refresh(self) -> None:
         """Brings these bits up to date."""
         if self.system is not None:
             self.system.update(self.clock.now())
 
+
+class DeviceService:
+    """A device at work on one port. Its memory can be read and written from outside at any time.
+
+    `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        port: Port,
+        clock: Clock,
+        line: LineFormat | None,
+        monitor: Monitor | None = None,
+        *,
+        store: DeviceStore | None = None,
+        on_state: Callable[[str], None] | None = None,
+    ) -> None:
+        self.device = device
+        self.store = store = DeviceStore(device, clock) if store is None else store
+        self.memory = store.memory
+        self.engine = Engine(
+            device.protocol,
+            compile_protocol(device.protocol),
+            device.role,
+            params=device.params,
+            line=line,
+            own=device.own,
+            server=store.server,
+            memory=store.access,
+            now=clock.now(),
+            monitor=monitor,
+            device=store.state,
+        )
+        self.driver = Driver(self.engine, port, clock, on_state)
+
     def start(self) -> None:
-        if self.system is not None:
-            self.system.start(self.clock.now())
+        self.store.begin()
         self.driver.start()
 
     def stop(self) -> None:

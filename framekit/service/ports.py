@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from framekit.blocks.device import Device, load_device
+from framekit.blocks.device import Device, load_devices
 from framekit.blocks.model import Channel
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.service.device import DeviceService
@@ -25,12 +25,13 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
     for name in (part.strip() for part in channel.port.removeprefix(SIMULATED).split(",")):
         file = folder / name
         try:
-            device = load_device(file if file.is_file() else name, folder)
+            devices = load_devices(file if file.is_file() else name, folder)
         except DefinitionError as error:
             problems += [_here(problem, name, channel) for problem in error.problems]
             continue
-        problems += _fits(device, found, channel)
-        found.append(device)
+        for device in devices:
+            problems += _fits(device, found, channel)
+            found.append(device)
     if problems:
         raise DefinitionError(problems)
     return found

@@ -1,0 +1,51 @@
+"""Counts what a device has been asked for: services done, and those refused by code.
+
+Which request is which service is not known here.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from framekit.definition.model.protocol import Protocol
+from framekit.link.evaluate import Names
+from framekit.link.exchange import Served, Server
+from framekit.link.values import FrameValue
+
+
+@dataclass(slots=True)
+class ServiceCounters:
+    """`done`: requests carried out; `refused`: how many were refused, by the code they were refused with."""
+
+    done: int = 0
+    refused: Counter[int] = field(default_factory=Counter)
+
+    @property
+    def errors(self) -> int:
+        return self.refused.total()
+
+
+class CountingServer:
+    """A server whose services are counted; requests that are only judged are not."""
+
+    def __init__(self, server: Server, counters: ServiceCounters) -> None:
+        self.server = server
+        self.counters = counters
+
+    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        served = self.server.serve(request, buffer, station, check_only, names)
+        if served.refusal:
+            self.counters.refused[served.refusal] += 1
+        elif not check_only:
+            self.counters.done += 1
+        return served
+
+
+def refusal_text(protocol: Protocol, code: int) -> str:
+    """A refusal with its code in the protocol's way and what that means, where the protocol says it."""
+    names = () if protocol.errors is None else protocol.errors.names
+    tables = (protocol.tables[name].entries for name in names if name in protocol.tables)
+    meaning = next((str(table[code]) for table in tables if code in table), "")
+    return f"refused {code:#06x}" + (f" {meaning}" if meaning else "")
