@@ -13,7 +13,7 @@ from framekit.blocks.given import read_params, read_station
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import ProtocolAddresses, addresses_of
 from framekit.definition.check import check_protocol
-from framekit.definition.expression.syntax import Call, Text, walk
+from framekit.definition.expression.syntax import Call, Text, names_in, walk
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.library import definition_path, load_protocol
@@ -135,7 +135,7 @@ class _DeviceLoader:
         reader, role = self.reader, None
         with reader.going_on():
             role = self._role()
-        stations = self._stations()
+        stations = self._stations() or self._usual_station(role)
         settings = [
             entry for entry in reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
         ]
@@ -174,6 +174,20 @@ class _DeviceLoader:
                     raise self.reader.broken(node.at, f"station {station} stands here twice", "leave one out")
                 found.append(station)
         return found
+
+    def _usual_station(self, role: str | None) -> list[Any]:
+        """The station of a bare protocol's device for which none is given: 1, where it has to have one."""
+        station = self.protocol.station
+        if self.root.get("device") is not None or role is None or station.default is not None:
+            return []
+        lanes = self.protocol.roles[role].lanes
+        sequences = [self.protocol.sequences[name] for lane in lanes for name in (*lane.exchange, lane.listen) if name]
+        if station.type == "none" or not any("own" in names_in(one.root) for one in expressions_of(sequences)):
+            return []
+        if station.type != "number":
+            self.reader.note(self.root.at, f"'{self.protocol.name}' has stations", "say which one this is: --station")
+            return []
+        return [1 if station.limits is None else max(1, station.limits[0])]
 
     def _role(self) -> str | None:
         roles, node = self.protocol.roles, self.root.get("role")

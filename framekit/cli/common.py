@@ -101,6 +101,18 @@ def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> Non
         raise Failure(f"variable '{name}': {error}") from None
 
 
+def duration_of(text: str | None) -> int | None:
+    """The time of `--for` (ns); None where there is none. Raises Failure."""
+    from framekit.definition.times import parse_time
+
+    if text is None:
+        return None
+    try:
+        return parse_time(text)
+    except ValueError as error:
+        raise Failure(f"--for: {error}") from None
+
+
 def hex_bytes(text: str) -> bytes:
     """Bytes from hex digits with any spacing; `-` reads standard input. Raises Failure."""
     if text == "-":

@@ -24,6 +24,7 @@ VERBS = {
     "write": "write values into a device",
     "call": "run another service of a device",
     "run": "carry out a run file",
+    "serve": "answer requests on a port, with memory",
     "completion": "print a shell's completion script",
 }
 

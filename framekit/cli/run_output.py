@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from framekit.cli.common import spaced, table
+from framekit.cli.common import table
 from framekit.cli.load_output import percent, what_of
 from framekit.cli.main import Failure
+from framekit.cli.seen_output import seen_data, seen_text
 from framekit.memory.numbers import unit_bits
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from framekit.service.run import RunService
     from framekit.transport.clock import Clock
 
-LONGEST_SHOWN = 64
 MOST_WORDS = 12
 
 
@@ -74,19 +74,7 @@ class TextOutput(Output):
     """A line for everything seen, and a table at the end."""
 
     def seen(self, channel: int, seen: Seen) -> None:
-        arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
-        what = seen.frame or seen.kind
-        if seen.kind == "bad":
-            what = f"bad {seen.frame}".rstrip() + f" ({seen.reason})"
-        elif seen.kind in ("open", "closed", "trouble", "not_taken"):
-            what = f"{seen.kind.replace('_', ' ')} {seen.reason}".rstrip()
-        data = seen.raw if len(seen.raw) <= LONGEST_SHOWN else seen.raw[:LONGEST_SHOWN]
-        cut = " …" if len(seen.raw) > LONGEST_SHOWN else ""
-        size = f"{len(seen.raw):4d} " if seen.raw else "     "
-        print(
-            f"{self.seconds(seen.at):10.3f}  ch {channel} {arrow} {what:<22}{size}{spaced(data)}{cut}".rstrip(),
-            flush=True,
-        )
+        print(seen_text(seen, self.seconds(seen.at), f"ch {channel}"), flush=True)
 
     def summary(self, service: RunService) -> None:
         rows = [_row(state) for state in service.states.values()]
@@ -113,20 +101,8 @@ class JsonOutput(Output):
         from framekit.codec.plain import PlainValues
 
         plain = PlainValues(self.run.channels[channel].protocol)
-        line: dict[str, Any] = {
-            "event": seen.kind,
-            "time": self.seconds(seen.at),
-            "channel": channel,
-            "direction": seen.direction,
-            "frame": seen.frame,
-            "bytes": spaced(seen.raw),
-            "fields": plain.to_plain(seen.frame, seen.fields),
-            "reason": seen.reason,
-        }
-        print(
-            json.dumps({key: value for key, value in line.items() if value not in ("", {})}, ensure_ascii=False),
-            flush=True,
-        )
+        line = seen_data(seen, self.seconds(seen.at), plain, channel=channel)
+        print(json.dumps(line, ensure_ascii=False), flush=True)
 
     def summary(self, service: RunService) -> None:
         for state in service.states.values():

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, told
+from framekit.cli.common import add_json, duration_of, told
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from framekit.cli.run_output import JsonOutput, TextOutput
     from framekit.service.rehearsal import loads_of
 
-    duration = _duration(arguments.duration)
+    duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None:
         raise Failure("--virtual needs --for TIME")
     loaded = load_run(arguments.run)
@@ -50,17 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise Failure(str(error)) from None
     return 0
-
-
-def _duration(text: str | None) -> int | None:
-    from framekit.definition.times import parse_time
-
-    if text is None:
-        return None
-    try:
-        return parse_time(text)
-    except ValueError as error:
-        raise Failure(f"--for: {error}") from None
 
 
 def _virtual(loaded: Run, output: Output, duration: int) -> None:

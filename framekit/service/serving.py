@@ -5,6 +5,7 @@ Each device has one store, however many connections there are. Nothing here prin
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,7 +19,7 @@ from framekit.transport.shared_port import SharedPort
 from framekit.transport.tcp_port import AcceptedPort, TcpListener
 
 ServingMonitor = Callable[[str, int, Seen], None]
-"""Gets everything seen: the port's name, which of its devices saw it, and what it saw."""
+"""Gets everything seen: the port's name, which of the devices saw it, and what it saw."""
 
 MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
@@ -26,6 +27,8 @@ MOST_CONNECTIONS = 256
 
 class Serving:
     """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
+
+    `line_errors` counts bad frames by their cause, and bytes that were no frame.
 
     `on_state(port, state)` is told when a port opens ('open') or why it was closed.
     """
@@ -47,6 +50,7 @@ class Serving:
         self.wrap = wrap or (lambda port: port)
         self.stores = [DeviceStore(device, clock) for device in devices]
         self.stations: dict[Port, list[DeviceService]] = {}
+        self.line_errors: Counter[str] = Counter()
         self.connections = 0
         self.listener: TcpListener | None = None
 
@@ -96,9 +100,25 @@ class Serving:
         for service in services:
             service.start()
 
-    def _watcher(self, port: Port, number: int) -> Callable[[Seen], None] | None:
-        monitor = self.monitor
-        return None if monitor is None else lambda seen: monitor(port.name, number, seen)
+    def _watcher(self, port: Port, number: int) -> Callable[[Seen], None]:
+        store, counts_frames = self.stores[number], not self.stores[number].device.protocol.services
+
+        def watch(seen: Seen) -> None:
+            if number == 0 and seen.kind in ("bad", "noise"):
+                self._count_line_error(seen)
+            elif counts_frames and seen.kind == "frame" and seen.direction == "out":
+                store.counters.done += 1
+            if self.monitor is not None:
+                self.monitor(port.name, number, seen)
+
+        return watch
+
+    def _count_line_error(self, seen: Seen) -> None:
+        """All devices hear the same, so one of them is enough to count what was wrong with it."""
+        if seen.kind == "bad":
+            self.line_errors[f"bad frame: {seen.reason}"] += 1
+        else:
+            self.line_errors["bytes of noise"] += len(seen.raw)
 
     def _end(self, port: Port) -> None:
         """A connection is over: it will not come again, another one may."""
@@ -114,10 +134,7 @@ class Serving:
 
     # ---- status -------------------------------------------------------------------------------------------
 
-    def published(self) -> list[dict[str, Any]]:
-        """The published variables of each device, added up over its connections where each has its own."""
-        return [self._published(number) for number in range(len(self.stores))]
-
-    def _published(self, number: int) -> dict[str, Any]:
-        services = [services[number] for services in self.stations.values()]
-        return services[-1].engine.status() if services else {}
+    def published(self, number: int) -> dict[str, Any]:
+        """The published variables of a device, those of scope line or session as its latest connection has them."""
+        services = next(reversed(self.stations.values()), None)
+        return {} if services is None else services[number].engine.status()

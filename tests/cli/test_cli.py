@@ -204,3 +204,13 @@ def test_completion_scripts(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("shtab")
     status, out, _ = call(capsys, "completion", "bash")
     assert status == 0 and "encode" in out
+
+
+def test_run_as_json_shows_inner_frames(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(EXAMPLES)
+    status, out, _ = call(capsys, "run", "modbus-remote-io.run.yaml", "--virtual", "--for", "300ms", "--json")
+    seen = [json.loads(line) for line in out.splitlines()]
+    frames = [line for line in seen if line["event"] == "frame"]
+    assert status == 0 and not [line for line in seen if line["event"] == "trouble"]
+    assert frames[0]["fields"]["pdu"]["read_inputs"]["address"] == 0
+    assert frames[1]["fields"]["pdu"]["read_inputs_reply"]["values"].startswith("F4")

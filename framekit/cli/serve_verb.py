@@ -1,0 +1,204 @@
+"""`framekit serve PROTOCOL --port PORT`: devices that answer on a port, with memory, until told to stop."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from framekit.cli.common import add_json, duration_of, told
+from framekit.cli.main import Failure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from framekit.blocks.device import Device
+    from framekit.blocks.device_settings import DeviceSettings
+    from framekit.definition.times import LineFormat
+    from framekit.service.serving import Serving
+    from framekit.transport.clock import AsyncioClock
+
+LISTENING = ("tcp", "tcp-listen")
+PSEUDO_TERMINAL = "pty:"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "devices", nargs="+", metavar="PROTOCOL",
+        help="name of a shipped protocol, a YAML file, or a device file; several devices share the line",
+    )  # fmt: skip
+    parser.add_argument(
+        "--port", required=True, metavar="PORT",
+        help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT to listen there, or pty: for a new pseudo-terminal",
+    )  # fmt: skip
+    parser.add_argument(
+        "--station", metavar="N[,N…]", help="own station; several are so many devices, each with its own memory"
+    )
+    parser.add_argument("--memory", metavar="PROFILE", help="memory profile; default: the areas of the protocol")
+    parser.add_argument(
+        "--map", action="append", default=[], metavar="AREA=ADDRESS",
+        help="where an area of the protocol begins in the memory; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="ADDRESS=VALUE[,VALUE…]",
+        help="start value in memory; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="NAME=VALUE", help="parameter of the protocol; may be repeated"
+    )
+    parser.add_argument("--role", help="role it plays; default: the one that answers")
+    parser.add_argument("--speed", type=int, help="line speed in bits a second; default: the protocol's")
+    parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
+    parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
+    parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    duration = duration_of(arguments.duration)
+    devices = _devices(arguments.devices, _settings(arguments))
+    line = _line(arguments, devices[0])
+    with contextlib.suppress(asyncio.CancelledError):
+        asyncio.run(_serve(arguments, devices, line, duration))
+    return 0
+
+
+# ---- what is asked for ------------------------------------------------------------------------------------
+
+
+def _settings(arguments: argparse.Namespace) -> DeviceSettings:
+    from framekit.blocks.device_settings import DeviceSettings
+
+    return DeviceSettings(
+        stations=() if arguments.station is None else tuple(part.strip() for part in arguments.station.split(",")),
+        role=arguments.role,
+        memory=arguments.memory,
+        initial=dict(_assigned(arguments.set, "ADDRESS=VALUE")),
+        params=dict(_assigned(arguments.param, "NAME=VALUE")),
+        mapping=dict(_assigned(arguments.map, "AREA=ADDRESS")),
+    )
+
+
+def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name.strip() and equals and value.strip()):
+            raise Failure(f"'{text}' is not {form}")
+        yield name.strip(), value.strip()
+
+
+def _devices(names: Sequence[str], settings: DeviceSettings) -> list[Device]:
+    """Raises DefinitionError, and Failure for devices that can't share a line."""
+    from framekit.blocks.device import load_devices
+
+    found: list[Device] = []
+    for name in names:
+        for device in load_devices(name, Path.cwd(), settings):
+            if any(device.own is not None and device.own == other.own for other in found):
+                raise Failure(f"two devices have the station {device.own} – give one of them another")
+            if found and not set(device.protocol.sources) & set(found[0].protocol.sources):
+                protocols = f"{found[0].protocol.name} and {device.protocol.name}"
+                raise Failure(f"{protocols} can't share a line – serve them on two ports")
+            found.append(device)
+    if len(found) > 1 and any(device.own is None for device in found):
+        raise Failure("several devices on one line need stations – add station to their files")
+    return found
+
+
+def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
+    from framekit.definition.times import parse_format
+
+    line = device.protocol.line
+    if line.kind == "stream":
+        if arguments.speed is not None or arguments.format is not None:
+            raise Failure(f"{device.protocol.name} runs on connections, which have neither speed nor format")
+        return None
+    try:
+        speed = line.speed if arguments.speed is None else arguments.speed
+        return parse_format(arguments.format or line.format, speed)
+    except ValueError as error:
+        raise Failure(str(error)) from None
+
+
+# ---- serving ----------------------------------------------------------------------------------------------
+
+
+async def _serve(
+    arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None
+) -> None:
+    """Serves until the time is over, or SIGINT or SIGTERM asks to stop. Raises Failure when the port can't be had."""
+    from framekit.cli.serve_output import JsonServeOutput, TextServeOutput
+    from framekit.service.serving import Serving
+    from framekit.transport.clock import AsyncioClock
+
+    loop = asyncio.get_running_loop()
+    clock = AsyncioClock(loop)
+    ended = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
+    output = (JsonServeOutput if arguments.json else TextServeOutput)(devices, clock.now(), ended.set)
+    for device in devices:
+        for text in _warnings(device):
+            output.warning(text)
+    first_state: asyncio.Future[str] = loop.create_future()
+
+    def state(port: str, text: str) -> None:
+        if not first_state.done():
+            first_state.set_result(text)
+
+    serving = Serving(devices, clock, line, None if arguments.quiet else output.seen, on_state=state)
+    with contextlib.ExitStack() as stack:
+        stack.callback(serving.stop)
+        output.ready(await _open(arguments.port, serving, clock, line, first_state, stack))
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
+        output.summary(serving)
+    output.check()
+
+
+async def _open(
+    url: str,
+    serving: Serving,
+    clock: AsyncioClock,
+    line: LineFormat | None,
+    first_state: asyncio.Future[str],
+    stack: contextlib.ExitStack,
+) -> str:
+    """Opens the port, or begins to listen; what to call it. Raises Failure when that can't be done."""
+    from framekit.transport.open_port import host_and_port, open_port
+
+    scheme, _, rest = url.partition("://")
+    try:
+        if rest and scheme.lower() in LISTENING:
+            host, number = host_and_port(rest)
+            number = await serving.listen(host, number)
+            return f"tcp://{f'[{host}]' if ':' in host else host}:{number}"
+        if url == PSEUDO_TERMINAL:
+            from framekit.transport.pty_pair import PtyPair
+
+            pair = stack.enter_context(PtyPair())
+            port, name = open_port(pair.first, line, clock), pair.second
+        else:
+            port = open_port(url, line, clock)
+            name = port.name
+    except OSError as error:
+        raise Failure(f"{url}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise Failure(str(error)) from None
+    serving.serve(port)
+    reached = await first_state
+    if reached != "open":
+        raise Failure(reached if url in reached else f"{url}: {reached}")
+    return port.describes().replace(port.name, name)
+
+
+def _warnings(device: Device) -> list[str]:
+    missing = device.areas_without_memory()
+    found = [told(problem) for problem in device.protocol.warnings]
+    if missing:
+        what = f"the memory has no area for {', '.join(missing)} of {device.protocol.name}"
+        found.append(f"{what}: requests for them are refused – add --map {missing[0]}=ADDRESS")
+    return found

@@ -1,0 +1,172 @@
+"""`framekit serve` as users have it: a process of its own on a pseudo-terminal or on TCP, told to stop by a signal."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from framekit.cli.main import main
+from framekit.transport.pty_pair import PtyPair
+
+LONGEST = 30
+READ_M100 = b"\x0501rSB06%MW10001\x0492"
+M100_IS_1234 = b"\x0601rSB01021234\x03FE"
+
+
+@contextmanager
+def serving(*words: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "framekit", "serve", *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": ""},
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def line_of(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().rstrip("\n")
+
+
+def ended(process: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> str:
+    """Everything that is still printed when the process is told to stop, which it does with status 0."""
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=LONGEST)
+    assert (process.returncode, errors) == (0, "")
+    return output
+
+
+def ask(descriptor: int, request: bytes, size: int) -> bytes:
+    os.write(descriptor, request)
+    reply = b""
+    while len(reply) < size and select.select([descriptor], [], [], LONGEST)[0]:
+        reply += os.read(descriptor, 256)
+    return reply
+
+
+@contextmanager
+def opened(path: str) -> Iterator[int]:
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def test_a_pseudo_terminal_and_sigterm() -> None:
+    words = ("mldp", "--station", "1", "--set", "M100=0x1234", "--param", "answer_delay=1 ms")
+    with PtyPair() as pair, serving(*words, "--port", pair.first) as process:
+        assert line_of(process) == f"ready: mldp station 1 on {pair.first} at 9600 8N1"
+        with opened(pair.second) as descriptor:
+            assert ask(descriptor, READ_M100, len(M100_IS_1234)) == M100_IS_1234
+            assert line_of(process).endswith("← read_continuous         19 " + READ_M100.hex(" ").upper())
+            assert line_of(process).endswith("→ read_continuous_reply   17 " + M100_IS_1234.hex(" ").upper())
+            refused = ask(descriptor, b"\x0501RSS0106%QW100\x04", 11)
+            assert refused == b"\x1501RSS1132\x03"
+            os.write(descriptor, READ_M100[:-1] + b"0")  # a wrong check code: no answer
+            while "bad" not in line_of(process):
+                pass
+        lines = ended(process).splitlines()
+        assert lines[-7:] == [
+            "",
+            "station  services  errors",
+            "1        1         1",
+            "",
+            "where  reason                              count",
+            "1      refused 0x1132 unknown area letter  1",
+            "line   bad frame: check                    1",
+        ]
+
+
+def test_stations_with_a_memory_each() -> None:
+    with serving("mldp", "--station", "1,2", "--port", "pty:", "--json", "--quiet") as process:
+        ready = json.loads(line_of(process))
+        assert (ready["event"], ready["stations"]) == ("ready", [1, 2])
+        with opened(ready["port"].split()[0]) as descriptor:
+            assert ask(descriptor, b"\x0502WSS0106%MW1001234\x04", 7) == b"\x0602WSS\x03"
+            assert ask(descriptor, b"\x0501RSB06%MW10001\x04", 15) == b"\x0601RSB01020000\x03"
+            assert ask(descriptor, b"\x0502RSB06%MW10001\x04", 15) == b"\x0602RSB01021234\x03"
+        told = [json.loads(line) for line in ended(process, signal.SIGINT).splitlines()]
+        assert [(line["station"], line["services"]) for line in told if line["event"] == "station"] == [(1, 1), (2, 2)]
+
+
+def test_a_listener_with_mapped_memory() -> None:
+    places = ("holding=M500", "coil=M300", "input=P20", "input_register=M400")
+    words = [word for place in places for word in ("--map", place)] + ["--set", "M509=4242", "--set", "P0020A=1"]
+    memory = ("modbus-tcp", "--memory", "masterlogic")
+    with serving(*memory, *words, "--port", "tcp-listen://127.0.0.1:0", "--json") as process:
+        port = json.loads(line_of(process))["port"]
+        with socket.create_connection(("127.0.0.1", int(port.rpartition(":")[2])), timeout=LONGEST) as client:
+            client.sendall(bytes.fromhex("000100000006 01 03 0009 0001"))
+            assert client.recv(64) == bytes.fromhex("000100000005 01 03 02 1092"), "register 10 is M509"
+            client.sendall(bytes.fromhex("000200000006 01 02 0000 0010"))
+            assert client.recv(64) == bytes.fromhex("000200000005 01 02 02 0004"), "input 11 is bit A of P20"
+        seen = [json.loads(line_of(process)) for _ in range(5)]
+        assert [line["event"] for line in seen] == ["open", "frame", "frame", "frame", "frame"]
+        assert seen[2]["fields"]["pdu"]["read_holding_reply"]["values"] == "10 92" and seen[2]["station"] == 1
+        told = [json.loads(line) for line in ended(process).splitlines()]
+        assert told[-1]["connections"] == 1
+
+
+def test_a_device_that_answers_frames_by_its_own_sequences() -> None:
+    device = Path(__file__).parents[2] / "examples" / "third-party-plc.device.yaml"
+    with serving(str(device), "--port", "pty:", "--set", "M0=0x4241", "--quiet") as process:
+        with opened(line_of(process).split()[3]) as descriptor:
+            body = b"\x05WR44" + bytes(44) + b"\x04"
+            reply = ask(descriptor, body + b"%02X" % (sum(body) % 256), 32)
+            assert reply[:7] == b"\x02RD24AB"
+        assert ended(process).splitlines()[-1].split() == ["-", "1", "0"]
+
+
+def test_nobody_reads_the_output_any_more() -> None:
+    with serving("mldp", "--port", "pty:") as process:
+        path = line_of(process).split()[5]
+        assert process.stdout is not None
+        process.stdout.close()
+        with opened(path) as descriptor:
+            os.write(descriptor, READ_M100)
+            assert process.wait(timeout=LONGEST) == 1
+        assert process.stderr is not None and "Traceback" not in process.stderr.read()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("mldp", "--port", "/dev/no-such"), "there is no such device"),
+        (("mldp", "--port", "tcp://127.0.0.1:none"), "is not HOST:PORT"),
+        (("mldp", "--port", "tcp://192.0.2.1:4000"), "annot assign"),
+        (("mldp", "--port", "what:"), "is no port"),
+        (("modbus-pdu", "--port", "pty:"), "has no line of its own"),
+        (("masterlogic.memory.yaml", "--port", "pty:"), "there is no"),
+        (("mldp", "--port", "pty:", "--station", "256"), "--station 256: station 256 is not in 0..255"),
+        (("mldp", "--port", "pty:", "--station", "1,1"), "--station 1,1: station 1 stands here twice"),
+        (("mldp", "--port", "pty:", "--set", "Q1=1"), "--set Q1=1: "),
+        (("mldp", "--port", "pty:", "--set", "M1"), "'M1' is not ADDRESS=VALUE"),
+        (("mldp", "--port", "pty:", "--set", "M1=65536"), "does not fit"),
+        (("mldp", "--port", "pty:", "--param", "retires=1"), "--param retires=1: 'mldp' has no parameter 'retires'"),
+        (("mldp", "--port", "pty:", "--memory", "masterlogik"), "there is no memory profile 'masterlogik'"),
+        (("mldp", "--port", "pty:", "--role", "servant"), "--role servant: there is no role 'servant'"),
+        (("mldp", "--port", "pty:", "--format", "9N1"), "'9N1' is not a line format"),
+        (("mldp", "--port", "pty:", "--for", "a while"), "--for: "),
+        (("modbus-tcp", "--port", "tcp://127.0.0.1:0", "--speed", "9600"), "neither speed nor format"),
+        (("modbus-rtu", "--port", "pty:", "--memory", "masterlogic", "--map", "coils=M0"), "has no area 'coils'"),
+        (("mldp", "modbus-rtu", "--port", "pty:"), "two devices have the station 1"),
+    ],
+)
+def test_what_cannot_be_served(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:
+    assert main(("serve", *words)) == 1
+    output = capsys.readouterr()
+    assert message in output.err and "Traceback" not in output.err and not output.out
