@@ -43,7 +43,7 @@ def test_messages_and_exit_status(
     path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked = check_verb.check_file(str(path))
-    assert as_written(path, checked[1]) == expected(path)
+    assert as_written(path, checked.problems) == expected(path)
     monkeypatch.setattr(check_verb, "check_file", lambda name: checked)  # the command line shows what was just found
     wrong = [line for line in expected(path) if ": warning: " not in line]
     assert main(["check", str(path)]) == (1 if wrong else 0)

@@ -48,7 +48,7 @@ def test_only_problems_come_out(source: Path, tmp_path: Path) -> None:
         choose = random.Random(f"{source.name} {number}")
         path = tmp_path / source.name
         path.write_text(dumped(mutated(tree, choose)), encoding="utf-8")
-        _, problems = check_file(str(path))
+        problems = check_file(str(path)).problems
         assert all(problem.what and problem.at.line > 0 for problem in problems)
         wrong += any(not problem.warning for problem in problems)
     assert wrong > EACH // 3, "most changes break something"
