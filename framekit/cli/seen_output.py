@@ -30,8 +30,6 @@ def seen_text(seen: Seen, seconds: float, where: str) -> str:
 
 def seen_data(seen: Seen, seconds: float, plain: PlainValues, **where: Any) -> dict[str, Any]:
     """The same with the frame's fields, and without what is empty."""
-    from framekit.link.values import plain as as_codecs_have_it
-
     line = {
         "event": seen.kind,
         "time": seconds,
@@ -39,7 +37,7 @@ def seen_data(seen: Seen, seconds: float, plain: PlainValues, **where: Any) -> d
         "direction": seen.direction,
         "frame": seen.frame,
         "bytes": spaced(seen.raw),
-        "fields": plain.to_plain(seen.frame, as_codecs_have_it(seen.fields)),
+        "fields": plain.to_plain(seen.frame, seen.fields),
         "reason": seen.reason,
     }
     return {key: value for key, value in line.items() if value not in ("", {})}

@@ -194,7 +194,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(capsys, "--version")[1] == f"framekit {__version__}\n"
 
 
-@pytest.mark.parametrize("verb", ["check", "encode", "decode", "frames", "generate", "test", "run", "completion"])
+@pytest.mark.parametrize("verb", ["check", "encode", "decode", "frames", "generate", "test", "run", "serve", "completion"])
 def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> None:
     status, out, _ = call(capsys, verb, "--help")
     assert status == 0 and "usage: framekit" in out
@@ -204,13 +204,3 @@ def test_completion_scripts(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("shtab")
     status, out, _ = call(capsys, "completion", "bash")
     assert status == 0 and "encode" in out
-
-
-def test_run_as_json_shows_inner_frames(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(EXAMPLES)
-    status, out, _ = call(capsys, "run", "modbus-remote-io.run.yaml", "--virtual", "--for", "300ms", "--json")
-    seen = [json.loads(line) for line in out.splitlines()]
-    frames = [line for line in seen if line["event"] == "frame"]
-    assert status == 0 and not [line for line in seen if line["event"] == "trouble"]
-    assert frames[0]["fields"]["pdu"]["read_inputs"]["address"] == 0
-    assert frames[1]["fields"]["pdu"]["read_inputs_reply"]["values"].startswith("F4")
