@@ -17,6 +17,7 @@ from small_protocol import small_protocol
 import framekit
 from framekit.codec import errors
 from framekit.codec.codec import compile_protocol, generate_source
+from framekit.codec.python.source import broken
 from framekit.definition.load import load_protocol
 from framekit.definition.model.frames import Layout
 from framekit.definition.shipped import shipped_folder
@@ -185,3 +186,16 @@ def test_layouts_are_codecs_of_their_own() -> None:
     assert codec.encode_layout("pair", {"x": 1, "d": b"ab"}) == b"\x01ab"
     assert codec.decode_layout("pair", b"\x01ab") == {"x": 1, "d": b"ab"}
     assert "hanging" not in codec.layouts, "its check covers what is not in it"
+
+
+@pytest.mark.parametrize("word", ["and", "or"])
+@pytest.mark.parametrize("first", ["alpha", "(alpha)"])
+def test_long_conditions_are_broken_where_python_allows_it(first: str, word: str) -> None:
+    names = ["alpha", *(f"a_rather_long_name_{number}" for number in range(8))]
+    condition = f" {word} ".join([first, *names[1:]])
+    source = "\n".join([*broken(f"if {condition}:"), "    result = 1"])
+    expected = all if word == "and" else any
+    for values in ([1] * 9, [0] * 9, [1] * 8 + [0], [0] * 8 + [1]):
+        scope: dict[str, int] = dict(zip(names, values, strict=True)) | {"result": 0}
+        exec(source, scope)
+        assert scope["result"] == int(expected(values))

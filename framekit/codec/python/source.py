@@ -50,13 +50,14 @@ def broken(line: str) -> list[str]:
     """The line as it is, or with the contents of its last outermost brackets on lines of their own."""
     if len(line) <= WIDTH:
         return [line]
-    if (start := re.match(r"(\s*)(if|elif|while) (.*):$", line)) and not start[3].startswith("("):
-        parts = _split(start[3], " or ")
-        if len(parts) > 1:
-            inner = [f"{start[1]}{INDENT}{'' if not place else 'or '}{part}" for place, part in enumerate(parts)]
+    if (start := re.match(r"(\s*)(if|elif|while) (.*):$", line)) is not None:
+        word = _weakest(start[3])
+        if word is not None:
+            first, *others = _split(start[3], word)
+            inner = [f"{start[1]}{INDENT}{first}", *(f"{start[1]}{INDENT}{word.strip()} {part}" for part in others)]
             return [f"{start[1]}{start[2]} (", *inner, f"{start[1]}):"]
-    if (logic := re.match(r"(\s*)((?:lambda n: |return |\w+ = )?)(.*?)(,?)$", line)) is not None:
-        word = next((word for word in (" or ", " and ") if len(_split(logic[3], word)) > 1), None)
+    elif (logic := re.match(r"(\s*)((?:lambda n: |return |\w+ = )?)(.*?)(,?)$", line)) is not None:
+        word = _weakest(logic[3])
         if word is not None:
             first, *others = _split(logic[3], word)
             inner = [f"{logic[1]}{INDENT}{first}", *(f"{logic[1]}{INDENT}{word.strip()} {part}" for part in others)]
@@ -79,6 +80,11 @@ def broken(line: str) -> list[str]:
     else:
         inner = [row for item in items for row in broken(f"{indent}{INDENT}{item}{',' if is_tuple else ''}")]
     return [line[: opening + 1], *inner, indent + line[closing:]]
+
+
+def _weakest(text: str) -> str | None:
+    """The weakest operator between conditions that stands in no brackets; None when there is none."""
+    return next((word for word in (" or ", " and ") if len(_split(text, word)) > 1), None)
 
 
 def _packed(items: list[str], indent: str) -> list[str]:
