@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import Counter
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import table
@@ -32,7 +31,6 @@ class Output:
         self.run = run
         self.loads = loads
         self.began = 0
-        self.bytes: Counter[int] = Counter()
 
     def service(self, run: Run, clock: Clock) -> RunService:
         """Raises DefinitionError for a wrong device, Failure for a port of no known kind."""
@@ -41,21 +39,11 @@ class Output:
 
         self.began = clock.now()
         try:
-            return RunService(run, clock, self._seen)
+            return RunService(run, clock, self.seen)
         except DefinitionError:
             raise
         except ValueError as error:
             raise Failure(str(error)) from None
-
-    def _seen(self, channel: int, seen: Seen) -> None:
-        if seen.kind in ("frame", "bad", "noise"):
-            self.bytes[channel] += len(seen.raw)
-        self.seen(channel, seen)
-
-    def measured(self, load: ChannelLoad, elapsed: int) -> float | None:
-        """The part of the time so far that a channel's line carried bytes; None where there is no line speed."""
-        line = load.channel.line
-        return None if line is None else self.bytes[load.channel.number] * line.character_time / max(1, elapsed)
 
     def seconds(self, time: int) -> float:
         return (time - self.began) / 1e9
@@ -80,18 +68,12 @@ class TextOutput(Output):
         rows = [_row(state) for state in service.states.values()]
         print()
         print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
-        loads = [row for load in self.loads if (row := self._load_row(load, service.clock.now() - self.began))]
+        loads = [row for load in self.loads if (row := _load_row(load, service))]
         if loads:
             print("\n" + table(loads, ("channel", "settings", "line load expected", "measured")))
         stored = [line for state in service.states.values() for line in _stored(service, state)]
         if stored:
             print("\n" + table(stored, ("memory", "words")))
-
-    def _load_row(self, load: ChannelLoad, elapsed: int) -> tuple[str, ...] | None:
-        measured = self.measured(load, elapsed)
-        if measured is None or load.line is None:
-            return None
-        return str(load.channel.number), str(load.channel.line), percent(load.line), percent(measured)
 
 
 class JsonOutput(Output):
@@ -121,9 +103,8 @@ class JsonOutput(Output):
                 "last": state.last_outcome,
             }
             print(json.dumps(line, ensure_ascii=False), flush=True)
-        elapsed = service.clock.now() - self.began
         for load in self.loads:
-            measured = self.measured(load, elapsed)
+            measured = measured_load(load, service)
             line = {
                 "event": "channel",
                 "channel": load.channel.number,
@@ -165,3 +146,15 @@ def _row(state: BlockState) -> tuple[str, ...]:
     block, counters = state.block, state.counters
     numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
     return (str(block.number), what_of(block), *map(str, numbers), state.last_outcome or "-")
+
+
+def measured_load(load: ChannelLoad, service: RunService) -> float | None:
+    """The part of the time so far that a channel's line carried bytes; None where there is no line speed."""
+    return service.channels[load.channel.number].driver.load.share(service.clock.now())
+
+
+def _load_row(load: ChannelLoad, service: RunService) -> tuple[str, ...] | None:
+    measured = measured_load(load, service)
+    if measured is None or load.line is None:
+        return None
+    return str(load.channel.number), str(load.channel.line), percent(load.line), percent(measured)

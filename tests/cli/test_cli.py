@@ -194,7 +194,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(capsys, "--version")[1] == f"framekit {__version__}\n"
 
 
-@pytest.mark.parametrize("verb", ["check", "encode", "decode", "frames", "generate", "test", "run", "serve", "completion"])
+@pytest.mark.parametrize(
+    "verb", ["check", "encode", "decode", "frames", "generate", "test", "run", "serve", "completion"]
+)
 def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> None:
     status, out, _ = call(capsys, verb, "--help")
     assert status == 0 and "usage: framekit" in out
