@@ -11,6 +11,9 @@ from types import MappingProxyType
 
 from framekit.blocks.error_codes import ErrorCode, error_code, status_word
 
+EXPLAINED = ("cannot_store", "cannot_send", "bad_setting")
+"""Outcomes that say little without their cause."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
@@ -25,6 +28,12 @@ class Failure:
     device_code: int | None = None
     meaning: str = ""
     at: int = 0
+
+    def __str__(self) -> str:
+        """In words: the outcome, the device's code with its meaning, the cause where the outcome says too little."""
+        if self.device_code is not None:
+            return f"{self.outcome} {self.device_code}" + (f": {self.meaning}" if self.meaning else "")
+        return f"{self.outcome}: {self.cause}" if self.cause and self.outcome in EXPLAINED else self.outcome
 
     @property
     def error(self) -> int:

@@ -72,7 +72,7 @@ class _Play:
             self.now = now = max(self.now, due)
             if self.running is not None and self.ends_at <= now:
                 number, self.running, self.ends_at = self.running, None, NEVER
-                scheduler.finished(number, True, "", now)
+                scheduler.finished(number, None, now)
             scheduler.tick(now)
         if self.started < most:
             self.now = end

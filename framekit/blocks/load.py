@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from framekit.blocks.block_settings import check_items
 from framekit.blocks.device import read_mapping, start_value, without
 from framekit.blocks.later import note_later
 from framekit.blocks.load_block import BlockLoader
@@ -61,6 +62,7 @@ class RunLoader:
                     self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
                 channels[channel.number] = channel
         profile = self._profile()
+        self.reader.problems.extend(check_items(profile.flags.values()))
         grammar = addresses_of(profile)
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
@@ -73,6 +75,7 @@ class RunLoader:
             channels=channels,
             blocks=self._blocks(blocks),
             folder=str(self.path.parent),
+            status=self.reader.flag(self.root.get("status"), default=True),
             warnings=tuple(self._warnings()),
             at=self.root.at,
         )

@@ -140,7 +140,10 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """A whole run: what `framekit run` carries out."""
+    """A whole run: what `framekit run` carries out.
+
+    `status`: whether blocks have their words in memory, where the memory profile has places for them.
+    """
 
     name: str
     about: str
@@ -149,5 +152,6 @@ class Run:
     channels: Mapping[int, Channel]
     blocks: tuple[Block, ...]
     folder: str
+    status: bool = True
     warnings: tuple[Problem, ...]
     at: Position

@@ -10,7 +10,9 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
+from framekit.blocks.block_status import Failure
 from framekit.blocks.conditions import Resolve
 from framekit.blocks.counters import Counters
 from framekit.blocks.model import After, Block, BlockEnd, Every
@@ -34,8 +36,9 @@ class BlockState:
         self.starts_left = block.repeat
         self.memory_triggers: MemoryTriggers | None = None
         self.started_at = 0
+        self.last_failure: Failure | None = None
         self.last_outcome = ""
-        self.last_end = 0
+        self.last_end: int | None = None
 
     @property
     def running(self) -> bool:
@@ -57,7 +60,8 @@ class Scheduler:
     """Makes blocks due and starts them, channel by channel.
 
     `start(state, now)` begins the exchange of a block; its end is told by `finished`. `wake()` asks the owner to call
-    `tick` soon: something came due between two ticks.
+    `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
+    been counted and before anything that waits for it comes due.
     """
 
     def __init__(
@@ -68,12 +72,14 @@ class Scheduler:
         pauses: dict[int, int],
         start: Callable[[BlockState, int], None],
         wake: Callable[[], None],
+        ended: Callable[[BlockState, bool, int], None] = lambda state, ok, now: None,
     ) -> None:
         self.states = {block.number: BlockState(block) for block in blocks}
         self.memory = memory
         self.resolve = resolve
         self._start = start
         self._wake = wake
+        self._tell_ended = ended
         self._lanes = {channel: _Lane(pause) for channel, pause in pauses.items()}
         self._timers: list[tuple[int, int, Cycle | None, BlockState]] = []
         self._order = itertools.count()
@@ -195,15 +201,18 @@ class Scheduler:
         state.counters.started += 1
         self._start(state, now)
 
-    def finished(self, number: int, ok: bool, outcome: str, now: int) -> None:
-        """An exchange has ended; blocks that wait for this come due. Telling it twice changes nothing."""
+    def finished(self, number: int, failure: Failure | None, now: int) -> None:
+        """An exchange has ended, well if `failure` is None; blocks that wait for this come due.
+
+        Telling it twice changes nothing.
+        """
         state = self.states[number]
         if not state.running:
             return
         lane = self._lanes[state.block.channel]
         lane.busy = False
         lane.free_from = now + max(lane.pause, LEAST_TIME if now == state.started_at else 0)
-        self._ended(state, ok, outcome, now)
+        self._ended(state, failure, now)
         if state.memory_triggers is not None and state.memory_triggers.level_holds():
             self._timer(now + LEAST_TIME, None, state)
         self._wake()
@@ -212,20 +221,24 @@ class Scheduler:
         """Whether a RECEIVE block takes its frame now. Raises KeyError for a number there is not."""
         return self._may_start(self.states[number])
 
-    def arrived(self, number: int, ok: bool, outcome: str, now: int) -> None:
+    def arrived(self, number: int, failure: Failure | None, now: int) -> None:
         """A frame of a RECEIVE block has come: it counts as one exchange, started and ended."""
         state = self.states[number]
         if state.starts_left:
             state.starts_left -= 1
         state.counters.started += 1
-        self._ended(state, ok, outcome, now)
+        self._ended(state, failure, now)
         self._wake()
 
-    def _ended(self, state: BlockState, ok: bool, outcome: str, now: int) -> None:
-        if ok:
+    def _ended(self, state: BlockState, failure: Failure | None, now: int) -> None:
+        ok = failure is None
+        if failure is None:
             state.counters.done += 1
+            state.last_outcome = ""
         else:
             state.counters.failed += 1
-        state.last_outcome = outcome
+            state.last_failure = replace(failure, at=now)
+            state.last_outcome = str(failure)
         state.last_end = now
+        self._tell_ended(state, ok, now)
         self._fired.extend(self._after.get((state.block.number, ok), ()))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any
 
+from framekit.blocks.block_status import Failure
 from framekit.blocks.fields import FramePart, fixed_bytes, from_memory, parts_of, takes_bytes, to_memory
 from framekit.blocks.model import Block
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
@@ -25,8 +26,8 @@ from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.numbers import unit_bits
 
-Ended = Callable[[bool, str], None]
-"""Told once how a block's exchange ended: well or not, and the outcome in words ('' when all is well)."""
+Ended = Callable[[Failure | None], None]
+"""Told once how a block's exchange ended; None when all is well."""
 
 
 class BlockTransfers:
@@ -52,14 +53,14 @@ class BlockTransfers:
         """The connection is gone: frames that have not left yet never will."""
         sending, self._sending = self._sending, []
         for ended in sending:
-            ended(False, reason)
+            ended(Failure(outcome="closed", cause=reason))
 
     def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
         """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
         try:
             return self._start(block, now, ended)
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            ended(False, str(error))
+            ended(Failure(outcome="cannot_send", cause=str(error)))
             return []
 
     def _start(self, block: Block, now: int, ended: Ended) -> list[Command]:
@@ -116,9 +117,9 @@ class BlockTransfers:
                 try:
                     store_pieces(self.memory, self.pieces_of(block, result.data))
                 except (DeviceMemoryError, ValueError) as error:
-                    ended(False, str(error))
+                    ended(Failure(outcome="cannot_store", cause=str(error)))
                     return
-            ended(result.ok, told(result))
+            ended(failure_of(result))
 
         return done
 
@@ -140,7 +141,7 @@ class BlockTransfers:
         def sent() -> None:
             if ended in self._sending:
                 self._sending.remove(ended)
-                ended(True, "")
+                ended(None)
 
         commands = self.engine.send_frame(block.frame, now, self.fields_of(block), sent)
         self._sending.append(ended)
@@ -178,8 +179,9 @@ class BlockTransfers:
         store_pieces(self.memory, pieces)
 
 
-def told(result: TransferResult) -> str:
-    """The outcome in words: a device's refusal with its code and what that means."""
-    if result.ok or result.code is None:
-        return result.outcome
-    return f"{result.outcome} {result.code}" + (f": {result.meaning}" if result.meaning else "")
+def failure_of(result: TransferResult) -> Failure | None:
+    """What went wrong with a transfer; None when it went well."""
+    if result.ok:
+        return None
+    outcome = result.outcome or "failed"
+    return Failure(outcome=outcome, cause=result.cause, device_code=result.code, meaning=result.meaning)

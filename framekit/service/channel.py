@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Protocol
 
+from framekit.blocks.block_status import Failure
 from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
 from framekit.codec.codec import Codec, compile_protocol
@@ -28,11 +29,11 @@ class ChannelOwner(Protocol):
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started now."""
 
-    def takes(self, block: int) -> bool:
-        """Whether a RECEIVE block takes its frame now."""
+    def takes(self, block: int) -> Block | None:
+        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
 
-    def arrived(self, block: int, ok: bool, outcome: str) -> None:
-        """The frame of a RECEIVE block came; whether it was stored, and why not."""
+    def arrived(self, block: int, failure: Failure | None) -> None:
+        """The frame of a RECEIVE block came; None if it was stored, else why not."""
 
 
 class ChannelService:
@@ -108,11 +109,12 @@ class ChannelService:
     def _frame(self, frame: FrameValue) -> None:
         """A frame nobody waited for: the RECEIVE blocks that name it take it."""
         for block in self.receiving.get(frame.frame, ()):
-            if not self.owner.takes(block.number):
+            taking = self.owner.takes(block.number)
+            if taking is None:
                 continue
             try:
-                self.transfers.store_frame(block, frame)
+                self.transfers.store_frame(taking, frame)
             except (DeviceMemoryError, ValueError) as error:
-                self.owner.arrived(block.number, False, str(error))
+                self.owner.arrived(block.number, Failure(outcome="cannot_store", cause=str(error)))
             else:
-                self.owner.arrived(block.number, True, "")
+                self.owner.arrived(block.number, None)

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+from framekit.blocks.block_status import Failure
 from framekit.blocks.device import SERVING_ROLES, Device, memory_of, put_values
 from framekit.blocks.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
 from framekit.blocks.model import Block, Channel, Run
@@ -135,21 +136,21 @@ class Rehearsal:
 
     def _exchange(self, block: Block) -> Cost:
         """One exchange, from the end of the one before it to its own end."""
-        ended: list[tuple[bool, str]] = []
+        ended: list[Failure | None] = []
         line, clock, counters = self.line, self.clock, self.service.engine.counters
         began, carried, frames = clock.now(), line.bytes_carried, line.transmissions
         heard = counters.received
         self._sent.clear()
-        self.service.start_block(block, lambda ok, outcome: ended.append((ok, outcome)))
+        self.service.start_block(block, ended.append)
         while not ended and clock.now() < began + LONGEST and clock.advance():
             pass
         duration, size, count = clock.now() - began, line.bytes_carried - carried, line.transmissions - frames
-        if ended and (ended[0][0] or counters.received > heard):
-            doubt = "" if ended[0][0] else f"with an empty device it ends with: {ended[0][1]}"
+        if ended and (ended[0] is None or counters.received > heard):
+            doubt = "" if ended[0] is None else f"with an empty device it ends with: {ended[0]}"
             return Cost(duration + self.channel.pause, size, count, doubt)
         size = self._sent[0] if self._sent else 0
         time = 0 if self.channel.line is None else size * self.channel.line.character_time
-        doubt = f"only its request is counted: {ended[0][1] if ended else 'it does not end by itself'}"
+        doubt = f"only its request is counted: {ended[0] if ended else 'it does not end by itself'}"
         return Cost(time + self.channel.pause, size, min(1, len(self._sent)), doubt)
 
 
@@ -163,8 +164,8 @@ class _Nobody:
     def opened(self, channel: int, is_open: bool) -> None:
         return None
 
-    def takes(self, block: int) -> bool:
-        return False
+    def takes(self, block: int) -> Block | None:
+        return None
 
-    def arrived(self, block: int, ok: bool, outcome: str) -> None:
+    def arrived(self, block: int, failure: Failure | None) -> None:
         return None

@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from framekit.blocks.block_memory import BlockMemory, status_of
+from framekit.blocks.block_settings import SettingError
+from framekit.blocks.block_status import BlockStatus, Failure
 from framekit.blocks.conditions import Condition
 from framekit.blocks.device import put_values
-from framekit.blocks.model import Changed, Rising, Run, While
+from framekit.blocks.model import Block, Changed, Rising, Run, While
 from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.scheduler import BlockState, Scheduler
 from framekit.blocks.triggers import bits_of
@@ -35,7 +38,6 @@ class RunService:
         self.run = run
         self.clock = clock
         self.memory = run.memory.create()
-        put_values(self.memory, run.initial)
         self.grammar = addresses_of(run.memory)
         access = AddressedMemory(self.memory, self.grammar, self._refresh)
         self.devices: list[DeviceService] = []
@@ -56,7 +58,13 @@ class RunService:
                 self._watcher(number, monitor),
             )
         pauses = {number: channel.pause for number, channel in run.channels.items()}
-        self.scheduler = Scheduler(run.blocks, self.memory, self.resolve, pauses, self._start_block, self._wake)
+        self.block_memory = BlockMemory(self.memory, run.memory, run.status)
+        self.scheduler = Scheduler(
+            run.blocks, self.memory, self.resolve, pauses, self._start_block, self._wake, self.block_memory.ended
+        )
+        for state in self.scheduler.states.values():
+            self.block_memory.add(state, run.channels[state.block.channel].protocol)
+        put_values(self.memory, run.initial)
         self.system = SystemBits(self.memory, run.memory, self._bit, self._awaited_bits())
         self._timer: Handle | None = None
         self._woken = False
@@ -124,11 +132,16 @@ class RunService:
     def enable(self, number: int, on: bool = True) -> None:
         """Switches a block on or off. Raises KeyError for a number there is not."""
         self.scheduler.enable(number, on, self.clock.now())
+        self.block_memory.changed(self.states[number])
 
     @property
     def states(self) -> dict[int, BlockState]:
         """The blocks at work, with their counters, by number."""
         return self.scheduler.states
+
+    def status(self) -> list[BlockStatus]:
+        """How every block is doing now."""
+        return [status_of(state) for state in self.states.values()]
 
     # ---- blocks -------------------------------------------------------------------------------------------
 
@@ -136,23 +149,35 @@ class RunService:
         number = state.block.number
         self._refresh()
 
-        def ended(ok: bool, outcome: str) -> None:
-            self.scheduler.finished(number, ok, outcome, self.clock.now())
+        def ended(failure: Failure | None) -> None:
+            self.scheduler.finished(number, failure, self.clock.now())
 
-        self.channels[state.block.channel].start_block(state.block, ended)
+        self.block_memory.started(state)
+        try:
+            block = self.block_memory.effective(state.block)
+        except SettingError as error:
+            ended(Failure(outcome="bad_setting", cause=str(error)))
+        else:
+            self.channels[block.channel].start_block(block, ended)
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
         self.scheduler.set_open(channel, is_open)
 
-    def takes(self, block: int) -> bool:
-        """Whether a RECEIVE block takes its frame now."""
+    def takes(self, block: int) -> Block | None:
+        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
         self._refresh()
-        return self.scheduler.takes(block)
+        if not self.scheduler.takes(block):
+            return None
+        try:
+            return self.block_memory.effective(self.states[block].block)
+        except SettingError as error:
+            self.arrived(block, Failure(outcome="bad_setting", cause=str(error)))
+            return None
 
-    def arrived(self, block: int, ok: bool, outcome: str) -> None:
+    def arrived(self, block: int, failure: Failure | None) -> None:
         """The frame of a RECEIVE block came."""
-        self.scheduler.arrived(block, ok, outcome, self.clock.now())
+        self.scheduler.arrived(block, failure, self.clock.now())
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -171,6 +196,7 @@ class RunService:
         try:
             if self.running:
                 self._refresh()
+                self.block_memory.tick(self.clock.now())
                 self.scheduler.tick(self.clock.now())
         finally:
             self._woken = False
@@ -181,7 +207,7 @@ class RunService:
             self._timer.cancel()
             self._timer = None
         now = self.clock.now()
-        due = min(self.scheduler.deadline, self.system.next_change(now))
+        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
         if self.running and due < NEVER:
             self._timer = self.clock.call_at(max(due, now), self._tick)
 

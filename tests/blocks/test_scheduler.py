@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from framekit.blocks.block_status import Failure
 from framekit.blocks.model import After, Block, BlockEnd, Changed, Every, Rising, Trigger, While
 from framekit.blocks.scheduler import BlockState, Scheduler
 from framekit.definition.expression.parse import parse_expression
@@ -59,7 +60,7 @@ class Bench:
             ready = [end for end in self.ends if end[0] <= due]
             self.ends = [end for end in self.ends if end[0] > due]
             for _, number, ok in ready:
-                self.scheduler.finished(number, ok, "" if ok else "no_reply", due)
+                self.scheduler.finished(number, None if ok else Failure(outcome="no_reply"), due)
             self.scheduler.tick(due)
 
     def counters(self, number: int) -> tuple[int, int, int, int]:

@@ -48,8 +48,18 @@ class Day:
         return next(device for device in self.service.devices if device.device.name == name)
 
     def own(self) -> dict[str, int]:
-        """The own memory without the bits that it sets by itself, and without what it shows of blocks."""
-        return words(self.service.memory, "F", "L")
+        """The own memory without the bits that it sets by itself, and without the words of blocks."""
+        return words(self.service.memory, "F", "L", "N")
+
+    def check_status_words(self) -> None:
+        """Area L has the counts of all blocks and nothing else: no pulse is under way, nothing has failed."""
+        memory = self.service.memory
+        expected: dict[str, int] = {}
+        for number, (_, done, failed, _) in self.counts().items():
+            base = 625 + 6 * number
+            expected |= places("L", base + 2, [done & 0xFFFF, done >> 16, failed & 0xFFFF, failed >> 16])
+        shown = [area.name for area in memory if area.name != "L"]
+        assert words(memory, *shown) == expected
 
 
 def words(memory: DeviceMemory, *without: str) -> dict[str, int]:
@@ -76,6 +86,7 @@ def test_example_1_mldp_flags_set_once() -> None:
     sent = {"M200": 201, "M210": 202, "M220": 203}
     own = {"M0": 1, "P10": 1, **sent, **places("P", 100, [1100, 1110, 1120, 1130])}
     assert day.own() == own
+    day.check_status_words()
     held = {"M100": 1100, "M110": 1110, "M120": 1120, "M130": 1130}
     assert words(day.device("mldp-station-2").memory, "F") == held, "a READ changes nothing there"
     assert words(day.device("mldp-station-5").memory, "F") == {"P101": 201, "P102": 202, "P103": 203}
@@ -109,6 +120,7 @@ def test_example_2_mldp_two_channels_set_once() -> None:
     ten = list(range(1, 11))
     own = {"T1": 1, "M10": 4, **places("M", 125, ten), "P100": 2500, "P130": 2600}
     assert day.own() == own
+    day.check_status_words()
     assert words(day.device("mldp-station-7").memory, "F") == {"M250": 2500, "M260": 2600}
     written = {"M100": 1100, "M110": 1110, "M120": 1120, "M130": 1130, **places("P", 200, ten)}
     assert words(day.device("mldp-station-2").memory, "F") == written, "the WRITE puts ten words from P200 on there"
@@ -154,6 +166,7 @@ def check_remote_io(seconds: int) -> None:
     assert day.counts() == {1: (polls, polls, 0, 0), **others}
     read = {"M10": 0x00F4, "M11": 0xA55A, "M20": 0x1234, "M30": 0x0F0F, "M31": 0x8001}
     assert day.own() == {"P4": 0x1E, "P16": 16, "P17": 17, **read}
+    day.check_status_words()
     held = [words(day.device(f"remote-io-{number}").memory) for number in range(1, 7)]
     assert held == [
         {"input0": 0x00F4, "input1": 0xA55A},
@@ -175,6 +188,7 @@ def test_example_4_third_party_plc() -> None:
     assert day.counts() == dict.fromkeys(range(3), (DAY, DAY, 0, 0))
     ours, theirs = [0x1111, 0x2222, 0x3333, 0x4444], list(range(1, 13))
     assert day.own() == {**places("M", 0, ours), **places("M", 100, theirs)}
+    day.check_status_words()
     device = day.device("third-party-plc")
     assert words(device.memory) == {**places("M", 0, theirs), **places("M", 100, ours)}
     assert (device.engine.scope["good"], device.engine.scope["late"]) == (DAY, 0)

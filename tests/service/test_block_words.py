@@ -1,0 +1,158 @@
+"""Words of blocks in whole runs: pulses start other blocks, refusals show their codes, settings redirect exchanges."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from framekit.blocks.error_codes import ErrorCode
+from framekit.blocks.load import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+
+SECOND = 1_000_000_000
+ONE = "device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: 11}}\n"
+TWO = "device: two\nprotocol: modbus-rtu\nstation: 2\nmemory: {set: {40001: [22, 23, 24]}}\n"
+RUN = """
+run: words
+memory: masterlogic
+status: STATUS
+channels:
+  1: {port: "sim:one.device.yaml,two.device.yaml", protocol: modbus-rtu, params: {reply_timeout: 50 ms, retries: 0}}
+blocks:
+  0: {read: "40001", station: 1, into: M100, every: 1 s}
+  1: {read: "40001", station: 2, into: M101, when: L006250}
+  2: {read: "40001", station: 9, into: M102, every: 2 s}
+  3: {read: "40001", station: 1, into: M103, when: L006371}
+"""
+
+
+class Bench:
+    def __init__(self, folder: Path, run: str) -> None:
+        (folder / "one.device.yaml").write_text(ONE, encoding="utf-8")
+        (folder / "two.device.yaml").write_text(TWO, encoding="utf-8")
+        (folder / "r.run.yaml").write_text(run, encoding="utf-8")
+        self.clock = VirtualClock()
+        self.service = RunService(load_run(folder / "r.run.yaml"), self.clock)
+        self.memory = self.service.memory
+        self.service.start()
+
+    def counts(self, number: int) -> tuple[int, int]:
+        counters = self.service.states[number].counters
+        return counters.done, counters.failed
+
+    def shown(self, number: int) -> tuple[int, int, int, int]:
+        """Pulses, STATUS, SVCCNT, ERRCNT."""
+        flags, status, *counts = self.memory.read("L", "word", 625 + 6 * number, 6)
+        return flags, status, counts[0] | counts[1] << 16, counts[2] | counts[3] << 16
+
+
+def test_pulses_start_blocks_once_a_completion(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
+    bench.clock.run_for(60 * SECOND + SECOND // 2)
+    assert bench.counts(0) == (60, 0) and bench.counts(1) == (60, 0), "NDR of block 0"
+    assert bench.counts(2) == (0, 30) and bench.counts(3) == (30, 0), "ERR of block 2"
+    assert bench.memory.read("M", "word", 100, 4) == [11, 22, 0, 11]
+    assert bench.shown(0) == (0, 0, 60, 0)
+    assert bench.shown(2) == (0, ErrorCode.NO_REPLY, 0, 30)
+    assert bench.shown(3) == (0, 0, 30, 0)
+
+
+REFUSING = """
+run: refusing
+memory: masterlogic
+channels: {1: {port: "sim:small.device.yaml", protocol: mldp, station: 1}}
+blocks: {0: {read: M100, into: M100, every: 1 s}}
+"""
+SMALL = """
+device: small
+protocol: mldp
+station: 1
+memory: {areas: {M: {unit: word, size: 10}}, addresses: [{form: "%{area}{unit}{start:dec}", unit: unit_names}],
+  tables: {unit_names: {X: bit, B: byte, W: word}}}
+"""
+
+
+def test_a_refusal_shows_the_code_of_the_device(tmp_path: Path) -> None:
+    (tmp_path / "small.device.yaml").write_text(SMALL, encoding="utf-8")
+    bench = Bench(tmp_path, REFUSING)
+    bench.clock.run_for(10 * SECOND + SECOND // 2)
+    (status,) = bench.service.status()
+    assert bench.shown(0) == (0, 0x7132, 0, 10), "an address beyond the area"
+    assert (status.device_code, status.reason) == (0x7132, ErrorCode.REFUSED)
+    assert bench.service.states[0].last_outcome.startswith("refused 28978")
+
+
+def test_a_pulse_lasts_one_scan(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
+    seen: list[tuple[int, int]] = []
+    bench.memory.watch("L", 625, 1, lambda *_: seen.append((bench.clock.now(), bench.shown(0)[0])))
+    bench.clock.run_for(SECOND + SECOND // 2)
+    (on, first), (off, second) = seen
+    assert (first, second) == (1, 0) and off - on == bench.service.run.memory.scan == 10_000_000
+
+
+def test_a_changed_station_word_redirects_the_next_exchange(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
+    bench.clock.run_for(SECOND + SECOND // 2)
+    assert bench.memory.read("M", "word", 100) == [11]
+    bench.memory.write("N", "word", 0, [2])
+    bench.memory.write("N", "word", 5, [3])
+    bench.clock.run_for(SECOND)
+    assert bench.memory.read("M", "word", 100, 3) == [22, 22, 24]
+    bench.memory.write("N", "word", 5, [0])
+    bench.clock.run_for(SECOND)
+    assert bench.shown(0) == (0, ErrorCode.BAD_SETTING, 2, 1)
+    failure = bench.service.status()[0].last_failure
+    assert failure is not None and str(failure) == "bad_setting: the size in N word 5 is 0: that moves nothing"
+    bench.memory.write("N", "word", 5, [1])
+    bench.clock.run_for(SECOND)
+    assert bench.shown(0) == (0, ErrorCode.BAD_SETTING, 3, 1), "STATUS stays"
+
+
+def test_start_values_of_a_run_go_before_its_blocks(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes") + "set: {N00000: 2}\n")
+    bench.clock.run_for(SECOND + SECOND // 2)
+    assert bench.memory.read("M", "word", 100) == [22]
+
+
+def test_without_status_it_is_plain_memory(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "no"))
+    bench.memory.write("N", "word", 0, [2])
+    bench.clock.run_for(4 * SECOND + SECOND // 2)
+    assert bench.counts(0) == (4, 0) and bench.counts(1) == (0, 0), "no pulse, no start"
+    assert bench.memory.read("M", "word", 100) == [11], "the station is the run's"
+    assert not any(bench.memory.read("L", "word", 0, 11264))
+    assert not any(bench.memory.read("N", "word", 1, 21503))
+
+
+def test_switching_a_block_off_is_in_its_status(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
+    bench.service.enable(0, False)
+    bench.clock.run_for(5 * SECOND)
+    status = bench.service.status()[0]
+    assert (status.enabled, status.started, status.error, status.last_end) == (False, 0, 0, None)
+
+
+OWN = """
+run: own
+memory:
+  areas: {D: {unit: word, size: 100}, S: {unit: word, size: 100, access: read}}
+  flags:
+    mine: {area: S, first: 10, words: 4, sets: 1, blocks: 4, items: {
+      running: {word: 0, bit: 0}, started_count: {word: 1}, reason: {word: 2}, done: {word: 3, bit: 7}}}
+channels:
+  1: {port: "sim:one.device.yaml", protocol: modbus-rtu, params: {reply_timeout: 50 ms, retries: 0}}
+blocks:
+  0: {read: "40001", station: 1, into: D0, every: 1 s}
+  1: {read: "40001", station: 9, into: D1, every: 1 s, phase: 1500 ms}
+"""
+
+
+def test_a_memory_of_ones_own_may_show_blocks(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, OWN)
+    seen: list[list[int]] = []
+    bench.memory.watch("S", 10, 4, lambda *_: seen.append(bench.memory.read("S", "word", 10, 4)))
+    bench.clock.run_for(SECOND + SECOND // 4)
+    assert seen == [[1, 1, 0, 0], [0, 1, 0, 0], [0, 1, 0, 128], [0, 1, 0, 0]]
+    bench.clock.run_for(SECOND // 2)
+    assert bench.memory.read("S", "word", 14, 4) == [0, 1, ErrorCode.NO_REPLY, 0]
