@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from framekit.api.async_client import AsyncClient, aconnect
+    from framekit.api.async_server import AsyncServer, aserve
     from framekit.api.client import Client, connect
     from framekit.api.codec import Protocol, load
     from framekit.api.errors import (
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
         ReplyError,
         RequestError,
     )
+    from framekit.api.memory import Memory
     from framekit.api.results import Answer, Frame, Reading
+    from framekit.api.server import Server, serve
     from framekit.blocks.error_codes import ErrorCode
     from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
@@ -32,13 +35,16 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "api.async_client": ("AsyncClient", "aconnect"),
+    "api.async_server": ("AsyncServer", "aserve"),
     "api.client": ("Client", "connect"),
     "api.codec": ("Protocol", "load"),
     "api.errors": (
         "ExchangeError", "FramekitError", "LineClosedError", "NoReplyError", "RefusedError", "ReplyError",
         "RequestError",
     ),
+    "api.memory": ("Memory",),
     "api.results": ("Answer", "Frame", "Reading"),
+    "api.server": ("Server", "serve"),
     "blocks.error_codes": ("ErrorCode",),
     "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
@@ -50,6 +56,7 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "Answer",
     "AsyncClient",
+    "AsyncServer",
     "Client",
     "DefinitionError",
     "EncodeError",
@@ -59,6 +66,7 @@ __all__ = [
     "FrameError",
     "FramekitError",
     "LineClosedError",
+    "Memory",
     "NoReplyError",
     "Order",
     "Protocol",
@@ -67,9 +75,12 @@ __all__ = [
     "ReplyError",
     "RequestError",
     "Seen",
+    "Server",
     "aconnect",
+    "aserve",
     "connect",
     "load",
+    "serve",
 ]
 
 

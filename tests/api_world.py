@@ -1,4 +1,4 @@
-"""Peers for the tests of the API, each in a thread of its own: our device on a port, a pymodbus server, a slow one."""
+"""Peers for the tests of the API: a device file, a pymodbus server in a thread of its own, a server that is slow."""
 
 from __future__ import annotations
 
@@ -11,12 +11,6 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from framekit.api.loop_thread import LoopThread
-from framekit.blocks.device import load_device
-from framekit.definition.times import LineFormat
-from framekit.memory.memory import DeviceMemory
-from framekit.service.device import DeviceService
-from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_port import SerialPort
 
 DEVICE = """
 device: bench
@@ -31,26 +25,6 @@ def device_file(folder: Path, protocol: str = "modbus-rtu", values: str = WORDS)
     path = folder / "bench.device.yaml"
     path.write_text(DEVICE.format(protocol=protocol, values=values), encoding="utf-8")
     return path
-
-
-@contextmanager
-def device_on(port: str, folder: Path, protocol: str = "modbus-rtu") -> Iterator[DeviceMemory]:
-    """Our device, station 7, on a serial port."""
-    device = load_device(device_file(folder, protocol), folder)
-    thread = LoopThread("device")
-    clock, line = AsyncioClock(thread.loop), LineFormat(19200, parity="E")
-
-    def make() -> DeviceService:
-        service = DeviceService(device, SerialPort(port, line, clock), clock, line)
-        service.start()
-        return service
-
-    service = thread.do(make)
-    try:
-        yield service.memory
-    finally:
-        thread.do(service.stop)
-        thread.stop()
 
 
 @contextmanager

@@ -90,6 +90,14 @@ class LoopThread:
 
         return self.wait(act())
 
+    def do_even_stopped(self, action: Callable[[], T]) -> T:
+        """As `do`; after the end in the caller's thread, when nobody else can be at it any more."""
+        try:
+            return self.do(action)
+        except LoopStoppedError:
+            self._thread.join()
+            return action()
+
     def stop(self) -> None:
         """Cancels what is under way and ends the thread. Stopping twice does nothing."""
         with self._lock:

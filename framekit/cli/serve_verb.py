@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from framekit.service.serving import Serving
     from framekit.transport.clock import AsyncioClock
 
-LISTENING = ("tcp", "tcp-listen")
-PSEUDO_TERMINAL = "pty:"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -93,32 +90,21 @@ def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
 def _devices(names: Sequence[str], settings: DeviceSettings) -> list[Device]:
     """Raises DefinitionError, and Failure for devices that can't share a line."""
     from framekit.blocks.device import load_devices
+    from framekit.service.serving_ports import check_line
 
-    found: list[Device] = []
-    for name in names:
-        for device in load_devices(name, Path.cwd(), settings):
-            if any(device.own is not None and device.own == other.own for other in found):
-                raise Failure(f"two devices have the station {device.own} – give one of them another")
-            if found and not set(device.protocol.sources) & set(found[0].protocol.sources):
-                protocols = f"{found[0].protocol.name} and {device.protocol.name}"
-                raise Failure(f"{protocols} can't share a line – serve them on two ports")
-            found.append(device)
-    if len(found) > 1 and any(device.own is None for device in found):
-        raise Failure("several devices on one line need stations – add station to their files")
+    found = [device for name in names for device in load_devices(name, Path.cwd(), settings)]
+    try:
+        check_line(found)
+    except ValueError as error:
+        raise Failure(str(error)) from None
     return found
 
 
 def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
-    from framekit.definition.times import parse_format
+    from framekit.service.serving_ports import line_of
 
-    line = device.protocol.line
-    if line.kind == "stream":
-        if arguments.speed is not None or arguments.format is not None:
-            raise Failure(f"{device.protocol.name} runs on connections, which have neither speed nor format")
-        return None
     try:
-        speed = line.speed if arguments.speed is None else arguments.speed
-        return parse_format(arguments.format or line.format, speed)
+        return line_of(device, arguments.speed, arguments.format)
     except ValueError as error:
         raise Failure(str(error)) from None
 
@@ -152,7 +138,7 @@ async def _serve(
     serving = Serving(devices, clock, line, None if arguments.quiet else output.seen, on_state=state)
     with contextlib.ExitStack() as stack:
         stack.callback(serving.stop)
-        output.ready(await _open(arguments.port, serving, clock, line, first_state, stack))
+        output.ready(await _open(arguments.port, serving, clock, first_state, stack))
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
         output.summary(serving)
@@ -160,39 +146,17 @@ async def _serve(
 
 
 async def _open(
-    url: str,
-    serving: Serving,
-    clock: AsyncioClock,
-    line: LineFormat | None,
-    first_state: asyncio.Future[str],
-    stack: contextlib.ExitStack,
+    url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: contextlib.ExitStack
 ) -> str:
     """Opens the port, or begins to listen; what to call it. Raises Failure when that can't be done."""
-    from framekit.transport.open_port import host_and_port, open_port
+    from framekit.service.serving_ports import begin_serving
 
-    scheme, _, rest = url.partition("://")
     try:
-        if rest and scheme.lower() in LISTENING:
-            host, number = host_and_port(rest)
-            number = await serving.listen(host, number)
-            return f"tcp://{f'[{host}]' if ':' in host else host}:{number}"
-        if url == PSEUDO_TERMINAL:
-            from framekit.transport.pty_pair import PtyPair
-
-            pair = stack.enter_context(PtyPair())
-            port, name = open_port(pair.first, line, clock), pair.second
-        else:
-            port = open_port(url, line, clock)
-            name = port.name
+        return (await begin_serving(url, serving, clock, first_state, stack)).about
     except OSError as error:
-        raise Failure(f"{url}: {error.strerror or error}") from None
+        raise Failure(f"{url}: {error.strerror}" if error.strerror else str(error)) from None
     except ValueError as error:
         raise Failure(str(error)) from None
-    serving.serve(port)
-    reached = await first_state
-    if reached != "open":
-        raise Failure(reached if url in reached else f"{url}: {reached}")
-    return port.describes().replace(port.name, name)
 
 
 def _warnings(device: Device) -> list[str]:

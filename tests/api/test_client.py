@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from api_world import SlowServer, device_file, device_on, pymodbus_server
+from api_world import SlowServer, device_file, pymodbus_server
 
 import framekit
 from framekit.transport.pty_pair import PtyPair
@@ -187,12 +187,12 @@ def test_ports_and_definitions_that_are_not_there(tmp_path: Path) -> None:
 def test_our_device_over_a_pty(tmp_path: Path) -> None:
     with (
         PtyPair() as pair,
-        device_on(pair.first, tmp_path) as memory,
+        framekit.serve(device_file(tmp_path), pair.first, speed=19200) as device,
         framekit.connect("modbus-rtu", pair.second, speed=19200, station=7) as client,
     ):
         assert client.read("40001", 3) == [100, 200, 300]
         client.write("40005", -1.0, type="float32")
-        assert memory.read("holding", "word", 4, 2) == [0x0000, 0xBF80]
+        assert device.memory.read("40005", 2) == [0x0000, 0xBF80]
 
 
 def test_a_pymodbus_server() -> None:
@@ -223,9 +223,8 @@ def test_a_line_that_is_pulled(tmp_path: Path) -> None:
             closed.set()
 
     pair = PtyPair()
-    with device_on(pair.first, tmp_path), framekit.connect(
-        "modbus-rtu", pair.second, station=7, monitor=watch
-    ) as client:  # fmt: skip
+    device = framekit.serve(device_file(tmp_path), pair.first)
+    with device, framekit.connect("modbus-rtu", pair.second, station=7, monitor=watch) as client:
         assert client.read("40001") == [100]
         pair.close()
         assert closed.wait(10)

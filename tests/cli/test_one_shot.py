@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from api_world import device_file, device_on, pymodbus_server
+from api_world import device_file, pymodbus_server
 
+import framekit
 from framekit.cli.main import main
-from framekit.memory.memory import DeviceMemory
-from framekit.transport.pty_pair import PtyPair
 
 
 def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
@@ -25,13 +24,13 @@ def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, DeviceMemory]]:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, framekit.Memory]]:
     """A pseudo-terminal with our device, station 7, at its other end."""
-    with PtyPair() as pair, device_on(pair.first, tmp_path_factory.mktemp("bench")) as memory:
-        yield pair.second, memory
+    with framekit.serve(device_file(tmp_path_factory.mktemp("bench")), "pty:", speed=19200) as device:
+        yield device.port, device.memory
 
 
-def test_read(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+def test_read(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     line = ("modbus-rtu", "--port", bench[0], "--station", "7")
     assert call(capsys, "read", *line, "40001", "-n", "3") == (0, "40001  100 200 300\n", "")
     assert call(capsys, "read", *line, "40003", "00001") == (0, "40003  300\n00001  1\n", "")
@@ -44,12 +43,12 @@ def test_read(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str
     assert (status, [json.loads(text)["values"] for text in out.splitlines()]) == (0, [[100], [100], [100]])
 
 
-def test_write(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+def test_write(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     line = ("modbus-rtu", "--port", bench[0], "--station", "7")
     assert call(capsys, "write", *line, "40011", "0x10", "-2") == (0, "", "")
-    assert bench[1].read("holding", "word", 10, 2) == [0x10, 0xFFFE]
+    assert bench[1].read("40011", 2) == [0x10, 0xFFFE]
     assert call(capsys, "write", *line, "40011", "--type", "float32", "--order", "ABCD", "1.5", "-0.1") == (0, "", "")
-    assert bench[1].read("holding", "word", 10, 2) == [0x3FC0, 0]
+    assert bench[1].read("40011", 2) == [0x3FC0, 0]
     shown = call(capsys, "read", *line, "40011", "-n", "2", "--type", "float32", "--order", "ABCD")
     assert shown == (0, "40011  1.5 -0.1\n", "")
     status, out, _ = call(capsys, "write", *line, "40021", "Hello", "--type", "string", "-n", "8", "--json")
@@ -57,17 +56,17 @@ def test_write(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[st
     assert call(capsys, "read", *line, "40021", "-n", "8", "--type", "string") == (0, "40021  Hello\n", "")
 
 
-def test_call(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+def test_call(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     line = ("modbus-rtu", "--port", bench[0], "--station", "7")
-    bench[1].write("holding", "word", 30, [0x12])
+    bench[1]["40031"] = 0x12
     assert call(capsys, "call", *line, "mask_write", "address=30", "and_mask=0xF2", "or_mask=0x25")[0] == 0
-    assert bench[1].read("holding", "word", 30) == [0x12 & 0xF2 | 0x25 & ~0xF2]
+    assert bench[1]["40031"] == 0x12 & 0xF2 | 0x25 & ~0xF2
     assert call(capsys, "call", *line, "identify") == (0, "id: 66 6B 01\n", "")
     status, out, _ = call(capsys, "call", *line, "identify", "--json")
     assert (status, json.loads(out)) == (0, {"service": "identify", "results": {"id": "66 6B 01"}})
 
 
-def test_the_frames_are_shown(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_frames_are_shown(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = call(capsys, "read", "modbus-rtu", "--port", bench[0], "--station", "7", "40001", "--frames")
     assert (status, out) == (0, "40001  100\n")
     assert "→ request_adu            07 03 00 00 00 01" in err and "← reply_adu" in err
@@ -88,7 +87,7 @@ def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:
         assert call(capsys, "read", *line, "49000", "40001", "--every", "1ms", "--times", "2")[0] == 1
 
 
-def test_nobody_answers(bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str]) -> None:
+def test_nobody_answers(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     words = ("modbus-rtu", "--port", bench[0], "--station", "9", "40001", "--timeout", "20ms", "--retries", "0")
     told = "framekit read: the device did not answer: nothing came in time\n"
     assert call(capsys, "read", *words) == (3, "", told)
@@ -134,7 +133,7 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
     ],
 )
 def test_a_wrong_command_line(
-    bench: tuple[str, DeviceMemory], capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
+    bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
 ) -> None:
     status, out, err = call(capsys, words[0], "modbus-rtu", "--port", bench[0], *words[1:])
     assert (status, out) == (2, "")

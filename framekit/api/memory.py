@@ -1,0 +1,93 @@
+"""The memory of a device or a run, read and written by address with the types of the API, from any thread.
+
+Whoever owns the memory says how something is done in the right thread. What is written, watches and triggers see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from framekit.api.errors import RequestError
+from framekit.api.typed import Order, Typed, Value, typed, values_given
+from framekit.link.addresses import AddressGrammar
+from framekit.link.packing import memory_of, values_of
+from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.numbers import unit_bits
+
+Do = Callable[[Callable[[], Any]], Any]
+"""Carries a function out where the memory is at home, and gives its result."""
+
+
+class Memory:
+    """`memory["M100"]` is one value of the address's own unit; `read` and `write` take counts and types."""
+
+    def __init__(
+        self, memory: DeviceMemory, grammar: AddressGrammar, do: Do, refresh: Callable[[], None] = lambda: None
+    ) -> None:
+        self._memory = memory
+        self._grammar = grammar
+        self._do = do
+        self._refresh = refresh
+
+    def read(
+        self, address: str, count: int = 1, *, type: str | None = None, order: Order | None = None
+    ) -> list[Any]:  # fmt: skip
+        """`count` values from an address on (a string is one value of so many characters). Raises RequestError."""
+        how = typed(self._grammar, address, type, order, count)
+        first, bits, unit = self._place(how, address)
+
+        def read() -> bytes:
+            self._refresh()
+            area = self._memory.area(self._grammar.parse(address).area)
+            return area.read_bytes(first // 8, bits // 8) if not (first | bits) % 8 else area.read_bits(first, bits)
+
+        data: bytes = self._carry_out(read)
+        return how.values(data, values_of(data, unit, how.units))
+
+    def write(
+        self, address: str, values: Value | Sequence[Value], *, type: str | None = None, order: Order | None = None,
+        count: int | None = None,
+    ) -> None:  # fmt: skip
+        """Writes values from an address on, also into areas that are read-only for others. Raises RequestError.
+
+        A string is filled up with 00 to `count` characters.
+        """
+        given = values_given(values)
+        several = len(given[0]) if type == "string" and given and isinstance(given[0], str) else len(given)
+        how = typed(self._grammar, address, type, order, several if count is None else count)
+        first, bits, unit = self._place(how, address)
+        try:
+            data = memory_of(how.numbers(given), unit)
+        except ValueError as error:
+            raise RequestError(str(error)) from None
+
+        def write() -> None:
+            area = self._memory.area(self._grammar.parse(address).area)
+            if (first | bits) % 8:
+                area.write_bits(first, bits, data, force=True)
+            else:
+                area.write_bytes(first // 8, data, force=True)
+
+        self._carry_out(write)
+
+    def __getitem__(self, address: str) -> int:
+        return int(self.read(address)[0])
+
+    def __setitem__(self, address: str, value: Value | Sequence[Value]) -> None:
+        self.write(address, value)
+
+    def _place(self, how: Typed, address: str) -> tuple[int, int, str]:
+        """The first bit, how many bits, and the unit in which they are carried. Raises RequestError."""
+        if how.units < 1:
+            raise RequestError("there is nothing to read or write: the count is 0")
+        place = self._grammar.parse(address)
+        unit = how.unit or place.unit
+        return place.first_bit, how.units * unit_bits(unit), unit
+
+    def _carry_out(self, action: Callable[[], Any]) -> Any:
+        try:
+            return self._do(action)
+        except DeviceMemoryError as error:
+            raise RequestError(str(error)) from None

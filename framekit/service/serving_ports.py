@@ -1,0 +1,75 @@
+"""Where devices are served: a listener for `tcp://HOST:PORT`, a new pseudo-terminal for `pty:`, or any port."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from framekit.blocks.device import Device
+from framekit.definition.times import LineFormat, parse_format
+from framekit.service.serving import Serving
+from framekit.transport.clock import AsyncioClock
+from framekit.transport.open_port import host_and_port, open_port
+
+LISTENING = ("tcp", "tcp-listen")
+PSEUDO_TERMINAL = "pty:"
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """Where it is served: `port`, as others have to name it, and `about`, for people, with the line's settings."""
+
+    port: str
+    about: str
+
+
+def check_line(devices: list[Device]) -> None:
+    """Whether devices can share a line. Raises ValueError with a sentence."""
+    for number, device in enumerate(devices):
+        others = devices[:number]
+        if any(device.own is not None and device.own == other.own for other in others):
+            raise ValueError(f"two devices have the station {device.own} – give one of them another")
+        if others and not set(device.protocol.sources) & set(others[0].protocol.sources):
+            protocols = f"{others[0].protocol.name} and {device.protocol.name}"
+            raise ValueError(f"{protocols} can't share a line – serve them on two ports")
+    if len(devices) > 1 and any(device.own is None for device in devices):
+        raise ValueError("several devices on one line need stations – add station to their files")
+
+
+def line_of(device: Device, speed: int | None, format: str | None) -> LineFormat | None:
+    """The line's settings, the protocol's own where nothing is given. Raises ValueError with a sentence."""
+    line = device.protocol.line
+    if line.kind == "stream":
+        if speed is not None or format is not None:
+            raise ValueError(f"{device.protocol.name} runs on connections, which have neither speed nor format")
+        return None
+    return parse_format(format or line.format, line.speed if speed is None else speed)
+
+
+async def begin_serving(
+    url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: ExitStack
+) -> Served:
+    """Opens the port, or begins to listen. `first_state` is what the serving tells first of its port.
+
+    What has to be closed at the end goes on the stack. Raises ValueError for what is no port, OSError.
+    """
+    scheme, _, rest = url.partition("://")
+    if rest and scheme.lower() in LISTENING:
+        host, number = host_and_port(rest)
+        number = await serving.listen(host, number)
+        name = f"tcp://{f'[{host}]' if ':' in host else host}:{number}"
+        return Served(name, name)
+    if url == PSEUDO_TERMINAL:
+        from framekit.transport.pty_pair import PtyPair
+
+        pair = stack.enter_context(PtyPair())
+        port, name = open_port(pair.first, serving.line, clock), pair.second
+    else:
+        port = open_port(url, serving.line, clock)
+        name = port.name
+    serving.serve(port)
+    reached = await first_state
+    if reached != "open":
+        raise OSError(reached if url in reached else f"{url}: {reached}")
+    return Served(name, port.describes().replace(port.name, name))

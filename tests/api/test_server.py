@@ -1,0 +1,117 @@
+"""Simulated devices of the API: on TCP and pseudo-terminals, under our client and pymodbus, their memory meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from api_world import device_file
+from pymodbus.client import ModbusTcpClient
+
+import framekit
+
+
+def test_a_protocol_on_tcp_under_two_clients() -> None:
+    with framekit.serve("modbus-tcp", "tcp://127.0.0.1:0", station=1, initial={"40001": [1, 2, 3]}) as device:
+        number = int(device.port.rpartition(":")[2])
+        with framekit.connect("modbus-tcp", device.port, station=1) as ours:
+            theirs = ModbusTcpClient("127.0.0.1", port=number)
+            assert theirs.connect()
+            assert theirs.read_holding_registers(0, count=3, device_id=1).registers == [1, 2, 3]
+            ours.write("40002", 20)
+            assert theirs.read_holding_registers(1, count=1, device_id=1).registers == [20]
+            device.memory["40003"] = 30
+            assert ours.read("40001", 3) == [1, 20, 30]
+            with pytest.raises(framekit.RefusedError):
+                ours.call("exchange_words", {"address": 65535, "count": 9, "write_address": 0, "values": b"12"})
+            theirs.close()
+            assert (device.done, device.refused) == (4, {2: 1})
+    assert device.memory["40003"] == 30, "the memory outlives the line"
+    device.close()
+    with pytest.raises(ConnectionError):
+        framekit.connect("modbus-tcp", device.port)
+
+
+def test_stations_on_one_pseudo_terminal() -> None:
+    with framekit.serve("modbus-rtu", "pty:", station=[1, 2]) as devices:
+        with framekit.connect("modbus-rtu", devices.port) as client:
+            client.write("40001", 5, station=1)
+            client.write("40001", 6, station=2)
+        assert (devices.memory_of(1)["40001"], devices.memory_of("2")["40001"]) == (5, 6)
+        with pytest.raises(framekit.RequestError, match="no device here has the station 3 – known: 1, 2"):
+            devices.memory_of(3)
+
+
+def test_memory_with_types() -> None:
+    with framekit.serve("modbus-rtu", "pty:", memory="masterlogic", map={"holding": "M0"}, station=3) as device:
+        memory = device.memory
+        memory.write("M0100", [1.5, -2.5], type="float32", order="ABCD")
+        assert memory.read("M0100", 4) == [0x3FC0, 0, 0xC020, 0]
+        assert memory.read("M0100", 2, type="float32", order="ABCD") == [1.5, -2.5]
+        memory.write("M0111", -5, type="int32")
+        assert memory.read("M0111", type="int32") == [-5]
+        assert memory.read("M0111", 1, type="dword") == [0xFFFFFFFB], "a double word at an odd word"
+        memory["M00203"] = 1
+        assert memory.read("M00200", 5) == [0, 0, 0, 1, 0]
+        memory["M0012"] = [7, 8]
+        memory.write("M0020", "Hello", type="string", count=8)
+        assert memory.read("M0020", 8, type="string") == ["Hello"]
+        with framekit.connect("modbus-rtu", device.port, station=3) as client:
+            assert client.read("40013", 2) == [7, 8]
+
+
+@pytest.mark.parametrize(
+    ("access", "message"),
+    [
+        (lambda memory: memory.read("50000"), "is not an address"),
+        (lambda memory: memory.read("465536", 2), "not in area|beyond|is not an address"),
+        (lambda memory: memory.read("40001", 0), "the count is 0"),
+        (lambda memory: memory.read("holding:65535", 2), "holding"),
+        (lambda memory: memory.write("40001", 65536), "does not fit into a word"),
+        (lambda memory: memory.write("40001", "x"), "has the type string"),
+        (lambda memory: memory.write("40001", 1, type="real"), "is not a type"),
+    ],
+)
+def test_memory_refuses(memory: framekit.Memory, access: object, message: str) -> None:
+    with pytest.raises(framekit.RequestError, match=message):
+        access(memory)  # type: ignore[operator]
+
+
+@pytest.fixture(scope="module")
+def memory() -> framekit.Memory:
+    """The memory of a device that is not served any more."""
+    with framekit.serve("modbus-rtu", "pty:") as device:
+        return device.memory
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"port": "tcp://127.0.0.1"}, framekit.RequestError, "is not HOST:PORT"),
+        ({"port": "what://x"}, framekit.RequestError, "is no port"),
+        ({"port": "/dev/no-such-port"}, framekit.LineClosedError, "there is no such device"),
+        ({"port": "tcp://192.0.2.1:0"}, framekit.LineClosedError, "192.0.2.1"),
+        ({"port": "pty:", "station": 900}, framekit.DefinitionError, "900"),
+        ({"port": "pty:", "params": {"retrys": 1}}, framekit.DefinitionError, "retrys"),
+        ({"port": "pty:", "format": "9X1"}, framekit.RequestError, "line format"),
+        ({"port": "pty:", "initial": {"40001": 70000}}, framekit.RequestError, "does not fit"),
+    ],
+)
+def test_what_cannot_be_served(arguments: dict[str, object], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        framekit.serve("modbus-rtu", **arguments)  # type: ignore[arg-type]
+
+
+def test_asyncio(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        seen: list[str] = []
+        server = framekit.aserve(device_file(tmp_path), "pty:", monitor=lambda one: seen.append(one.frame))
+        with pytest.raises(framekit.RequestError, match="before it is opened"):
+            _ = server.memory
+        async with server as device, framekit.aconnect("modbus-rtu", device.port, station=7) as client:
+            device.memory["40003"] = -1
+            assert await client.read("40001", 3) == [100, 200, 0xFFFF]
+        assert [frame for frame in seen if frame] == ["request_adu", "reply_adu"]
+
+    asyncio.run(asyncio.wait_for(scenario(), 20))
