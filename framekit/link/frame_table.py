@@ -27,6 +27,7 @@ from framekit.definition.model.segments import (
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.definition.model.visit import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.intact import intact_of
 from framekit.link.values import FrameValue, plain
 
 Context = Mapping[str, Any]
@@ -63,12 +64,13 @@ Shape = tuple[tuple[str, str, Any], ...]
 class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
-    `carries`: frames that may be put into this one when `insert` holds.
+    `intact`: a quick look at its check code, where there is one. `carries`: frames that may be put into this one when
+    `insert` holds.
     """
 
     __slots__ = (
-        "announces", "carries", "computed", "decode", "echo", "encode", "first", "flat", "frame", "insert", "known",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
+        "announces", "carries", "computed", "decode", "echo", "encode", "first", "flat", "frame", "insert",
+        "intact", "known", "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -79,6 +81,7 @@ class FrameInfo:
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
         self.refuse = frame.refuse
+        self.intact = intact_of(frame)
         self.most = frame.most
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []

@@ -181,6 +181,8 @@ class Receiver(Recovery):
             whole.sort(key=_size_of)
         for size, info in whole:
             raw = bytes(buffer[position : position + size])
+            if len(whole) > 1 and info.intact is not None and not info.intact(raw):
+                continue
             try:
                 fields = info.decode(raw, names)
             except EVALUATION_ERRORS as error:
