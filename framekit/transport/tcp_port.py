@@ -162,7 +162,10 @@ class TcpPort(StreamPort):
 
 
 class AcceptedPort(StreamPort):
-    """A connection somebody else has made; it can't be opened again. Bytes that come before it is opened wait."""
+    """A connection somebody else has made; it can't be opened again. Bytes that come before it is opened wait.
+
+    So do those that come while something is still to be sent: whoever takes no replies cannot heap up requests.
+    """
 
     def connected(self) -> None:
         transport = self.connection.transport if self.connection is not None else None
@@ -173,6 +176,21 @@ class AcceptedPort(StreamPort):
         self.events = events
         connection = self.connection
         self.clock.call_soon(lambda: self._begin(events, connection))
+
+    def hear(self, data: bytes) -> None:
+        super().hear(data)
+        self._pace()
+
+    def left(self) -> None:
+        super().left()
+        self._pace()
+
+    def _pace(self) -> None:
+        transport = self._transport
+        if transport is not None and self._sent_due:
+            transport.pause_reading()
+        elif transport is not None:
+            transport.resume_reading()
 
     def _begin(self, events: PortEvents, connection: Connection | None) -> None:
         if self.events is not events or self.connection is not connection:
