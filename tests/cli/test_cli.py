@@ -12,7 +12,7 @@ import pytest
 import shipped
 
 from framekit import __version__
-from framekit.cli.main import main
+from framekit.cli.main import VERBS, main
 
 READ = "05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34"
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -194,9 +194,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(capsys, "--version")[1] == f"framekit {__version__}\n"
 
 
-@pytest.mark.parametrize(
-    "verb", ["check", "encode", "decode", "frames", "generate", "test", "run", "serve", "completion"]
-)
+@pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> None:
     status, out, _ = call(capsys, verb, "--help")
     assert status == 0 and "usage: framekit" in out

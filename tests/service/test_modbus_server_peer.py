@@ -1,4 +1,4 @@
-"""Our simulated device under foreign masters: pymodbus's client over TCP and a pseudo-terminal, mbpoll where it is."""
+"""Our server under foreign masters: pymodbus, minimalmodbus and, where it is installed, mbpoll; TCP and terminals."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import minimalmodbus
 import pytest
 from pymodbus import FramerType
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
-from framekit.blocks.device import load_device
+from framekit.blocks.device import load_devices
+from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.times import LineFormat
-from framekit.service.device import DeviceService
+from framekit.service.serving import Serving
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair
 from framekit.transport.serial_port import SerialPort
-from framekit.transport.tcp_port import AcceptedPort, TcpListener
 
 DEVICE = """
 device: bench
@@ -36,22 +37,29 @@ def device_file(folder: Path, protocol: str) -> Path:
 
 @asynccontextmanager
 async def tcp_device(folder: Path) -> AsyncIterator[int]:
-    """A device for every connection; the port number it is reached at."""
-    device = load_device(device_file(folder, "modbus-tcp"), folder)
-    clock = AsyncioClock(asyncio.get_running_loop())
-    services: list[DeviceService] = []
-
-    def accepted(port: AcceptedPort) -> None:
-        services.append(DeviceService(device, port, clock, None))
-        services[-1].start()
-
-    listener = TcpListener("127.0.0.1", 0, clock, accepted)
+    """The device for every connection; the port number it is reached at."""
+    serving = Serving(
+        load_devices(device_file(folder, "modbus-tcp"), folder), AsyncioClock(asyncio.get_running_loop()), None
+    )
     try:
-        yield await listener.start()
+        yield await serving.listen("127.0.0.1", 0)
     finally:
-        for service in services:
-            service.stop()
-        listener.stop()
+        serving.stop()
+
+
+@asynccontextmanager
+async def pty_device(folder: Path, protocol: str) -> AsyncIterator[tuple[str, Serving]]:
+    """The path of the terminal at whose other end the device is: Snet's limits, stations 1 and 2."""
+    given = DeviceSettings(stations=("1", "2"), params={"limit_write_words": "120"})
+    devices = load_devices(device_file(folder, protocol), folder, given)
+    clock, line = AsyncioClock(asyncio.get_running_loop()), LineFormat(19200, parity="E")
+    with PtyPair() as pair:
+        serving = Serving(devices, clock, line)
+        serving.serve(SerialPort(pair.first, line, clock))
+        try:
+            yield pair.second, serving
+        finally:
+            serving.stop()
 
 
 async def exercise(client: AsyncModbusTcpClient | AsyncModbusSerialClient) -> None:
@@ -68,6 +76,8 @@ async def exercise(client: AsyncModbusTcpClient | AsyncModbusSerialClient) -> No
     assert refused.isError() and refused.exception_code == 2
     masked = await client.mask_write_register(address=0, and_mask=0xF0, or_mask=0x05, device_id=1)
     assert not masked.isError()
+    assert not (await client.write_coils(100, [True, False] * 984, device_id=1)).isError()
+    assert (await client.read_coils(100, count=1968, device_id=1)).bits[:1968] == [True, False] * 984
     client.close()
 
 
@@ -82,33 +92,100 @@ def test_pymodbus_over_tcp(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("protocol", "framer"), [("modbus-rtu", FramerType.RTU), ("modbus-ascii", FramerType.ASCII)])
 def test_pymodbus_over_a_pty(tmp_path: Path, protocol: str, framer: FramerType) -> None:
     async def scenario() -> None:
-        device = load_device(device_file(tmp_path, protocol), tmp_path)
-        clock, line = AsyncioClock(asyncio.get_running_loop()), LineFormat(19200, parity="E")
-        with PtyPair() as pair:
-            service = DeviceService(device, SerialPort(pair.first, line, clock), clock, line)
-            service.start()
-            async with asyncio.timeout(20):
-                await exercise(AsyncModbusSerialClient(pair.second, framer=framer, baudrate=19200))
-            service.stop()
+        async with pty_device(tmp_path, protocol) as (path, serving), asyncio.timeout(20):
+            await exercise(AsyncModbusSerialClient(path, framer=framer, baudrate=19200))
+            client = AsyncModbusSerialClient(path, framer=framer, baudrate=19200)
+            await client.connect()
+            await client.write_register(20, 0x1234, device_id=0, no_response_expected=True)
+            while any(store.memory.read("holding", "word", 20) != [0x1234] for store in serving.stores):
+                await asyncio.sleep(0)  # everybody takes a broadcast, and nobody answers
+            assert (await client.read_holding_registers(20, count=1, device_id=2)).registers == [0x1234]
+            client.close()
+
+    asyncio.run(scenario())
+
+
+def all_functions(instrument: minimalmodbus.Instrument) -> None:
+    """Every function of the Snet server, at its limits and beyond them."""
+    assert instrument.read_registers(0, 3) == [100, 200, 300]
+    assert instrument.read_registers(0, 1, functioncode=4) == [7]
+    assert instrument.read_bits(0, 3, functioncode=1) == [1, 0, 1]
+    assert instrument.read_bits(0, 2000, functioncode=1)[:3] == [1, 0, 1]
+    assert instrument.read_bits(0, 9, functioncode=2) == [0] * 9
+    instrument.write_bit(7, 1, functioncode=5)
+    instrument.write_bits(100, [1, 0] * 60)  # as many as it lets one write
+    assert instrument.read_bits(7, 1, functioncode=1) == [1]
+    assert instrument.read_bits(100, 120, functioncode=1) == [1, 0] * 60
+    instrument.write_register(9, 0xBEEF, functioncode=6)
+    instrument.write_registers(200, list(range(120)))
+    assert instrument.read_registers(200, 125) == [*range(120), 0, 0, 0, 0, 0]
+    assert instrument.read_register(9) == 0xBEEF
+    instrument.write_float(300, 2.5)
+    assert instrument.read_float(300) == 2.5
+    assert instrument.serial is not None
+    instrument.serial.timeout = 1  # a refusal is shorter than what it waits for
+    with pytest.raises(minimalmodbus.IllegalRequestError):
+        instrument.read_registers(65535, 2)
+    with pytest.raises(minimalmodbus.IllegalRequestError):
+        instrument.write_registers(0, [0] * 121)
+    assert instrument.read_registers(0, 3) == [100, 200, 300], "what is refused changes nothing"
+
+
+@pytest.mark.parametrize(("protocol", "mode"), [("modbus-rtu", "rtu"), ("modbus-ascii", "ascii")])
+def test_minimalmodbus_over_a_pty(tmp_path: Path, protocol: str, mode: str) -> None:
+    def exercised(path: str) -> None:
+        instrument = minimalmodbus.Instrument(path, 1, mode=mode, close_port_after_each_call=False)
+        assert instrument.serial is not None
+        instrument.serial.baudrate, instrument.serial.timeout = 19200, 5
+        all_functions(instrument)
+        other = minimalmodbus.Instrument(path, 2, mode=mode)
+        assert other.read_registers(9, 1) == [0], "another station has a memory of its own"
+        instrument.serial.close()
+
+    async def scenario() -> None:
+        async with pty_device(tmp_path, protocol) as (path, serving), asyncio.timeout(30):
+            await asyncio.to_thread(exercised, path)
+            refused = [dict(store.counters.refused) for store in serving.stores]
+            assert refused == [{2: 1, 3: 1}, {}] and not serving.line_errors
 
     asyncio.run(scenario())
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed")
-def test_mbpoll_over_tcp(tmp_path: Path) -> None:
-    async def mbpoll(number: int, *words: str) -> str:
+@pytest.mark.parametrize("kind", ["tcp", "rtu"])
+def test_mbpoll(tmp_path: Path, kind: str) -> None:
+    async def mbpoll(line: list[str], place: str, options: list[str], *values: str) -> tuple[int | None, str]:
         process = await asyncio.create_subprocess_exec(
-            "mbpoll", "-m", "tcp", "-p", str(number), "-1", "-a", "1", *words,
+            "mbpoll", *line, "-1", "-a", "1", *options, place, *values,
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
         )  # fmt: skip
         output, _ = await process.communicate()
-        assert process.returncode == 0, output.decode()
-        return output.decode()
+        return process.returncode, output.decode()
+
+    async def exercised(line: list[str], place: str) -> None:
+        for table, count, values in (
+            ("4", "3", "100 200 300"),
+            ("3", "1", "7"),
+            ("0", "3", "1 0 1"),
+            ("1", "2", "0 0"),
+        ):
+            status, output = await mbpoll(line, place, ["-t", table, "-r", "1", "-c", count])
+            found = [row.split()[-1] for row in output.splitlines() if row.startswith("[")]
+            assert (status, found) == (0, values.split()), output
+        status, output = await mbpoll(line, place, ["-t", "4", "-r", "10"], "17", "18")
+        assert status == 0 and "Written 2 references" in output, output
+        status, output = await mbpoll(line, place, ["-t", "0", "-r", "30"], "1", "1", "0")
+        assert status == 0 and "Written 3 references" in output, output
+        status, output = await mbpoll(line, place, ["-t", "4", "-r", "65536", "-c", "2"])
+        assert "Illegal data address" in output, output
 
     async def scenario() -> None:
-        async with tcp_device(tmp_path) as number, asyncio.timeout(20):
-            read = await mbpoll(number, "-t", "4", "-r", "1", "-c", "3", "127.0.0.1")
-            assert [line.split()[-1] for line in read.splitlines() if line.startswith("[")] == ["100", "200", "300"]
-            assert "Written 2 references" in await mbpoll(number, "-t", "4", "-r", "10", "127.0.0.1", "17", "18")
+        async with asyncio.timeout(30):
+            if kind == "tcp":
+                async with tcp_device(tmp_path) as number:
+                    await exercised(["-m", "tcp", "-p", str(number)], "127.0.0.1")
+            else:
+                async with pty_device(tmp_path, "modbus-rtu") as (path, _):
+                    await exercised(["-m", "rtu", "-b", "19200", "-P", "none"], path)
 
     asyncio.run(scenario())
