@@ -50,6 +50,14 @@ class BlockMemory:
         """A completion: counts, error and one pulse."""
         self.words.completed(status_of(state), ok, now)
 
+    def places(self, block: Block) -> list[tuple[str, int, int]]:
+        """The words of a block: area, first word, how many."""
+        key = (block.set, block.number)
+        return [
+            (section.area, first, section.words)
+            for section, first in (*self.words.words(key), *self.settings.words(key))
+        ]
+
     @property
     def deadline(self) -> int:
         """When `tick` has something to do."""

@@ -13,7 +13,7 @@ from framekit.blocks.block_status import ITEMS, PULSES
 from framekit.blocks.fields import fixed_bytes, parts_of
 from framekit.blocks.model import Block
 from framekit.blocks.own_memory import read_piece
-from framekit.blocks.status_words import Key, get_item, put_item
+from framekit.blocks.status_words import Key, get_item, put_item, words_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.link.packing import values_of
@@ -64,15 +64,17 @@ class BlockSettings:
         key = (block.set, block.number)
         self._protocols[key] = protocol
         shown = []
-        for section in self._sections:
-            if not (1 <= block.set <= section.sets and 0 <= block.number < section.blocks):
-                continue
+        for section, first in self.words(key):
             words = [0] * section.words
             for item, value in self._items(section, block, protocol):
                 put_item(words, item, value)
-            self._memory.area(section.area).write("word", section.base(*key), words, force=True)
+            self._memory.area(section.area).write("word", first, words, force=True)
             shown.append((section, words))
         self._given[key] = shown
+
+    def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
+        """The sections that have words for a block, and the first of them."""
+        return words_of(self._sections, key)
 
     def forget(self, key: Key) -> None:
         """A block is no more: its words are free memory, and 0."""

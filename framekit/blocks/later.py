@@ -11,7 +11,6 @@ RUN = {
     "merge": "",
     "silence": "use pause in the channel",
     "dead": "",
-    "state": "",
 }
 CHANNEL = {
     "type": "",

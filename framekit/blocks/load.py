@@ -12,6 +12,7 @@ from pathlib import Path
 
 from framekit.blocks.block_settings import check_items
 from framekit.blocks.device import read_mapping, start_value, without
+from framekit.blocks.kept_state import read_state
 from framekit.blocks.later import note_later
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
@@ -75,6 +76,7 @@ class RunLoader:
             channels=channels,
             blocks=self._blocks(blocks),
             folder=str(self.path.parent),
+            state=self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state")),
             status=self.reader.flag(self.root.get("status"), default=True),
             warnings=tuple(self._warnings()),
             at=self.root.at,

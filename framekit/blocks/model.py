@@ -139,6 +139,16 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class KeptState:
+    """Where a run keeps its state: the file, the areas of the memory that are kept, how often it is written (ns)."""
+
+    file: str
+    areas: tuple[str, ...]
+    every: int
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
     """A whole run: what `framekit run` carries out.
 
@@ -153,5 +163,6 @@ class Run:
     blocks: tuple[Block, ...]
     folder: str
     status: bool = True
+    state: KeptState | None = None
     warnings: tuple[Problem, ...]
     at: Position

@@ -84,9 +84,7 @@ class StatusWords:
 
     def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
         """The sections that have words for a block, and the first of them."""
-        for section in self._sections:
-            if 1 <= key[0] <= section.sets and 0 <= key[1] < section.blocks:
-                yield section, section.base(*key)
+        return words_of(self._sections, key)
 
     def _write(self, key: Key, values: Mapping[str, int]) -> bool:
         """Puts values in place, all words of a section at once; whether any of them has a place."""
@@ -104,6 +102,13 @@ class StatusWords:
             if words != before:
                 area.write("word", first, words, force=True)
         return found
+
+
+def words_of(sections: Iterable[BlockWords], key: Key) -> Iterator[tuple[BlockWords, int]]:
+    """The sections that have words for a block, and the first of them."""
+    for section in sections:
+        if 1 <= key[0] <= section.sets and 0 <= key[1] < section.blocks:
+            yield section, section.base(*key)
 
 
 def put_item(words: list[int], item: BlockItem, value: int) -> None:

@@ -14,6 +14,7 @@ from framekit.cli.main import Failure
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
     from framekit.cli.run_output import Output
+    from framekit.service.run import RunService
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,8 +60,7 @@ def _virtual(loaded: Run, output: Output, duration: int) -> None:
     service = output.service(loaded, clock)
     service.start()
     clock.run_for(duration)
-    service.stop()
-    output.summary(service)
+    _end(service, output)
 
 
 async def _real(loaded: Run, output: Output, duration: int | None) -> None:
@@ -78,5 +78,11 @@ async def _real(loaded: Run, output: Output, duration: int | None) -> None:
     except TimeoutError:
         pass
     finally:
-        service.stop()
-        output.summary(service)
+        _end(service, output)
+
+
+def _end(service: RunService, output: Output) -> None:
+    service.stop()
+    output.summary(service)
+    for problem in service.problems:
+        output.warning(problem)

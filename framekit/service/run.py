@@ -25,6 +25,8 @@ from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
+from framekit.service.state_file import StateFile
+from framekit.service.state_keeper import StateKeeper
 from framekit.transport.clock import Clock, Handle
 
 RunMonitor = Callable[[int, Seen], None]
@@ -65,10 +67,24 @@ class RunService:
         for state in self.scheduler.states.values():
             self.block_memory.add(state, run.channels[state.block.channel].protocol)
         put_values(self.memory, run.initial)
+        self.keeper = self._keeper()
         self.system = SystemBits(self.memory, run.memory, self._bit, self._awaited_bits())
         self._timer: Handle | None = None
         self._woken = False
         self.running = False
+
+    def _keeper(self) -> StateKeeper | None:
+        """What was kept is put back; words of blocks come from the run and its counters."""
+        state = self.run.state
+        if state is None:
+            return None
+        shape = tuple(row for row in self.memory.shape if row[0] in state.areas)
+        file = StateFile(Path(self.run.folder) / state.file, self.run.name, shape)
+        keeper = StateKeeper(file, self.memory, self.states.values, self.clock, state.every)
+        keeper.restore(place for one in self.states.values() for place in self.block_memory.places(one.block))
+        for one in self.states.values():
+            self.block_memory.changed(one)
+        return keeper
 
     @staticmethod
     def _watcher(number: int, monitor: RunMonitor | None) -> Callable[[Seen], None] | None:
@@ -111,10 +127,12 @@ class RunService:
             channel.start()
         self.system.start(now)
         self.scheduler.begin(now)
+        if self.keeper is not None:
+            self.keeper.start()
         self._arm()
 
     def stop(self) -> None:
-        """No block starts any more; ports are closed."""
+        """No block starts any more; ports are closed, and the state is kept."""
         self.running = False
         self.scheduler.end()
         if self._timer is not None:
@@ -123,6 +141,8 @@ class RunService:
             channel.stop()
         for device in self.devices:
             device.stop()
+        if self.keeper is not None:
+            self.keeper.stop()
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""
@@ -138,6 +158,11 @@ class RunService:
     def states(self) -> dict[int, BlockState]:
         """The blocks at work, with their counters, by number."""
         return self.scheduler.states
+
+    @property
+    def problems(self) -> list[str]:
+        """What keeps the run from doing all it should: a state that cannot be written."""
+        return [self.keeper.problem] if self.keeper is not None and self.keeper.problem else []
 
     def status(self) -> list[BlockStatus]:
         """How every block is doing now."""

@@ -43,7 +43,7 @@ COMMIT;
 _COLUMNS = '"set", number, content, started, done, failed, overruns, outcome, cause, device_code, meaning'
 
 
-class StateError(Exception):
+class StateError(ValueError):
     """A state file that cannot be used or written; the text says why and what to do."""
 
 
