@@ -108,9 +108,13 @@ def start_service(client: Client, do: Mapping[str, Any], station: Any, now: int,
         if isinstance(do["write"], list):
             return client.write_variables(do["write"], numbers, station=station, unit=unit, now=now, on_done=done)
         return client.write(do["write"], numbers, station=station, unit=unit, now=now, on_done=done)
-    service = next(name for name in do if name not in ("station", "unit", "count"))
+    service = next(name for name in do if name not in ("station", "unit", "count", "at"))
     arguments = do[service] if isinstance(do[service], Mapping) else {}
-    return client.call(service, dict(arguments), station=station, unit=unit, count=count, now=now, on_done=done)
+    places = do.get("at", [])
+    return client.call(
+        service, dict(arguments), station=station, addresses=places if isinstance(places, list) else [places],
+        unit=unit, count=count, now=now, on_done=done,
+    )  # fmt: skip
 
 
 def _number(value: Any) -> int:
