@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from framekit.blocks.device_settings import DeviceSettings
+from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.given import read_params, read_station
+from framekit.blocks.load_fault_plan import read_fault_plan
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import ProtocolAddresses, addresses_of
 from framekit.definition.check import check_protocol
@@ -54,6 +56,7 @@ class Device:
     profile: MemoryProfile | None
     mapping: Mapping[str, tuple[str, int]]
     initial: tuple[tuple[Place, tuple[int, ...]], ...]
+    faults: FaultPlan | None = None
 
     def areas_without_memory(self) -> list[str]:
         """Areas of the protocol that its memory does not have: every request for them is refused."""
@@ -159,6 +162,7 @@ class _DeviceLoader:
             profile=profile,
             mapping=read_mapping(reader, mapped, self.protocol, grammar),
             initial=self._initial(grammar),
+            faults=read_fault_plan(reader, self.root.get("faults"), self.definition.path.parent, self.protocol),
         )
         if len(stations) < 2:
             return (replace(device, own=stations[0] if stations else None),)

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
+from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.given import read_params, read_station
+from framekit.blocks.load_fault_plan import read_fault_plan
 from framekit.blocks.model import Channel
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
@@ -66,6 +68,7 @@ class ChannelLoader:
             answer=answer or 0,
             at=entry.key.at,
             port_at=port_node.at,
+            faults=self._faults(keys.get("faults"), port, protocol),
         )
         if self.spoilt:
             raise Broken(entry.key.text)
@@ -86,6 +89,11 @@ class ChannelLoader:
         if name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
             what = f"'{name}' leaves the run's folder"
             raise self.reader.broken(node.at, what, "name a file beside it or a shipped one")
+
+    def _faults(self, node: Node | None, port: str | None, protocol: Protocol) -> FaultPlan | None:
+        if node is not None and port is not None and not port.startswith("sim:"):
+            self.reader.note(node.at, f"'{port}' is no simulated line", "faults are for sim: ports")
+        return read_fault_plan(self.reader, node, self.folder, protocol)
 
     # ---- protocol and role --------------------------------------------------------------------------------
 

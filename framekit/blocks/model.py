@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from framekit.blocks.fault_plan import FaultPlan
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Position, Problem
@@ -134,6 +135,7 @@ class Channel:
     pause: int
     answer: int = 0
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    faults: FaultPlan | None = None
     at: Position
     port_at: Position
 

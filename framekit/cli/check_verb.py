@@ -1,4 +1,4 @@
-"""`framekit check FILE …`: every problem of definitions, devices, runs, vectors and memory profiles, all at once.
+"""`framekit check FILE …`: every problem of definitions, devices, runs, vectors, profiles, fault plans, all at once.
 
 For a run it also says how much of their time its channels need.
 """
@@ -169,4 +169,14 @@ def _memory(path: Path) -> Checked:
     return Checked(f"memory {profile.name}, {len(profile.areas)} areas", problems)
 
 
-CHECKS = {"protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory}
+def _faults(path: Path) -> Checked:
+    from framekit.blocks.load_fault_plan import load_fault_plan
+    from framekit.definition.problems import plural
+
+    plan = load_fault_plan(path)
+    return Checked(f"faults {plan.name}, {plural(len(plan.rules), 'rule')}", [])
+
+
+CHECKS = {
+    "protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory, "faults": _faults,
+}  # fmt: skip

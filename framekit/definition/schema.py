@@ -18,7 +18,7 @@ from framekit.definition.schema_messages import OWN_KEYS, Messages
 from framekit.definition.shipped import shipped_folder
 from framekit.definition.tree import Mapping, Node, Scalar
 
-Kind = Literal["protocol", "device", "run", "vectors", "memory"]
+Kind = Literal["protocol", "device", "run", "vectors", "memory", "faults"]
 
 FIRST_KEYS: dict[str, Kind] = {
     "protocol": "protocol",
@@ -27,6 +27,7 @@ FIRST_KEYS: dict[str, Kind] = {
     "run": "run",
     "vectors": "vectors",
     "memory": "memory",
+    "faults": "faults",
 }
 """What a file is, by its first key."""
 

@@ -121,6 +121,11 @@ class MemoryServer:
         except RefusedError as refused:
             return self._refused(request, refused.code, known)
 
+    def refuse(self, request: FrameValue, code: int | None, buffer: bytes, station: Any, names: Names) -> Served:
+        """Refuses a request whatever it asks for; without a code as for an address that is out of range."""
+        known = Names({"request": request, "buffer": buffer, "station": station}, names)
+        return self._refused(request, self._code_or(code, "range", known), known)
+
     def _serve(self, request: FrameValue, buffer: bytes, check_only: bool, names: Names) -> Served:
         if request.refusal is not None:
             raise RefusedError(request.refusal)

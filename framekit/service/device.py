@@ -8,24 +8,52 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from framekit.blocks.device import Device
-from framekit.codec.codec import compile_protocol
+from framekit.blocks.fault_plan import FaultPlan
+from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.device_state import DeviceState
 from framekit.link.engine import Engine
+from framekit.link.exchange import Server
+from framekit.link.frame_faults import FrameFaults
 from framekit.link.observe import Monitor
+from framekit.link.scope import Scope
 from framekit.link.serving import MemoryServer
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.driver import Driver
+from framekit.service.fault_injector import FaultInjector
+from framekit.service.faulty_port import FaultyPort
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
+<<<<<<< HEAD
 from framekit.service.service_counters import CountingServer, ServiceCounters
+=======
+from framekit.service.refusing_server import RefusingServer
+>>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 
+<<<<<<< HEAD
 class DeviceStore:
     """What a device keeps, whoever talks to it: memory, variables, clock, counters."""
 
     def __init__(self, device: Device, clock: Clock) -> None:
+=======
+class DeviceService:
+    """A device at work. Its memory can be read and written from outside at any time.
+
+    `faults` are those of its line, beside its own; what is done of them is counted in `faults.injected`.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        port: Port,
+        clock: Clock,
+        line: LineFormat | None,
+        monitor: Monitor | None = None,
+        faults: FaultPlan | None = None,
+    ) -> None:
+>>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
         self.device = device
         self.clock = clock
         self.memory = device.create_memory()
@@ -33,10 +61,42 @@ class DeviceStore:
         self.counters = ServiceCounters()
         self.system = self._system_bits()
         codec = compile_protocol(device.protocol)
+<<<<<<< HEAD
         server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
         self.server = CountingServer(RefreshedServer(server, self.refresh), self.counters)
         self.access = AddressedMemory(self.memory, device.grammar, self.refresh)
         self._begun = False
+=======
+        self.server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
+        self.faults = self._injector(faults, codec, line)
+        self.engine = Engine(
+            device.protocol,
+            codec,
+            device.role,
+            params=device.params,
+            line=line,
+            own=device.own,
+            server=RefreshedServer(self._answering(), self.refresh),
+            memory=AddressedMemory(self.memory, device.grammar, self.refresh),
+            now=clock.now(),
+            monitor=monitor,
+        )
+        self.driver = Driver(self.engine, port if self.faults is None else FaultyPort(port, self.faults), clock)
+
+    def _injector(self, of_line: FaultPlan | None, codec: Codec, line: LineFormat | None) -> FaultInjector | None:
+        """The device's own faults and those of its line."""
+        own = self.device.faults
+        plan = of_line if own is None else own.joined(of_line)
+        if plan is None:
+            return None
+        device = self.device
+        scope = Scope(device.protocol, role=device.role, own=device.own, line=line, params=device.params)
+        frames = FrameFaults(device.protocol, codec, scope, answers=True)
+        return FaultInjector(plan, self.clock, frames, name=device.name)
+
+    def _answering(self) -> Server:
+        return self.server if self.faults is None else RefusingServer(self.server, self.faults)
+>>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
 
     def _system_bits(self) -> SystemBits | None:
         """The bits that the device's memory sets by itself; nobody waits for them."""

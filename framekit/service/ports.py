@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+<<<<<<< HEAD
 from framekit.blocks.device import Device, load_devices
+=======
+from framekit.blocks.device import Device, load_device
+from framekit.blocks.fault_plan import FaultPlan
+>>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
 from framekit.blocks.model import Channel
+from framekit.codec.codec import compile_protocol
 from framekit.definition.problems import DefinitionError, Problem
+from framekit.link.frame_faults import FrameFaults
+from framekit.link.scope import Scope
 from framekit.service.device import DeviceService
+from framekit.service.fault_injector import FaultInjector
+from framekit.service.faulty_port import FaultyPort
 from framekit.transport.clock import Clock
 from framekit.transport.open_port import open_port
 from framekit.transport.port import Port
@@ -61,5 +71,15 @@ def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Por
     if not devices:
         return open_port(channel.port, channel.line, clock), []
     line = SimulatedLine(clock, channel.line)
-    services = [DeviceService(device, line.port(device.name), clock, channel.line) for device in devices]
-    return line.port(f"channel {channel.number}"), services
+    faults = None if channel.faults is None else channel.faults.of_line()
+    services = [DeviceService(device, line.port(device.name), clock, channel.line, faults=faults) for device in devices]
+    port = line.port(f"channel {channel.number}")
+    return port if faults is None else FaultyPort(port, _asking(channel, faults, clock)), services
+
+
+def _asking(channel: Channel, faults: FaultPlan, clock: Clock) -> FaultInjector:
+    """The faults of what the channel itself sends."""
+    protocol = channel.protocol
+    scope = Scope(protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params)
+    frames = FrameFaults(protocol, compile_protocol(protocol), scope, answers=False)
+    return FaultInjector(faults, clock, frames, answers=False, name=f"channel {channel.number}")

@@ -91,8 +91,9 @@ class SimulatedLine:
         transmission.connection = sender.connection
         self.transmissions += 1
         self.bytes_carried += len(data)
-        if self.fault is not None:
-            self.fault(transmission)
+        for fault in (sender.fault, self.fault):
+            if fault is not None:
+                fault(transmission)
         if transmission.data:
             sender.heard_until = transmission.end
             if not self.full_duplex:

@@ -13,6 +13,7 @@ from framekit.transport.port import Port, PortEvents
 
 if TYPE_CHECKING:
     from framekit.transport.simulated import SimulatedLine
+    from framekit.transport.transmission import Fault
 
 FAR_END_CLOSED = "the other side has closed the connection"
 
@@ -21,7 +22,8 @@ class SimulatedPort(Port):
     """A port made by `SimulatedLine.port`.
 
     While not `present` (an adapter that is unplugged) it cannot be opened. `rts` is how its owner has set the line.
-    `wanted`: it is open or waits for a connection, `joined`: it takes part in `connection`.
+    `wanted`: it is open or waits for a connection, `joined`: it takes part in `connection`. `fault` is done to what
+    this port sends, before that of the line.
     """
 
     def __init__(self, line: SimulatedLine, name: str) -> None:
@@ -30,6 +32,7 @@ class SimulatedPort(Port):
         self.settings = line.settings
         self.present = True
         self.rts = False
+        self.fault: Fault | None = None
         self.is_open = False
         self.joined = False
         self.connection = line.connection

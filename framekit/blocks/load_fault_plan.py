@@ -1,0 +1,203 @@
+"""Reads fault plans: a file `NAME.faults.yaml`, or a plan written in place in a device or run file.
+
+Whether a plan fits a protocol is judged apart, since plans are written for any protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+
+from framekit.blocks.fault_plan import FaultPlan, FaultRule
+from framekit.definition.load.documents import Documents
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Check
+from framekit.definition.model.visit import parts_of
+from framekit.definition.nodes import Mapping, Node
+from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.times import NEVER
+from framekit.link.station_fields import station_fields
+
+SUFFIX = ".faults.yaml"
+
+SETTINGS = {
+    "delay": ("time",),
+    "jitter": ("time",),
+    "truncate": ("bytes",),
+    "extra": ("bytes", "data", "place"),
+    "split": ("time", "bytes"),
+    "error_reply": ("code",),
+    "stray": ("time", "bytes", "data"),
+    "disconnect": ("time",),
+}
+"""What a kind of fault can be told besides how often it happens."""
+
+NEEDED = {"delay": "time", "jitter": "time", "noise": "rate", "stray": "time"}
+
+
+def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> FaultPlan:
+    """The plan in a file (a Path, or a name with a suffix), or `NAME.faults.yaml` in `folder`.
+
+    `at` is where the name was written. Raises DefinitionError with everything that is wrong.
+    """
+    reader = Reader()
+    documents = Documents(reader)
+    plan = None
+    with suppress(Broken):
+        root = documents.root(_find(name, folder or Path.cwd(), at), "faults")
+        plan = _PlanLoader(reader).plan(root, reader.text(root.get("faults")))
+    problems = documents.first_words(reader.problems)
+    if plan is None or problems:
+        raise DefinitionError(problems)
+    return plan
+
+
+def read_fault_plan(reader: Reader, node: Node | None, folder: Path, protocol: Protocol) -> FaultPlan | None:
+    """The plan that `faults:` of another file names or is; what is wrong is noted. None for none."""
+    if node is None:
+        return None
+    if isinstance(node, Mapping):
+        plan = _PlanLoader(reader).plan(node, "faults")
+        reader.problems.extend(misfits(plan, protocol))
+        return plan
+    with reader.going_on():
+        name = reader.text(node)
+        if name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
+            raise reader.broken(node.at, f"'{name}' leaves the folder of this file", "name a plan beside it")
+        try:
+            plan = load_fault_plan(name, folder, node.at)
+        except DefinitionError as error:
+            reader.problems.extend(error.problems)
+            return None
+        reader.problems.extend(Problem(node.at, problem.what, problem.todo) for problem in misfits(plan, protocol))
+        return plan
+    return None
+
+
+def _find(name: str | Path, folder: Path, at: Position) -> Path:
+    if isinstance(name, Path) and name.is_file():
+        return name
+    for candidate in (folder / name, folder / f"{name}{SUFFIX}"):
+        if candidate.is_file():
+            return candidate
+    known = {path.name.removesuffix(SUFFIX) for path in folder.glob(f"*{SUFFIX}")}
+    at = Position(str(name), 1, 1) if at is NOWHERE else at
+    todo = did_you_mean(str(name), known) or f"write {Path(str(name)).name}{SUFFIX}"
+    raise DefinitionError([Problem(at, f"there is no fault plan '{name}'", todo)])
+
+
+class _PlanLoader:
+    """Reads one plan. Problems go to the reader."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+
+    def plan(self, root: Mapping, name: str) -> FaultPlan:
+        rules: list[FaultRule] = []
+        seed = 0
+        with self.reader.going_on():
+            seed = 0 if (node := root.get("seed")) is None else self.reader.number(node)
+        for item in self.reader.items(root.get("rules")):
+            with self.reader.going_on():
+                rules.append(self.rule(self.reader.mapping(item)))
+        return FaultPlan(name=name, seed=seed, rules=tuple(rules), at=root.at)
+
+    def rule(self, keys: Mapping) -> FaultRule:
+        """Raises Broken."""
+        reader = self.reader
+        kind = reader.text(keys.get("fault"))
+        self._settings(kind, keys)
+        place, of, data = keys.get("place"), keys.get("of"), keys.get("data")
+        rule = FaultRule(
+            kind=kind,  # type: ignore[arg-type]  # the schema knows them
+            of=None if of is None else reader.text(of),  # type: ignore[arg-type]
+            rate=reader.maybe(self._share, keys.get("rate")),
+            every=self._positive(keys.get("every")),
+            times=self._positive(keys.get("times")),
+            begin=reader.maybe(reader.time, keys.get("from")) or 0,
+            end=NEVER if (node := keys.get("until")) is None else reader.time(node),
+            frame=reader.maybe(reader.text, keys.get("frame")),
+            time=self._time(kind, keys.get("time")),
+            size=self._positive(keys.get("bytes")),
+            data=None if data is None else reader.bytes(data),
+            before=place is not None and reader.text(place) == "before",
+            code=reader.maybe(reader.number, keys.get("code")),
+            at=keys.at,
+        )
+        if rule.end <= rule.begin:
+            raise reader.broken(keys.at, "the window ends before it begins", "give an until behind from")
+        return rule
+
+    def _settings(self, kind: str, keys: Mapping) -> None:
+        reader = self.reader
+        allowed = SETTINGS.get(kind, ())
+        for key in ("time", "bytes", "data", "place", "code"):
+            node = keys.get(key)
+            if node is not None and key not in allowed:
+                reader.note(node.at, f"'{key}' means nothing for {kind}", "leave it out")
+        rate, every = keys.get("rate"), keys.get("every")
+        if rate is not None and every is not None:
+            reader.note(every.at, "a rule has a rate or every, not both", "write two rules")
+        elif every is not None and kind in ("noise", "stray"):
+            what = f"{kind} comes by itself, not with frames"
+            reader.note(every.at, what, "give a rate for each bit" if kind == "noise" else "give the time between two")
+        if (data := keys.get("data")) is not None and keys.get("bytes") is not None:
+            reader.note(data.at, "there are data and bytes", "leave one of them out")
+        needed = NEEDED.get(kind)
+        if needed is not None and keys.get(needed) is None:
+            raise reader.broken(keys.at, f"{kind} needs '{needed}'", f"add {needed}:")
+
+    def _share(self, node: Node) -> float:
+        """`0.05`, `5 %`, `1/20`. Raises Broken."""
+        text = self.reader.text(node).strip()
+        try:
+            if "/" in text:
+                above, _, below = text.partition("/")
+                share = int(above) / int(below)
+            else:
+                share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        except (ValueError, ZeroDivisionError):
+            raise self.reader.broken(node.at, f"'{text}' is no share", "write it like 0.05, 5 % or 1/20") from None
+        if not 0 <= share <= 1:
+            raise self.reader.broken(node.at, f"'{text}' is no probability", "give one from 0 to 1")
+        return share
+
+    def _positive(self, node: Node | None) -> int | None:
+        if node is None:
+            return None
+        number = self.reader.number(node)
+        if number < 1:
+            raise self.reader.broken(node.at, f"{number} is too little here", "give 1 or more")
+        return number
+
+    def _time(self, kind: str, node: Node | None) -> int | None:
+        if node is None:
+            return None
+        time = self.reader.time(node)
+        if not 0 < time < NEVER:
+            raise self.reader.broken(
+                node.at, f"'{self.reader.text(node)}' is no time for {kind}", "give one such as 100 ms"
+            )
+        return time
+
+
+def misfits(plan: FaultPlan, protocol: Protocol) -> Iterator[Problem]:
+    """What of a plan a protocol cannot do: a wrong check where there is none, an error reply that nothing defines."""
+    for rule in plan.rules:
+        if rule.frame is not None and rule.frame not in protocol.frames:
+            hint = did_you_mean(rule.frame, protocol.frames)
+            yield Problem(rule.at, f"'{protocol.name}' has no frame '{rule.frame}'", hint)
+        elif rule.kind == "wrong_check" and not _has_check(protocol, rule.frame):
+            where = f"frame '{rule.frame}'" if rule.frame else f"'{protocol.name}'"
+            yield Problem(rule.at, f"{where} has no check code that could be wrong", "leave this rule out")
+        elif rule.kind == "wrong_station" and not station_fields(protocol):
+            yield Problem(rule.at, f"frames of '{protocol.name}' name no station", "leave this rule out")
+        elif rule.kind == "error_reply" and not protocol.services:
+            yield Problem(rule.at, f"'{protocol.name}' has no services that could be refused", "leave this rule out")
+
+
+def _has_check(protocol: Protocol, frame: str | None) -> bool:
+    frames: Iterable[str] = protocol.frames if frame is None else (frame,)
+    return any(True for name in frames for _ in parts_of(protocol.frames[name].segments, Check))

@@ -1,0 +1,156 @@
+"""A client and a device of every shipped protocol on a simulated line whose frames a fault plan damages."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from framekit.blocks.device import Device, memory_of
+from framekit.blocks.fault_plan import FaultPlan, FaultRule
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.times import parse_format
+from framekit.link.client import Client, TransferResult
+from framekit.link.engine import Engine
+from framekit.link.frame_faults import FrameFaults
+from framekit.link.observe import Seen
+from framekit.link.scope import Scope
+from framekit.service.device import DeviceService
+from framekit.service.driver import Driver
+from framekit.service.fault_injector import FaultInjector
+from framekit.service.faulty_port import FaultyPort
+from framekit.transport.clock import VirtualClock
+from framekit.transport.simulated import SimulatedLine
+
+MS = 1_000_000
+SECOND = 1000 * MS
+
+
+@dataclass(frozen=True)
+class Link:
+    """A pair of roles of a protocol, and where in the device to read and write."""
+
+    protocol: str
+    asking: str = "client"
+    answering: str = "server"
+    station: int = 3
+    address: str = "40001"
+    speed: int = 19200
+    format: str | None = "8E1"
+    params: dict[str, Any] = field(default_factory=dict)
+    own: dict[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.protocol}-{self.asking}"
+
+
+LINKS = [
+    Link("modbus-rtu"),
+    Link("modbus-ascii", format="7E1"),
+    Link("modbus-tcp", format=None),
+    Link("mldp", address="D100"),
+    Link("ge-rtu"),
+    Link("ccm", "master", "slave", address="R1", format="8O1"),
+    Link("ccm", "peer", "peer", address="R1", format="8O1"),
+    Link("df1", "full", "full", address="N7:0", own={"node": 1}),
+    Link("df1", "master", "slave", address="N7:0", params={"normal_nodes": [3]}, own={"node": 9}),
+]
+
+
+loaded = cache(load_protocol)
+
+
+class FaultWorld:
+    """One exchange after the other; what is read is compared with what the device has."""
+
+    def __init__(self, link: Link, *rules: FaultRule, seed: int = 1, echo: bool = False) -> None:
+        self.link = link
+        self.clock = VirtualClock()
+        self.plan = FaultPlan(seed=seed, rules=rules).of_line()
+        settings = None if link.format is None else parse_format(link.format, link.speed)
+        self.line = SimulatedLine(self.clock, settings)
+        self.protocol = loaded(link.protocol)
+        codec = compile_protocol(self.protocol)
+        areas, grammar = memory_of(self.protocol)
+        server_params = {"node": link.station} if "node" in self.protocol.params else {}
+        device = Device(
+            name="device", protocol=self.protocol, role=link.answering, own=link.station,
+            params=server_params, areas=areas, grammar=grammar, profile=None, mapping={}, initial=(),
+        )  # fmt: skip
+        self.device = DeviceService(device, self.line.port("device"), self.clock, settings, faults=self.plan)
+        self.injector = self.device.faults
+        assert self.injector is not None
+        client_params = {**link.params, **link.own}
+        own = link.own.get("node", 1)
+        self.engine = Engine(
+            self.protocol, codec, link.asking, params=client_params, line=settings, own=own, now=0,
+            monitor=self._watch,
+        )  # fmt: skip
+        self.seen: Counter[str] = Counter()
+        self.client = Client(self.protocol, codec, self.engine)
+        self.engine.machine.ask_service = self.client.ask
+        scope = Scope(self.protocol, role=link.asking, own=own, line=settings, params=client_params)
+        frames = FrameFaults(self.protocol, codec, scope, answers=False)
+        self.asking = FaultInjector(self.plan, self.clock, frames, answers=False, name="client")
+        self.port = self.line.port("client")
+        self.driver = Driver(self.engine, FaultyPort(self.port, self.asking), self.clock)
+        self.outcomes: list[str] = []
+        self.wrong: list[str] = []
+        self.known: list[int | None] = [0, 0, 0, 0]
+        self.number = 0
+        self.device.start()
+        self.driver.start()
+        self.clock.run_for(SECOND)
+
+    def _watch(self, seen: Seen) -> None:
+        self.seen["repeated" if seen.repeated else seen.kind] += 1
+
+    @property
+    def injected(self) -> Counter[str]:
+        assert self.injector is not None
+        return self.injector.injected + self.asking.injected
+
+    def no_more(self) -> None:
+        """The faults are over."""
+        assert self.injector is not None
+        for injector in (self.injector, self.asking):
+            injector.rules.clear()
+
+    def exchange(self) -> str:
+        """Writes new values, or reads; how it ended."""
+        done: list[TransferResult] = []
+        while not self.driver.is_open:
+            self.clock.run_for(100 * MS)
+        self.number += 1
+        write = self.number % 2 == 1
+        values = [(self.number * 251 + index * 4097) & 0x7FFF for index in range(4)]
+        keys: dict[str, Any] = {"station": self.link.station, "on_done": done.append}
+
+        def start(now: int) -> Any:
+            if write:
+                return self.client.write(self.link.address, values, now=now, **keys)
+            return self.client.read(self.link.address, count=4, now=now, **keys)
+
+        self.driver.do(start)
+        end = self.clock.now() + 3600 * SECOND
+        while not done and self.clock.now() < end and self.clock.advance():
+            pass
+        assert done, "an exchange has not ended within an hour"
+        place = self.device.device.grammar.parse(self.link.address)
+        there = self.device.memory.read(place.area, place.unit, place.start, 4)
+        if write:
+            self.known = list(values) if done[0].ok else [None] * 4
+            if done[0].ok and there != values:
+                self.wrong.append(f"{self.number}: written {values}, there is {there}")
+            if not done[0].ok and there not in (values, self.before):
+                self.wrong.append(f"{self.number}: {there} was never written")
+        elif done[0].ok and list(done[0].values) != there:
+            self.wrong.append(f"{self.number}: read {done[0].values}, there is {there}")
+        self.before = there
+        outcome = done[0].outcome or "ok"
+        self.outcomes.append(outcome)
+        return outcome
+
+    before: list[int] = [0, 0, 0, 0]  # noqa: RUF012 - replaced, never changed

@@ -1,0 +1,114 @@
+"""Every fault of a plan against every client protocol: nothing wrong is stored, the next exchange succeeds, and it shows.
+
+With parity or a CRC on the line no damage may pass. What 8-bit checks alone let pass is measured at the end.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
+
+from framekit.blocks.fault_plan import FaultRule
+from framekit.blocks.load_fault_plan import misfits
+
+SINGLE: dict[str, dict[str, Any]] = {
+    "delay": {"time": 100 * MS},
+    "jitter": {"time": 200 * MS},
+    "no_reply": {},
+    "wrong_check": {},
+    "wrong_station": {},
+    "error_reply": {},
+    "truncate": {},
+    "extra": {"data": b"\x55\xaa\x7e"},
+    "glue": {},
+    "split": {},
+    "disconnect": {},
+}
+"""Faults that are done to one frame. Extra bytes that look like the begin of a frame are a matter of the receiver."""
+
+HARMLESS = ("delay", "jitter", "split")
+LASTING: dict[str, dict[str, Any]] = {"noise": {"rate": 1 / 2000}, "stray": {"time": 200 * MS}, "echo": {"every": 5}}
+NEVER_SENT = {("wrong_station", "ccm-peer")}
+"""Frames that answer no enquiry between equals, so none of them names a station."""
+
+
+def fits(kind: str, link: Link) -> bool:
+    world_rule = FaultRule(kind=kind)  # type: ignore[arg-type]
+    plan = FaultWorld(link, world_rule).plan
+    return not list(misfits(plan, FaultWorld(link).protocol)) and (kind, str(link)) not in NEVER_SENT
+
+
+@pytest.mark.parametrize("link", LINKS, ids=str)
+@pytest.mark.parametrize("kind", SINGLE)
+def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link) -> None:
+    if not fits(kind, link):
+        pytest.skip(f"{link} has nothing that {kind} could be done to")
+    for place in (1, 2, 5):
+        world = FaultWorld(link, rule_for(kind, place))
+        hit = ""
+        while not world.injected[kind]:
+            hit = world.exchange()
+            assert world.number <= 20, "no frame could be hit"
+        if kind == "glue" and hit != "ok":
+            world.exchange()  # the frame that was held comes only now
+        if hit != "ok":
+            world.clock.run_for(30 * SECOND)  # the other side may still be waiting for what will not come
+        assert hit == "ok" or kind not in HARMLESS
+        assert [world.exchange(), world.exchange()] == ["ok", "ok"], (place, hit)
+        assert world.wrong == []
+        if kind not in HARMLESS:
+            assert_shown(kind, world, hit)
+        assert world.injected == {kind: 1}
+
+
+def rule_for(kind: str, place: int) -> FaultRule:
+    """Once, at that frame that the device sends after the first second, in which links come up."""
+    return FaultRule(kind=kind, every=place, times=1, begin=SECOND, **SINGLE[kind])  # type: ignore[arg-type]
+
+
+def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
+    """The counter that says so has moved: of bad frames, of noise, of repeats, of reopenings; or the outcome says it."""
+    counters, seen = world.engine.counters, world.seen
+    if kind == "wrong_check":
+        assert counters.bad == 1
+    elif kind == "error_reply":
+        assert outcome != "ok"
+    elif kind == "disconnect":
+        assert world.device.driver.reopenings + world.driver.reopenings >= 1 or outcome != "ok" or seen["repeated"]
+    elif kind == "extra":
+        assert counters.noise_bytes + counters.bad + counters.not_taken + world.device.engine.counters.bad > 0
+    else:
+        lost = counters.bad + counters.noise_bytes + counters.not_taken + seen["repeated"]
+        assert lost > 0 or outcome != "ok" or world.engine.counters.received > 0
+
+
+@pytest.mark.parametrize("link", LINKS, ids=str)
+@pytest.mark.parametrize("kind", LASTING)
+def test_what_lasts_stores_nothing_wrong_and_is_over_when_it_is_over(kind: str, link: Link) -> None:
+    rules = [FaultRule(kind=kind, of=of, **LASTING[kind]) for of in ("replies", "requests")]  # type: ignore[arg-type]
+    world = FaultWorld(link, *rules[: 1 if kind == "echo" else 2])
+    for _ in range(40):
+        world.exchange()
+    assert world.wrong == []
+    assert world.injected[kind] >= 3
+    assert world.outcomes.count("ok") >= 15 or kind == "echo", "some procedures cannot do with an echo at all"
+    world.no_more()
+    world.clock.run_for(30 * SECOND)
+    assert [world.exchange(), world.exchange()] == ["ok", "ok"]
+    assert world.wrong == []
+
+
+@pytest.mark.parametrize("link", LINKS, ids=str)
+def test_the_same_seed_gives_the_same_faults(link: Link) -> None:
+    rules = [FaultRule(kind="noise", rate=1 / 500), FaultRule(kind="truncate", rate=0.1), FaultRule(kind="jitter", time=MS)]
+
+    def story(seed: int) -> tuple[list[str], dict[str, int], int]:
+        world = FaultWorld(link, *rules, seed=seed)
+        for _ in range(12):
+            world.exchange()
+        return world.outcomes, dict(world.injected), world.clock.now()
+
+    assert story(4) == story(4)
+    assert story(4) != story(5)
