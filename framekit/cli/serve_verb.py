@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import contextlib
 import signal
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--param", action="append", default=[], metavar="NAME=VALUE", help="parameter of the protocol; may be repeated"
     )
+    parser.add_argument("--faults", metavar="PLAN", help="fault plan: what goes wrong with what the devices send")
     parser.add_argument("--role", help="role it plays; default: the one that answers")
     parser.add_argument("--speed", type=int, help="line speed in bits a second; default: the protocol's")
     parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
@@ -56,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     duration = duration_of(arguments.duration)
-    devices = _devices(arguments.devices, _settings(arguments))
+    devices = _with_faults(_devices(arguments.devices, _settings(arguments)), arguments.faults)
     line = _line(arguments, devices[0])
     with contextlib.suppress(asyncio.CancelledError):
         asyncio.run(_serve(arguments, devices, line, duration))
@@ -98,6 +100,19 @@ def _devices(names: Sequence[str], settings: DeviceSettings) -> list[Device]:
     except ValueError as error:
         raise Failure(str(error)) from None
     return found
+
+
+def _with_faults(devices: list[Device], name: str | None) -> list[Device]:
+    """The devices with a plan beside their own. Raises DefinitionError, also for what the protocol cannot do."""
+    from framekit.blocks.load_fault_plan import load_fault_plan, misfits
+    from framekit.definition.problems import DefinitionError
+
+    if name is None:
+        return devices
+    plan = load_fault_plan(name, Path.cwd())
+    if problems := [problem for device in devices for problem in misfits(plan, device.protocol)]:
+        raise DefinitionError(problems)
+    return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 
 
 def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:

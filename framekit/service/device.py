@@ -13,7 +13,6 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.device_state import DeviceState
 from framekit.link.engine import Engine
-from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.observe import Monitor
 from framekit.link.scope import Scope
@@ -23,37 +22,19 @@ from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
-<<<<<<< HEAD
-from framekit.service.service_counters import CountingServer, ServiceCounters
-=======
 from framekit.service.refusing_server import RefusingServer
->>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
+from framekit.service.service_counters import CountingServer, ServiceCounters
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 
-<<<<<<< HEAD
 class DeviceStore:
-    """What a device keeps, whoever talks to it: memory, variables, clock, counters."""
+    """What a device keeps, whoever talks to it: memory, variables, clock, counters, the plan of its faults.
 
-    def __init__(self, device: Device, clock: Clock) -> None:
-=======
-class DeviceService:
-    """A device at work. Its memory can be read and written from outside at any time.
-
-    `faults` are those of its line, beside its own; what is done of them is counted in `faults.injected`.
+    `of_line` are the faults of its line, beside its own; what is done of them is counted in `faults.injected`.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        port: Port,
-        clock: Clock,
-        line: LineFormat | None,
-        monitor: Monitor | None = None,
-        faults: FaultPlan | None = None,
-    ) -> None:
->>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
+    def __init__(self, device: Device, clock: Clock, of_line: FaultPlan | None = None) -> None:
         self.device = device
         self.clock = clock
         self.memory = device.create_memory()
@@ -61,42 +42,19 @@ class DeviceService:
         self.counters = ServiceCounters()
         self.system = self._system_bits()
         codec = compile_protocol(device.protocol)
-<<<<<<< HEAD
         server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
-        self.server = CountingServer(RefreshedServer(server, self.refresh), self.counters)
+        plan = of_line if device.faults is None else device.faults.joined(of_line)
+        self.faults = None if plan is None else self._injector(plan, codec)
+        answering = server if self.faults is None else RefusingServer(server, self.faults)
+        self.server = CountingServer(RefreshedServer(answering, self.refresh), self.counters)
         self.access = AddressedMemory(self.memory, device.grammar, self.refresh)
         self._begun = False
-=======
-        self.server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
-        self.faults = self._injector(faults, codec, line)
-        self.engine = Engine(
-            device.protocol,
-            codec,
-            device.role,
-            params=device.params,
-            line=line,
-            own=device.own,
-            server=RefreshedServer(self._answering(), self.refresh),
-            memory=AddressedMemory(self.memory, device.grammar, self.refresh),
-            now=clock.now(),
-            monitor=monitor,
-        )
-        self.driver = Driver(self.engine, port if self.faults is None else FaultyPort(port, self.faults), clock)
 
-    def _injector(self, of_line: FaultPlan | None, codec: Codec, line: LineFormat | None) -> FaultInjector | None:
-        """The device's own faults and those of its line."""
-        own = self.device.faults
-        plan = of_line if own is None else own.joined(of_line)
-        if plan is None:
-            return None
+    def _injector(self, plan: FaultPlan, codec: Codec) -> FaultInjector:
         device = self.device
-        scope = Scope(device.protocol, role=device.role, own=device.own, line=line, params=device.params)
+        scope = Scope(device.protocol, role=device.role, own=device.own, params=device.params)
         frames = FrameFaults(device.protocol, codec, scope, answers=True)
         return FaultInjector(plan, self.clock, frames, name=device.name)
-
-    def _answering(self) -> Server:
-        return self.server if self.faults is None else RefusingServer(self.server, self.faults)
->>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
 
     def _system_bits(self) -> SystemBits | None:
         """The bits that the device's memory sets by itself; nobody waits for them."""
@@ -126,6 +84,7 @@ class DeviceService:
     """A device at work on one port. Its memory can be read and written from outside at any time.
 
     `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
+    `faults`: those of the line, where there is no store yet.
     """
 
     def __init__(
@@ -138,9 +97,11 @@ class DeviceService:
         *,
         store: DeviceStore | None = None,
         on_state: Callable[[str], None] | None = None,
+        faults: FaultPlan | None = None,
     ) -> None:
         self.device = device
-        self.store = store = DeviceStore(device, clock) if store is None else store
+        self.store = store = DeviceStore(device, clock, faults) if store is None else store
+        self.faults = store.faults
         self.memory = store.memory
         self.engine = Engine(
             device.protocol,
@@ -155,7 +116,8 @@ class DeviceService:
             monitor=monitor,
             device=store.state,
         )
-        self.driver = Driver(self.engine, port, clock, on_state)
+        line_port = port if self.faults is None else FaultyPort(port, self.faults)
+        self.driver = Driver(self.engine, line_port, clock, on_state)
 
     def start(self) -> None:
         self.store.begin()

@@ -56,7 +56,8 @@ class FaultyPort(Port):
     # ---- life ---------------------------------------------------------------------------------------------
 
     def open(self, events: PortEvents) -> None:
-        self.close()
+        if self._events is not None:
+            self.close()
         self.injector.begin()
         self._events = events
         if self.clock.now() < self._away_until:

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-<<<<<<< HEAD
 from framekit.blocks.device import Device, load_devices
-=======
-from framekit.blocks.device import Device, load_device
 from framekit.blocks.fault_plan import FaultPlan
->>>>>>> e422c77 (Fault plans: faults of devices and simulated lines, by rule, seed and window, on any port)
 from framekit.blocks.model import Channel
 from framekit.codec.codec import compile_protocol
 from framekit.definition.problems import DefinitionError, Problem

@@ -1,4 +1,4 @@
-"""Every fault of a plan against every client protocol: nothing wrong is stored, the next exchange succeeds, and it shows.
+"""Every fault of a plan against every client protocol: nothing wrong is stored, the next exchange succeeds, it shows.
 
 With parity or a CRC on the line no damage may pass. What 8-bit checks alone let pass is measured at the end.
 """
@@ -69,7 +69,7 @@ def rule_for(kind: str, place: int) -> FaultRule:
 
 
 def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
-    """The counter that says so has moved: of bad frames, of noise, of repeats, of reopenings; or the outcome says it."""
+    """The counter of it has moved: bad frames, noise, repeats, reopenings; or the outcome says it."""
     counters, seen = world.engine.counters, world.seen
     if kind == "wrong_check":
         assert counters.bad == 1
@@ -102,7 +102,11 @@ def test_what_lasts_stores_nothing_wrong_and_is_over_when_it_is_over(kind: str, 
 
 @pytest.mark.parametrize("link", LINKS, ids=str)
 def test_the_same_seed_gives_the_same_faults(link: Link) -> None:
-    rules = [FaultRule(kind="noise", rate=1 / 500), FaultRule(kind="truncate", rate=0.1), FaultRule(kind="jitter", time=MS)]
+    rules = [
+        FaultRule(kind="noise", rate=1 / 500),
+        FaultRule(kind="truncate", rate=0.1),
+        FaultRule(kind="jitter", time=MS),
+    ]
 
     def story(seed: int) -> tuple[list[str], dict[str, int], int]:
         world = FaultWorld(link, *rules, seed=seed)
