@@ -6,7 +6,8 @@ protocols.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from framekit.blocks.conditions import Condition
@@ -107,32 +108,52 @@ class Periods:
             place = self.grammar.parse(clock.address)
             self.clocks[place.area, place.first_bit] = clock.period
         self.blocks = {(block.set, block.number): block for block in run.blocks}
+        self.done_bits = dict(self._done_bits(run)) if run.status else {}
+
+    def _done_bits(self, run: Run) -> Iterator[tuple[tuple[str, int], BlockKey]]:
+        """The bits in memory that pulse when a block ends well."""
+        for section in run.memory.flags.values():
+            item = section.items.get("done")
+            if item is None or item.bit is None:
+                continue
+            for key in self.blocks:
+                with suppress(ValueError):
+                    yield (section.area, 16 * (section.base(*key) + item.word) + item.bit), key
 
     def of(self, block: Block) -> int | None:
         """The shortest period (ns) of its triggers; None when none has one."""
         return self._of(block, frozenset())
 
-    def _of(self, block: Block, seen: frozenset[int]) -> int | None:
+    def _of(self, block: Block, seen: frozenset[BlockKey]) -> int | None:
+        key = block.set, block.number
         periods: list[int] = []
         for trigger in block.triggers:
             if isinstance(trigger, Every):
                 periods.append(trigger.period)
             elif isinstance(trigger, Rising):
-                periods.extend(self._clocks_of(trigger))
-            elif isinstance(trigger, BlockEnd) and trigger.ok and trigger.block not in seen:
-                before = self.blocks.get((block.set, trigger.block))
-                period = None if before is None else self._of(before, seen | {block.number})
-                periods.extend(() if period is None else (period,))
+                periods.extend(self._rising(trigger, seen | {key}))
+            elif isinstance(trigger, BlockEnd) and trigger.ok:
+                periods.extend(self._behind((block.set, trigger.block), seen | {key}))
         return min(periods, default=None)
 
-    def _clocks_of(self, trigger: Rising) -> list[int]:
-        """The clock whose bit is the condition, or part of it: it rises no more often than that."""
+    def _behind(self, key: BlockKey, seen: frozenset[BlockKey]) -> Iterator[int]:
+        """The period of another block that this one follows."""
+        period = self._of(self.blocks[key], seen) if key in self.blocks and key not in seen else None
+        if period is not None:
+            yield period
+
+    def _rising(self, trigger: Rising, seen: frozenset[BlockKey]) -> list[int]:
+        """The clock or the end of a block whose bit is the condition, or part of it: it rises no more often."""
         try:
             places = Condition(trigger.condition, self.grammar.parse).addresses.values()
         except AddressError:
             return []
-        found = [self.clocks.get((place.area, place.first_bit)) for place in places if place.unit == "bit"]
-        periods = [period for period in found if period is not None]
+        periods: list[int] = []
+        for place in ((place.area, place.first_bit) for place in places if place.unit == "bit"):
+            if place in self.clocks:
+                periods.append(self.clocks[place])
+            elif place in self.done_bits:
+                periods.extend(self._behind(self.done_bits[place], seen))
         return periods if len(periods) == 1 else []
 
 

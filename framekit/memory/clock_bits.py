@@ -31,11 +31,12 @@ class _Clock:
     waited_for: bool
     rises: int = 0
 
-    def rises_until(self, time: int) -> int:
-        return (time - self.first) // self.period + 1 if time >= self.first else 0
-
-    def is_on(self, time: int) -> bool:
-        return time >= self.first and 2 * ((time - self.first) % self.period) < self.period
+    def at(self, time: int) -> tuple[int, bool]:
+        """How often it has risen, and whether it is on."""
+        if time < self.first:
+            return 0, False
+        periods, into = divmod(time - self.first, self.period)
+        return periods + 1, 2 * into < self.period
 
     def next_edge(self, time: int) -> int:
         if time < self.first:
@@ -161,14 +162,17 @@ class SystemBits:
         risen = 0
         on = word.on | (word.first_scan if time < self._scan else word.after_first_scan)
         for clock in word.clocks:
-            rises = clock.rises_until(time)
-            if rises != clock.rises and clock.waited_for:
-                risen |= clock.mask
-            clock.rises = rises
-            if clock.is_on(time):
+            rises, is_on = clock.at(time)
+            if rises != clock.rises:
+                clock.rises = rises
+                if clock.waited_for:
+                    risen |= clock.mask
+            if is_on:
                 on |= clock.mask
         before = word.area.read("word", word.number)[0]
         final = before & ~word.owned | on
+        if final == before and not risen:
+            return
         current = before
         for value in (before & ~risen, final | risen, final):
             if value != current:

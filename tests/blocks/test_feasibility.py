@@ -53,8 +53,11 @@ def test_blocks_behind_others_have_their_period(tmp_path: Path) -> None:
   3: {read: "40001", into: M203, when: block 0 failed}
   4: {read: "40001", into: M204, when: block 5 done}
   5: {read: "40001", into: M205, when: block 4 done}
+  6: {read: "40001", into: M206, when: L006310}
+  7: {read: "40001", into: M207, when: L006311}
 """
-    assert periods(loads(tmp_path, blocks, 5, 5, 5, 5, 5, 5)) == [100, 100, 100, None, None, None]
+    found = [100, 100, 100, None, None, None, 100, None]
+    assert periods(loads(tmp_path, blocks, *[5] * 8)) == found, "L006310 is NDR of block 1, L006311 its ERR"
 
 
 def test_loads_add_up(tmp_path: Path) -> None:
