@@ -1,4 +1,7 @@
-"""`framekit decode PROTOCOL HEX`: which frame some bytes are, with every field, its offset and its bytes."""
+"""`framekit decode PROTOCOL HEX`: which frame some bytes are, with every field, its offset and its bytes.
+
+With `--capture FILE` it is a whole capture.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,7 @@ from framekit.cli.common import (
     spaced,
     table,
 )
+from framekit.cli.decode_capture import add_capture_arguments, decode_capture
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
@@ -28,11 +32,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_protocol(parser)
-    parser.add_argument("bytes", metavar="HEX", nargs="+", help="the bytes as hex digits, or - for standard input")
+    parser.add_argument("bytes", metavar="HEX", nargs="*", help="the bytes as hex digits, or - for standard input")
     parser.add_argument("--frame", help="try this frame only")
     parser.add_argument("--from", dest="side", choices=("client", "server"), help="which side sent the bytes")
     add_settings(parser)
     add_json(parser)
+    add_capture_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -40,6 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     from framekit.link.fitting import fitting, reason
 
     protocol = load(arguments.protocol)
+    if arguments.capture is not None:
+        return decode_capture(protocol, arguments)
+    if not arguments.bytes:
+        raise Failure("which bytes? – give hex digits, - for standard input, or --capture FILE")
     codec = compile_protocol(protocol)
     scope = scope_of(protocol, arguments.set)
     data = hex_bytes(" ".join(arguments.bytes))

@@ -25,6 +25,9 @@ VERBS = {
     "call": "run another service of a device",
     "run": "carry out a run file",
     "serve": "answer requests on a port, with memory",
+    "monitor": "listen to a line between others",
+    "replay": "send the bytes of a capture again",
+    "loopback": "test a port that is wired back to itself",
     "completion": "print a shell's completion script",
 }
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Protocol
 
 from framekit.definition.times import NEVER
-from framekit.link.engine import Engine
 from framekit.link.events import Break, CharacterFault, Command, Reopen, Send, SetRts
 from framekit.service.line_load import LineLoad
 from framekit.transport.clock import Clock, Handle
@@ -21,13 +21,34 @@ FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 log = logging.getLogger(__name__)
 
 
+class Driven(Protocol):
+    """What a driver runs: an engine, or something that only listens."""
+
+    @property
+    def deadline(self) -> int: ...
+
+    def opened(self, now: int) -> list[Command]: ...
+
+    def closed(self, now: int, reason: str = "") -> list[Command]: ...
+
+    def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]: ...
+
+    def line_break(self, now: int) -> list[Command]: ...
+
+    def sent(self, now: int) -> list[Command]: ...
+
+    def control(self, lines: Mapping[str, bool], now: int) -> list[Command]: ...
+
+    def tick(self, now: int) -> list[Command]: ...
+
+
 class Driver:
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
     `load` measures how busy the line is.
     """
 
-    def __init__(self, engine: Engine, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None) -> None:
+    def __init__(self, engine: Driven, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None) -> None:
         self.engine = engine
         self.port = port
         self.clock = clock

@@ -19,8 +19,17 @@ Opener = Callable[[str, LineFormat | None, Clock], Port]
 """Makes a port of a whole URL, such as `sim:pump.device.yaml`. Raises ValueError."""
 
 
-def open_port(url: str, settings: LineFormat | None, clock: Clock, openers: Mapping[str, Opener] | None = None) -> Port:
+def open_port(
+    url: str,
+    settings: LineFormat | None,
+    clock: Clock,
+    openers: Mapping[str, Opener] | None = None,
+    *,
+    listen_only: bool = False,
+) -> Port:
     """`/dev/ttyUSB0`, `COM3`, `tcp://HOST:PORT`, any pyserial URL, and the schemes of `openers`; not yet opened.
+
+    `listen_only`: a serial port is opened with RTS and DTR off.
 
     Raises ValueError, with a sentence, for anything else and for a real port on a clock that is not real.
     """
@@ -39,7 +48,7 @@ def open_port(url: str, settings: LineFormat | None, clock: Clock, openers: Mapp
         return TcpPort(host, number, clock)
     from framekit.transport.serial_port import SerialPort
 
-    return SerialPort(url, settings, clock)
+    return SerialPort(url, settings, clock, listen_only)
 
 
 def _unknown(url: str, others: Mapping[str, Opener] | tuple[()]) -> str:

@@ -70,8 +70,8 @@ class SerialConnection(ABC):
         """Closes the device, soon; nothing is told any more."""
 
 
-def open_device(url: str, settings: LineFormat | None) -> Any:
-    """The pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`."""
+def open_device(url: str, settings: LineFormat | None, listen_only: bool = False) -> Any:
+    """The pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`. `listen_only`: RTS and DTR stay off."""
     import serial
 
     line = settings or LineFormat(9600)
@@ -82,8 +82,12 @@ def open_device(url: str, settings: LineFormat | None) -> Any:
         bytesize=line.data_bits,
         parity=line.parity,
         stopbits=line.stop_bits,
+        do_not_open=True,
         **options,
     )
+    if listen_only:
+        opened.rts = opened.dtr = False
+    opened.open()
     with contextlib.suppress(*SERIAL_ERRORS):
         opened.reset_input_buffer()
     return opened

@@ -28,10 +28,17 @@ from framekit.transport.serial_connection import (
 class DescriptorConnection(SerialConnection):
     """An open device of this machine. Raises one of `SERIAL_ERRORS` when it cannot be opened."""
 
-    def __init__(self, name: str, settings: LineFormat | None, clock: AsyncioClock, events: SerialEvents) -> None:
+    def __init__(
+        self,
+        name: str,
+        settings: LineFormat | None,
+        clock: AsyncioClock,
+        events: SerialEvents,
+        listen_only: bool = False,
+    ) -> None:
         self.clock = clock
         self.events = events
-        self._device = device = _open(name, settings)
+        self._device = device = _open(name, settings, listen_only)
         self._descriptor: int = device.fileno()
         self.has_bit_times = not is_pseudo(self._descriptor)
         self._fault = LineFault.FRAMING if settings is None or settings.parity == "N" else LineFault.PARITY
@@ -141,15 +148,15 @@ class DescriptorConnection(SerialConnection):
         set_attribute(self._device, name, on)
 
 
-def _open(name: str, settings: LineFormat | None) -> Any:
+def _open(name: str, settings: LineFormat | None, listen_only: bool) -> Any:
     """A pseudo-terminal need not know the speed and format of a real line; any will do then."""
     try:
         try:
-            return open_device(name, settings)
+            return open_device(name, settings, listen_only)
         except (ValueError, termios.error):
             if not is_pseudo_name(name):
                 raise
-            return open_device(name, None)
+            return open_device(name, None, listen_only)
     except (ValueError, termios.error) as error:
         raise OSError(f"the device cannot be set to {settings}: {error}") from error
 

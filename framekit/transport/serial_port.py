@@ -21,12 +21,16 @@ SHORTEST_LOOK = 500_000
 
 
 class SerialPort(Port):
-    """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none)."""
+    """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none).
 
-    def __init__(self, url: str, settings: LineFormat | None, clock: AsyncioClock) -> None:
+    `listen_only`: it is opened with RTS and DTR off, for a line that others use.
+    """
+
+    def __init__(self, url: str, settings: LineFormat | None, clock: AsyncioClock, listen_only: bool = False) -> None:
         self.name = url
         self.settings = settings
         self.clock = clock
+        self.listen_only = listen_only
         self._use: _Use | None = None
         self._last_threads: ThreadConnection | None = None
 
@@ -43,8 +47,10 @@ class SerialPort(Port):
         if is_device(self.name) and os.name == "posix":
             from framekit.transport.serial_descriptor import DescriptorConnection
 
-            return DescriptorConnection(self.name, self.settings, self.clock, use)
-        self._last_threads = ThreadConnection(self.name, self.settings, self.clock, use, self._last_threads)
+            return DescriptorConnection(self.name, self.settings, self.clock, use, self.listen_only)
+        self._last_threads = ThreadConnection(
+            self.name, self.settings, self.clock, use, self._last_threads, self.listen_only
+        )
         return self._last_threads
 
     def forget(self) -> None:

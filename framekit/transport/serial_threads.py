@@ -37,9 +37,11 @@ class ThreadConnection(SerialConnection):
         clock: AsyncioClock,
         events: SerialEvents,
         previous: ThreadConnection | None = None,
+        listen_only: bool = False,
     ) -> None:
         self.url = url
         self.settings = settings
+        self.listen_only = listen_only
         self.clock = clock
         self.events = events
         self.finished = threading.Event()
@@ -56,7 +58,7 @@ class ThreadConnection(SerialConnection):
         if self._previous is not None:
             self._previous.wait()
         try:
-            device = open_device(self.url, self.settings)
+            device = open_device(self.url, self.settings, self.listen_only)
         except SERIAL_ERRORS as error:
             self._tell_lost(error)
         else:

@@ -1,0 +1,96 @@
+"""`framekit replay FILE --port PORT`: sends what went in one direction of a capture, in its own time or faster."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from framekit.cli.common import add_json, print_json
+from framekit.cli.main import Failure
+
+if TYPE_CHECKING:
+    from framekit.definition.times import LineFormat
+    from framekit.transport.tapped_port import LineEvent
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", type=Path, help="a capture: pcap or JSON lines")
+    parser.add_argument("--port", required=True, metavar="PORT", help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT")
+    parser.add_argument(
+        "--direction", choices=("in", "out"), default="out", help="which bytes to send; default: those once sent"
+    )
+    parser.add_argument("--channel", type=int, help="which channel of a capture that has several")
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument("--speed-up", type=float, default=1.0, metavar="N", help="so many times faster than it was")
+    pace.add_argument("--as-fast", action="store_true", help="without pauses")
+    parser.add_argument("--speed", type=int, default=9600, help="line speed in bits a second; default: 9600")
+    parser.add_argument("--format", default="8N1", help="data bits, parity and stop bits; default: 8N1")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from framekit.definition.times import parse_format
+
+    if arguments.speed_up <= 0:
+        raise Failure(f"--speed-up {arguments.speed_up:g}: write a number above 0")
+    try:
+        line = parse_format(arguments.format, arguments.speed)
+    except ValueError as error:
+        raise Failure(str(error)) from None
+    events = _events(arguments)
+    return asyncio.run(_replay(arguments, line, events))
+
+
+def _events(arguments: argparse.Namespace) -> list[LineEvent]:
+    """What is to be sent, from one channel. Raises Failure."""
+    from framekit.service.capture import CaptureError, CaptureReader
+
+    try:
+        with CaptureReader(arguments.file) as reader:
+            found = [
+                (channel, event)
+                for channel, event in reader.events()
+                if event.kind == "data" and event.direction == arguments.direction
+            ]
+    except CaptureError as error:
+        raise Failure(str(error)) from None
+    channels = sorted({channel for channel, _ in found})
+    if arguments.channel is None and len(channels) > 1:
+        raise Failure(f"the capture has the channels {', '.join(map(str, channels))} – choose one with --channel")
+    events = [event for channel, event in found if arguments.channel in (None, channel)]
+    if not events:
+        raise Failure(f"the capture has no bytes of direction {arguments.direction} there – try --direction")
+    return events
+
+
+async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
+    from framekit.service.replay import Replay
+    from framekit.transport.clock import AsyncioClock
+    from framekit.transport.open_port import open_port
+
+    loop = asyncio.get_running_loop()
+    ended: asyncio.Future[str] = loop.create_future()
+    clock = AsyncioClock(loop)
+    try:
+        port = open_port(arguments.port, line, clock)
+    except ValueError as error:
+        raise Failure(str(error)) from None
+    speed_up = None if arguments.as_fast else arguments.speed_up
+    replay = Replay(events, port, clock, ended.set_result, direction=arguments.direction, speed_up=speed_up)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, replay.stop)
+    replay.start()
+    reason = await ended
+    seconds = (replay.ended_at - replay.began) / 1e9 if replay.began else 0.0
+    if arguments.json:
+        told = {"sent": replay.bytes_sent, "pieces": replay.pieces_sent, "of": replay.pieces}
+        print_json(told | {"received": replay.bytes_received, "seconds": round(seconds, 6), "reason": reason})
+    else:
+        pieces = f"{replay.pieces_sent} of {replay.pieces} pieces"
+        print(f"sent {pieces}, {replay.bytes_sent} bytes in {seconds:.3f} s; {replay.bytes_received} bytes came")
+    if reason:
+        raise Failure(reason)
+    return 0

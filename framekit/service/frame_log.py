@@ -1,0 +1,171 @@
+"""What a frame monitor shows: the last frames of all channels with their processing result, filters, fields.
+
+Whoever shows them (a terminal, JSON, a program) takes them from here; nothing here knows how they are shown.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.plain import PlainValues
+from framekit.definition.model.protocol import Protocol
+from framekit.link.evaluate import EVALUATION_ERRORS
+from framekit.link.observe import Seen
+from framekit.link.scope import Scope
+
+UNKNOWN = "unknown"
+USER_DEFINED = "user-defined"
+KEPT = 10_000
+"""So many entries are kept; older ones are dropped and counted."""
+FAULTY = ("bad", "noise", "trouble")
+
+
+def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
+    """The processing result: whose frame it is, `mldp client` for one, or that it could not be processed.
+
+    `role` is the own one; without it (somebody only listens) the side that sent it stands there.
+    """
+    if seen.kind in FAULTY:
+        return UNKNOWN
+    if seen.kind != "frame":
+        return ""
+    if protocol.frames_alone:
+        return USER_DEFINED
+    side = role
+    if side is None:
+        frame = protocol.frames.get(seen.frame)
+        side = "" if frame is None or frame.side not in ("client", "server") else frame.side
+    return f"{protocol.name} {side}".rstrip()
+
+
+def ascii_of(data: bytes) -> str:
+    """Printable characters as they are, others as a dot."""
+    return "".join(chr(byte) if 32 <= byte < 127 else "·" for byte in data)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """One thing seen. `number` counts all of them from 1."""
+
+    number: int
+    channel: int
+    seen: Seen
+    result: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFilter:
+    """Which entries are wanted; empty wants all. `text` is searched in names, reasons, hex pairs and ASCII."""
+
+    channel: int | None = None
+    frame: str = ""
+    bad_only: bool = False
+    text: str = ""
+
+    def takes(self, channel: int, seen: Seen) -> bool:
+        """Whether it is wanted."""
+        if self.channel is not None and channel != self.channel:
+            return False
+        if self.bad_only and seen.kind not in FAULTY:
+            return False
+        if self.frame and self.frame.lower() not in seen.frame.lower():
+            return False
+        return not self.text or self._found(seen)
+
+    def _found(self, seen: Seen) -> bool:
+        wanted = self.text.lower()
+        texts = (seen.frame, seen.kind, seen.reason, seen.raw.hex(" "), seen.raw.hex(), ascii_of(seen.raw))
+        return any(wanted in text.lower() for text in texts)
+
+    def matches(self, entry: FrameEntry) -> bool:
+        """The same for an entry."""
+        return self.takes(entry.channel, entry.seen)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRow:
+    """One field of a frame: its path, where it stands and what it says."""
+
+    path: str
+    offset: int
+    data: bytes
+    value: str
+
+
+class FrameLog:
+    """The last `kept` entries. `add` is a run's monitor."""
+
+    def __init__(
+        self,
+        protocols: Mapping[int, Protocol],
+        roles: Mapping[int, str | None] | None = None,
+        params: Mapping[int, Mapping[str, Any]] | None = None,
+        kept: int = KEPT,
+    ) -> None:
+        self.protocols = protocols
+        self.roles = roles or {}
+        self.counts: Counter[str] = Counter()
+        self.dropped = 0
+        self._params = params or {}
+        self._entries: deque[FrameEntry] = deque(maxlen=kept)
+        self._number = 0
+
+    def add(self, channel: int, seen: Seen) -> FrameEntry:
+        """Takes what was seen on a channel."""
+        self._number += 1
+        self.counts[seen.kind] += 1
+        if len(self._entries) == self._entries.maxlen:
+            self.dropped += 1
+        result = result_of(self.protocols[channel], seen, self.roles.get(channel))
+        entry = FrameEntry(self._number, channel, seen, result)
+        self._entries.append(entry)
+        return entry
+
+    @property
+    def last_number(self) -> int:
+        """The number of the newest entry; 0 when there is none."""
+        return self._number
+
+    def since(self, number: int) -> list[FrameEntry]:
+        """Entries newer than a number, older first."""
+        found: list[FrameEntry] = []
+        for entry in reversed(self._entries):
+            if entry.number <= number:
+                break
+            found.append(entry)
+        return found[::-1]
+
+    def chosen(self, wanted: FrameFilter) -> Iterator[FrameEntry]:
+        """The entries a filter wants, older first."""
+        return (entry for entry in self._entries if wanted.matches(entry))
+
+    def entry(self, number: int) -> FrameEntry | None:
+        """An entry by its number, if it is still kept."""
+        first = self._number - len(self._entries) + 1
+        return self._entries[number - first] if first <= number <= self._number else None
+
+    def fields(self, entry: FrameEntry) -> list[FieldRow]:
+        """The fields of a frame with their places; of a bad one as far as it can be read."""
+        protocol = self.protocols[entry.channel]
+        if entry.seen.frame not in protocol.frames:
+            return []
+        codec = compile_protocol(protocol)
+        return field_rows(codec, protocol, entry.seen, self._params.get(entry.channel))
+
+
+def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str, Any] | None = None) -> list[FieldRow]:
+    """The fields of a frame that was seen, in the order of its bytes."""
+    plain = PlainValues(protocol)
+    try:
+        _, spans, _ = codec.trace(seen.frame, seen.raw, Scope(protocol, params=params))
+    except EVALUATION_ERRORS:
+        return [FieldRow(name, 0, b"", str(value)) for name, value in plain.to_plain(seen.frame, seen.fields).items()]
+    rows = []
+    for path, start, end, value in spans:
+        shown = plain.to_plain("", {"": value})[""]
+        rows.append(FieldRow(path, start, seen.raw[start:end], "" if shown is None else str(shown)))
+    return rows

@@ -1,0 +1,170 @@
+"""Tests a port whose transmitted data is wired back to its received data, at one speed and format after the other.
+
+What is sent has to come back, whole, unchanged and in the time that the speed asks for. Nothing here prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from framekit.definition.times import LineFormat
+from framekit.link.events import CharacterFault
+from framekit.transport.clock import Clock, Handle
+from framekit.transport.port import Port
+
+PATIENCE = 500_000_000
+"""How much longer than the bytes take the last of them may need (ns)."""
+SLOW = 1.25
+"""A line that takes so many times longer than its speed says does not run at that speed."""
+
+PortMaker = Callable[[LineFormat], Port]
+
+
+@dataclass(slots=True)
+class LoopbackResult:
+    """What one speed and format came to. Times in ns; `problems` is empty when everything came back."""
+
+    line: LineFormat
+    sent: int = 0
+    received: int = 0
+    expected_time: int = 0
+    measured_time: int = 0
+    problems: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        return not self.problems
+
+
+def pattern_of(line: LineFormat) -> bytes:
+    """Every character the format has, then alternating ones and zeros."""
+    most = 1 << line.data_bits
+    return bytes(range(most)) + bytes((0x55 & most - 1, 0xAA & most - 1)) * 8
+
+
+class Loopback:
+    """Tests `lines` in order; `on_end` gets all results. Each one opens and closes a port of its own."""
+
+    def __init__(
+        self,
+        make_port: PortMaker,
+        clock: Clock,
+        lines: Sequence[LineFormat],
+        on_end: Callable[[list[LoopbackResult]], None],
+        on_result: Callable[[LoopbackResult], None] | None = None,
+    ) -> None:
+        self.results: list[LoopbackResult] = []
+        self._make_port = make_port
+        self._clock = clock
+        self._lines = list(lines)
+        self._on_end = on_end
+        self._on_result = on_result or (lambda result: None)
+
+    def start(self) -> None:
+        """Begins with the first. Raises ValueError for a port of no known kind."""
+        self._next()
+
+    def _next(self) -> None:
+        if len(self.results) == len(self._lines):
+            self._on_end(self.results)
+            return
+        line = self._lines[len(self.results)]
+        _Trial(self._make_port(line), self._clock, line, self._done).start()
+
+    def _done(self, result: LoopbackResult) -> None:
+        self.results.append(result)
+        self._on_result(result)
+        self._clock.call_soon(self._next)
+
+
+class _Trial:
+    """One speed and format on one port."""
+
+    def __init__(self, port: Port, clock: Clock, line: LineFormat, done: Callable[[LoopbackResult], None]) -> None:
+        self._port = port
+        self._clock = clock
+        self._pattern = pattern_of(line)
+        self._result = LoopbackResult(line, expected_time=len(self._pattern) * line.character_time)
+        self._done = done
+        self._data = bytearray()
+        self._faults: list[str] = []
+        self._began = 0
+        self._limit: Handle | None = None
+        self._over = False
+
+    def start(self) -> None:
+        self._port.open(self)
+
+    # ---- events of the port -------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self._began = now
+        self._result.sent = len(self._pattern)
+        self._limit = self._clock.call_at(now + round(SLOW * 2 * self._result.expected_time) + PATIENCE, self._finish)
+        self._port.write(self._pattern)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self._data += data
+        self._faults += [fault.fault.value for fault in faults]
+        self._result.measured_time = now - self._began
+        if len(self._data) >= len(self._pattern):
+            self._finish()
+
+    def sent(self, now: int) -> None:
+        """What counts is what comes back."""
+
+    def line_break(self, now: int) -> None:
+        self._faults.append("break")
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        """Control lines are not tested."""
+
+    def closed(self, now: int, reason: str) -> None:
+        self._result.problems.append(reason)
+        self._finish()
+
+    # ---- what it came to ----------------------------------------------------------------------------------
+
+    def _finish(self) -> None:
+        if self._over:
+            return
+        self._over = True
+        if self._limit is not None:
+            self._limit.cancel()
+        self._port.close()
+        self._result.received = len(self._data)
+        if self._result.sent and not self._result.problems:
+            self._judge()
+        self._done(self._result)
+
+    def _judge(self) -> None:
+        problems, sent, came = self._result.problems, self._pattern, bytes(self._data)
+        if not came:
+            problems.append("nothing came back – are transmitted and received data wired together?")
+            return
+        if len(came) < len(sent):
+            problems.append(f"{len(sent) - len(came)} of {len(sent)} bytes are missing")
+        elif len(came) > len(sent):
+            problems.append(f"{len(came) - len(sent)} bytes too many")
+        if len(came) == len(sent):
+            changed = [place for place in range(len(sent)) if came[place] != sent[place]]
+            if changed:
+                first = changed[0]
+                what = f"{len(changed)} of {len(sent)} bytes changed, the first at {first}"
+                problems.append(f"{what}: {sent[first]:02X} came back as {came[first]:02X}")
+        elif not sent.startswith(came):
+            first = next(place for place, (one, other) in enumerate(zip(sent, came, strict=False)) if one != other)
+            problems.append(f"from byte {first} on it is something else")
+        for kind in sorted(set(self._faults)):
+            problems.append(f"{self._faults.count(kind)} × {kind}")
+        self._judge_time()
+
+    def _judge_time(self) -> None:
+        expected, measured = self._result.expected_time, self._result.measured_time
+        told = f"{measured / 1e6:.1f} ms instead of {expected / 1e6:.1f} ms"
+        if measured > SLOW * expected + PATIENCE:
+            self._result.problems.append(f"it took {told}: the line is slower than set")
+        elif measured * SLOW < expected:
+            self._result.remarks.append(f"it took {told}: bytes have no bit times here")
