@@ -7,7 +7,7 @@ import sys
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import assignment, print_json
 from framekit.cli.line_options import add_filter, add_line, filter_of, line_of
@@ -22,9 +22,26 @@ if TYPE_CHECKING:
 DAY = 86_400_000_000_000
 
 
-def add_capture_arguments(parser: argparse.ArgumentParser) -> None:
-    """What decoding a capture takes beside PROTOCOL, --set and --json."""
-    parser.add_argument("--capture", metavar="FILE", type=Path, help="decode a capture (pcap or JSON lines) instead")
+class _Instead(argparse.Action):
+    """An option in the place of an argument that has to be there without it."""
+
+    def __init__(self, *words: Any, instead_of: argparse.Action, **options: Any) -> None:
+        super().__init__(*words, **options)
+        self._instead_of = instead_of
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        setattr(namespace, self.dest, values)
+        self._instead_of.required = False
+
+
+def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Action) -> None:
+    """What decoding a capture takes beside PROTOCOL, --set and --json, in the place of `bytes_`."""
+    parser.add_argument(
+        "--capture", metavar="FILE", type=Path, action=_Instead, instead_of=bytes_,
+        help="decode a capture (pcap or JSON lines) instead",
+    )  # fmt: skip
     parser.add_argument(
         "--client", choices=("in", "out"), default="out",
         help="direction of the client's frames in a capture that has both; default: out",
@@ -57,7 +74,11 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
             if not wanted.takes(channel, seen):
                 continue
             if arguments.json:
-                print_json(seen_data(seen, seen.at / 1e9, plain, time_ns=seen.at, channel=channel, result=result_of(protocol, seen)))
+                print_json(
+                    seen_data(
+                        seen, seen.at / 1e9, plain, time_ns=seen.at, channel=channel, result=result_of(protocol, seen)
+                    )
+                )
             else:
                 print(_text(plain, channel, seen, arguments.ascii))
     except (CaptureError, ParameterError) as error:

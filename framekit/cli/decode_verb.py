@@ -32,12 +32,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_protocol(parser)
-    parser.add_argument("bytes", metavar="HEX", nargs="*", help="the bytes as hex digits, or - for standard input")
+    bytes_ = parser.add_argument(
+        "bytes", metavar="HEX", nargs="+", help="the bytes as hex digits, or - for standard input"
+    )
     parser.add_argument("--frame", help="try this frame only")
     parser.add_argument("--from", dest="side", choices=("client", "server"), help="which side sent the bytes")
     add_settings(parser)
     add_json(parser)
-    add_capture_arguments(parser)
+    add_capture_arguments(parser, bytes_)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -47,8 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
     protocol = load(arguments.protocol)
     if arguments.capture is not None:
         return decode_capture(protocol, arguments)
-    if not arguments.bytes:
-        raise Failure("which bytes? – give hex digits, - for standard input, or --capture FILE")
     codec = compile_protocol(protocol)
     scope = scope_of(protocol, arguments.set)
     data = hex_bytes(" ".join(arguments.bytes))

@@ -1,4 +1,4 @@
-"""Options of verbs that use one line without a run file: protocol parameters, speed, format, filters, times."""
+"""Options of verbs that use one line without a run file: protocol parameters, speed, format, filters."""
 
 from __future__ import annotations
 
@@ -58,15 +58,3 @@ def filter_of(arguments: argparse.Namespace) -> FrameFilter:
     from framekit.service.frame_log import FrameFilter
 
     return FrameFilter(frame=arguments.frame_name, bad_only=arguments.bad, text=arguments.filter)
-
-
-def time_of(option: str, text: str | None) -> int | None:
-    """A time of the command line (ns); None where there is none. Raises Failure."""
-    from framekit.definition.times import parse_time
-
-    if text is None:
-        return None
-    try:
-        return parse_time(text)
-    except ValueError as error:
-        raise Failure(f"{option}: {error}") from None

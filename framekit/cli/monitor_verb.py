@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, add_protocol, load, print_json
-from framekit.cli.line_options import add_filter, add_line, add_params, filter_of, line_of, params_of, time_of
+from framekit.cli.common import add_json, add_protocol, duration_of, load, print_json
+from framekit.cli.line_options import add_filter, add_line, add_params, filter_of, line_of, params_of
 from framekit.cli.main import Failure
 from framekit.cli.seen_output import seen_data, seen_text
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     protocol = load(arguments.protocol)
-    duration = time_of("--for", arguments.duration)
+    duration = duration_of(arguments.duration)
     printer = _Printer(protocol, arguments)
     try:
         return asyncio.run(_listen(protocol, arguments, printer, duration))
@@ -63,7 +63,7 @@ class _Printer:
     def show(self, seen: Seen) -> None:
         from framekit.service.frame_log import result_of
 
-        if not self._wanted.takes(1, seen):
+        if seen.kind not in ("open", "closed") and not self._wanted.takes(1, seen):
             return
         seconds = (seen.at - self.began) / 1e9
         if self._json:

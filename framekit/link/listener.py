@@ -19,7 +19,7 @@ from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.observe import Kind, Monitor, Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, plain
 
 Direction = Literal["in", "out", ""]
 Side = Literal["client", "server"]
@@ -155,9 +155,10 @@ class Listener:
                 self._next_side = "server" if side == "client" else "client"
             reason = "" if value.refusal is None else f"refused with {value.refusal}"
             self._announce(value)
+            fields = {name: plain(item) for name, item in value.fields.items()}
             self.monitor(
                 Seen(
-                    wires.direction, "frame", at, found.raw, value.frame, value.fields, reason,
+                    wires.direction, "frame", at, found.raw, value.frame, fields, reason,
                     started_at=found.started_at,
                 )
             )  # fmt: skip
