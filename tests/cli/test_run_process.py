@@ -28,7 +28,7 @@ LONGEST = 20
 
 RUN = """run: wired
 memory: masterlogic
-channels:
+{more}channels:
   1: {{port: {port}, protocol: modbus-rtu, speed: 115200, station: 1, params: {{reply_timeout: 300 ms, retries: 0}}}}
 blocks:
   0: {{read: "40001", count: 3, into: M100, every: 20 ms}}
@@ -90,9 +90,9 @@ class Process:
 
 
 @asynccontextmanager
-async def started(folder: Path, wires: Wires) -> AsyncIterator[Process]:
+async def started(folder: Path, wires: Wires, more: str = "") -> AsyncIterator[Process]:
     path = folder / "wired.run.yaml"
-    path.write_text(RUN.format(port=wires.near), encoding="utf-8")
+    path.write_text(RUN.format(port=wires.near, more=more), encoding="utf-8")
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "framekit", "run", str(path), "--json",
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
@@ -167,6 +167,27 @@ def test_a_run_that_is_killed_can_be_started_again(tmp_path: Path) -> None:
             assert await run.ended() == 0
             assert run.blocks()[0]["done"] >= 5
             assert run.blocks()[0]["failed"] <= 1, "what the killed one had asked may still be answered to the new one"
+
+    on_wires(tmp_path, test)
+
+
+def test_a_killed_run_goes_on_counting_from_what_it_had_kept(tmp_path: Path) -> None:
+    """600 ms of exchanges are kept every 100 ms; what was not kept at the kill is counted no more."""
+    kept = "state: {file: wired.state, every: 100 ms}\n"
+
+    async def test(wires: Wires, device: DeviceService) -> None:
+        async with started(tmp_path, wires, kept) as run:
+            await run.until(reply, 60)
+            run.process.kill()
+            await run.ended()
+            before = sum(reply(line) for line in run.lines)
+        async with started(tmp_path, wires, kept) as run:
+            await run.until(reply, 10)
+            run.process.send_signal(signal.SIGTERM)
+            assert await run.ended() == 0
+            blocks = run.blocks()
+            done, here = blocks[0]["done"] + blocks[1]["done"], sum(reply(line) for line in run.lines)
+            assert here < done <= here + before + 1
 
     on_wires(tmp_path, test)
 
