@@ -25,7 +25,7 @@ FAULTY = ("bad", "noise", "trouble")
 
 
 def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
-    """The processing result: whose frame it is, `mldp client` for one, or that it could not be processed.
+    """The processing result: whose frame it is (protocol and side), or that it could not be processed.
 
     `role` is the own one; without it (somebody only listens) the side that sent it stands there.
     """
