@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,13 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation
 from framekit.link.addresses import AddressGrammar
 from framekit.link.client import Client
-from framekit.link.conversation import Asked, SideUnderTest, run_conversation
+from framekit.link.conversation import SideUnderTest, run_conversation
 from framekit.link.engine import Engine
-from framekit.link.events import Command
 from framekit.link.exchange import Ask
 from framekit.link.frame_table import Codec
 from framekit.link.frame_vectors import run_frame_vector
 from framekit.link.serving import MemoryServer
+from framekit.link.tested_side import Starter
 from framekit.memory.memory import DeviceMemory
 from framekit.service.memory_access import AddressedMemory
 
@@ -81,40 +80,15 @@ def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnder
     def ask(engine: Engine) -> Ask:
         return client(engine).ask
 
-    def start(engine: Engine, do: Mapping[str, Any], station: Any, now: int, done: Asked) -> list[Command]:
-        return start_service(client(engine), do, station, now, done)
-
     troubles: list[str] = []
     return SideUnderTest(
         troubles=troubles,
         server=MemoryServer(protocol, codec, memory, on_trouble=troubles.append) if protocol.services else None,
         memory=AddressedMemory(memory, grammar),
         ask=ask if protocol.services else None,
-        start=start,
+        start=Starter(protocol, codec).start,
         read_memory=lambda text, count: _read(memory, grammar, text, count),
     )
-
-
-def start_service(client: Client, do: Mapping[str, Any], station: Any, now: int, done: Asked) -> list[Command]:
-    """`do: {read|write|SERVICE: …}` of a conversation."""
-    unit, count = do.get("unit"), _number(do.get("count", 1))
-    if "read" in do:
-        if isinstance(do["read"], list):
-            return client.read_variables(do["read"], station=station, unit=unit, now=now, on_done=done)
-        return client.read(do["read"], station=station, unit=unit, count=count, now=now, on_done=done)
-    if "write" in do:
-        values = do.get("values", do.get("value", []))
-        numbers = [_number(item) for item in (values if isinstance(values, list) else [values])]
-        if isinstance(do["write"], list):
-            return client.write_variables(do["write"], numbers, station=station, unit=unit, now=now, on_done=done)
-        return client.write(do["write"], numbers, station=station, unit=unit, now=now, on_done=done)
-    service = next(name for name in do if name not in ("station", "unit", "count", "at"))
-    arguments = do[service] if isinstance(do[service], Mapping) else {}
-    places = do.get("at", [])
-    return client.call(
-        service, dict(arguments), station=station, addresses=places if isinstance(places, list) else [places],
-        unit=unit, count=count, now=now, on_done=done,
-    )  # fmt: skip
 
 
 def _number(value: Any) -> int:

@@ -11,7 +11,7 @@ from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 BESIDE_SERVICES = (
-    "station", "unit", "count", "at", "value", "values", "send", "exchange", "expected", "run",
+    "station", "unit", "count", "value", "values", "send", "exchange", "expected", "run",
 )  # fmt: skip
 """Keys of `do` that are no service: what goes with one, and what is done instead of one."""
 
