@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from framekit.api.async_client import AsyncClient, aconnect
+    from framekit.api.async_run import AsyncRun
     from framekit.api.async_server import AsyncServer, aserve
     from framekit.api.client import Client, connect
     from framekit.api.codec import Protocol, load
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     )
     from framekit.api.memory import Memory
     from framekit.api.results import Answer, Frame, Reading
+    from framekit.api.run import Run, VirtualRun
     from framekit.api.server import Server, serve
+    from framekit.blocks.block_status import BlockStatus, Failure
     from framekit.blocks.error_codes import ErrorCode
     from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
@@ -35,6 +38,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "api.async_client": ("AsyncClient", "aconnect"),
+    "api.async_run": ("AsyncRun",),
     "api.async_server": ("AsyncServer", "aserve"),
     "api.client": ("Client", "connect"),
     "api.codec": ("Protocol", "load"),
@@ -44,7 +48,9 @@ _HOMES = {
     ),
     "api.memory": ("Memory",),
     "api.results": ("Answer", "Frame", "Reading"),
+    "api.run": ("Run", "VirtualRun"),
     "api.server": ("Server", "serve"),
+    "blocks.block_status": ("BlockStatus", "Failure"),
     "blocks.error_codes": ("ErrorCode",),
     "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
@@ -56,12 +62,15 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "Answer",
     "AsyncClient",
+    "AsyncRun",
     "AsyncServer",
+    "BlockStatus",
     "Client",
     "DefinitionError",
     "EncodeError",
     "ErrorCode",
     "ExchangeError",
+    "Failure",
     "Frame",
     "FrameError",
     "FramekitError",
@@ -74,8 +83,10 @@ __all__ = [
     "RefusedError",
     "ReplyError",
     "RequestError",
+    "Run",
     "Seen",
     "Server",
+    "VirtualRun",
     "aconnect",
     "aserve",
     "connect",

@@ -31,17 +31,20 @@ from framekit.transport.clock import Clock, Handle
 
 RunMonitor = Callable[[int, Seen], None]
 """Gets everything seen on the lines: the channel's number and what was seen."""
+OnEnd = Callable[[BlockStatus, bool], None]
+"""Told of every completion: how the block is doing then, and whether it ended well."""
 
 
 class RunService:
     """Carries a run out. Raises DefinitionError when a device file is wrong, ValueError for a port of no known kind."""
 
-    def __init__(self, run: Run, clock: Clock, monitor: RunMonitor | None = None) -> None:
+    def __init__(self, run: Run, clock: Clock, monitor: RunMonitor | None = None, on_end: OnEnd | None = None) -> None:
+        self.on_end = on_end
         self.run = run
         self.clock = clock
         self.memory = run.memory.create()
         self.grammar = addresses_of(run.memory)
-        access = AddressedMemory(self.memory, self.grammar, self._refresh)
+        access = AddressedMemory(self.memory, self.grammar, self.refresh)
         self.devices: list[DeviceService] = []
         self.channels: dict[int, ChannelService] = {}
         folder = Path(run.folder)
@@ -62,7 +65,7 @@ class RunService:
         pauses = {number: channel.pause for number, channel in run.channels.items()}
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
         self.scheduler = Scheduler(
-            run.blocks, self.memory, self.resolve, pauses, self._start_block, self._wake, self.block_memory.ended
+            run.blocks, self.memory, self.resolve, pauses, self._start_block, self._wake, self._ended
         )
         for state in self.scheduler.states.values():
             self.block_memory.add(state, run.channels[state.block.channel].protocol)
@@ -172,7 +175,7 @@ class RunService:
 
     def _start_block(self, state: BlockState, now: int) -> None:
         number = state.block.number
-        self._refresh()
+        self.refresh()
 
         def ended(failure: Failure | None) -> None:
             self.scheduler.finished(number, failure, self.clock.now())
@@ -185,13 +188,18 @@ class RunService:
         else:
             self.channels[block.channel].start_block(block, ended)
 
+    def _ended(self, state: BlockState, ok: bool, now: int) -> None:
+        self.block_memory.ended(state, ok, now)
+        if self.on_end is not None:
+            self.on_end(status_of(state), ok)
+
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
         self.scheduler.set_open(channel, is_open)
 
     def takes(self, block: int) -> Block | None:
         """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
-        self._refresh()
+        self.refresh()
         if not self.scheduler.takes(block):
             return None
         try:
@@ -206,7 +214,7 @@ class RunService:
 
     # ---- time ---------------------------------------------------------------------------------------------
 
-    def _refresh(self) -> None:
+    def refresh(self) -> None:
         """The bits that the memory sets by itself, as they are now."""
         self.system.update(self.clock.now())
 
@@ -220,7 +228,7 @@ class RunService:
         self._woken = True  # what comes due meanwhile is in the next time the timer is set for
         try:
             if self.running:
-                self._refresh()
+                self.refresh()
                 self.block_memory.tick(self.clock.now())
                 self.scheduler.tick(self.clock.now())
         finally:
