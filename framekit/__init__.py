@@ -5,6 +5,7 @@ The names of the API stand here; each is imported when it is first used, so that
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from framekit.definition.problems import DefinitionError
     from framekit.link.observe import Seen
     from framekit.memory.views import Order
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __version__ = "0.1.0"
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -26,7 +27,7 @@ so blocks that fail at once and start each other, or themselves, stop nobody."""
 
 
 class BlockState:
-    """A block at work: its counters, whether it waits or runs, and how it ended last."""
+    """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last."""
 
     def __init__(self, block: Block) -> None:
         self.block = block
@@ -38,6 +39,7 @@ class BlockState:
         self.started_at = 0
         self.last_failure: Failure | None = None
         self.last_outcome = ""
+        self.reasons: Counter[str] = Counter()
         self.last_end: int | None = None
 
     @property
@@ -237,6 +239,7 @@ class Scheduler:
             state.last_outcome = ""
         else:
             state.counters.failed += 1
+            state.reasons[failure.outcome] += 1
             state.last_failure = replace(failure, at=now)
             state.last_outcome = str(failure)
         state.last_end = now

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from framekit.cli.common import add_json, duration_of, told
 from framekit.cli.main import Failure
+from framekit.cli.watch_options import Watch, add_watch
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--virtual", action="store_true", help="simulated time: as fast as it goes; needs --for, and only sim: ports"
     )
+    add_watch(parser)
     add_json(parser)
 
 
@@ -37,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None:
         raise Failure("--virtual needs --for TIME")
+    watch = Watch(arguments)
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
@@ -45,25 +48,26 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         if arguments.virtual:
             assert duration is not None
-            _virtual(loaded, output, duration)
+            _virtual(loaded, output, watch, duration)
         else:
-            asyncio.run(_real(loaded, output, duration))
+            asyncio.run(_real(loaded, output, watch, duration))
     except OSError as error:
         raise Failure(str(error)) from None
     return 0
 
 
-def _virtual(loaded: Run, output: Output, duration: int) -> None:
+def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:
     from framekit.transport.clock import VirtualClock
 
     clock = VirtualClock()
     service = output.service(loaded, clock)
+    watch.begin(service, clock)
     service.start()
     clock.run_for(duration)
-    _end(service, output)
+    _end(service, output, watch)
 
 
-async def _real(loaded: Run, output: Output, duration: int | None) -> None:
+async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None) -> None:
     """Runs until the time is over, or SIGINT or SIGTERM asks to stop."""
     from framekit.transport.clock import AsyncioClock
 
@@ -72,17 +76,19 @@ async def _real(loaded: Run, output: Output, duration: int | None) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
     service = output.service(loaded, AsyncioClock(loop))
+    watch.begin(service, service.clock)
     service.start()
     try:
         await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
     except TimeoutError:
         pass
     finally:
-        _end(service, output)
+        _end(service, output, watch)
 
 
-def _end(service: RunService, output: Output) -> None:
+def _end(service: RunService, output: Output, watch: Watch) -> None:
+    watch.at_end()
     service.stop()
     output.summary(service)
-    for problem in service.problems:
+    for problem in (*service.problems, *watch.end()):
         output.warning(problem)

@@ -12,15 +12,18 @@ from typing import TYPE_CHECKING
 
 from framekit.cli.common import add_json, duration_of, told
 from framekit.cli.main import Failure
+from framekit.cli.watch_options import add_capture, add_log, begin_log
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from framekit.blocks.device import Device
     from framekit.blocks.device_settings import DeviceSettings
+    from framekit.cli.serve_output import ServeOutput
     from framekit.definition.times import LineFormat
     from framekit.service.serving import Serving
     from framekit.transport.clock import AsyncioClock
+    from framekit.transport.port import Port
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,10 +56,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
     parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
     parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
+    add_capture(parser)
+    add_log(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    begin_log(arguments.log)
     duration = duration_of(arguments.duration)
     devices = _with_faults(_devices(arguments.devices, _settings(arguments)), arguments.faults)
     line = _line(arguments, devices[0])
@@ -150,14 +156,37 @@ async def _serve(
         if not first_state.done():
             first_state.set_result(text)
 
-    serving = Serving(devices, clock, line, None if arguments.quiet else output.seen, on_state=state)
     with contextlib.ExitStack() as stack:
+        wrap = _captured(arguments.capture, clock, stack, output)
+        serving = Serving(devices, clock, line, None if arguments.quiet else output.seen, on_state=state, wrap=wrap)
         stack.callback(serving.stop)
         output.ready(await _open(arguments.port, serving, clock, first_state, stack))
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
         output.summary(serving)
     output.check()
+
+
+def _captured(
+    path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, output: ServeOutput
+) -> Callable[[Port], Port] | None:
+    """Puts a capture around every port, all of them as channel 1; it ends with `stack`. Raises Failure."""
+    from framekit.service.capture import Capture
+
+    if path is None:
+        return None
+    try:
+        capture = Capture(path, (1,), clock)
+    except OSError as error:
+        raise Failure(str(error)) from None
+
+    def close() -> None:
+        capture.close()
+        for trouble in capture.troubles:
+            output.warning(trouble)
+
+    stack.callback(close)
+    return lambda port: capture.around(1, port)
 
 
 async def _open(

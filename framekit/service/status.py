@@ -1,0 +1,102 @@
+"""How a run is doing: module information and service status of its channels, P2P status of its blocks.
+
+The items are those of the Snet module guide, chapter 10 (diagnosis). Views for a moment; nothing here counts or prints.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from framekit.blocks.block_status import BlockStatus
+from framekit.service.frame_log import USER_DEFINED
+
+if TYPE_CHECKING:
+    from framekit.service.channel import ChannelService
+    from framekit.service.run import RunService
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelStatus:
+    """A channel: what it is (module information), and what it has done (service status).
+
+    `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `mode`: run or stop;
+    `state`: open, or why not. `services` and `errors` count exchanges that ended, `reasons` the errors by outcome.
+    `frames_in` are good frames by themselves, `bad` and `noise_bytes` what was none. `load`: the part of the time that
+    the line was busy, None without a speed.
+    """
+
+    number: int
+    port: str
+    driver: str
+    role: str | None
+    station: Any
+    line: str
+    mode: str
+    state: str
+    blocks: int
+    services: int
+    errors: int
+    reasons: Mapping[str, int]
+    frames_in: int
+    bad: int
+    noise_bytes: int
+    bytes_in: int
+    bytes_out: int
+    load: float | None
+    reopenings: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunStatus:
+    """Everything at one moment; `at` is in nanoseconds of the run's clock."""
+
+    run: str
+    at: int
+    running: bool
+    channels: tuple[ChannelStatus, ...]
+    blocks: tuple[BlockStatus, ...]
+
+
+def run_status(service: RunService) -> RunStatus:
+    """How a run and its channels and blocks are doing now."""
+    now = service.clock.now()
+    return RunStatus(
+        run=service.run.name,
+        at=now,
+        running=service.running,
+        channels=tuple(_channel_status(service, channel, now) for channel in service.channels.values()),
+        blocks=tuple(service.status()),
+    )
+
+
+def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:
+    channel, counters, load = at_work.channel, at_work.engine.counters, at_work.driver.load
+    states = [state for state in service.states.values() if state.block.channel == channel.number]
+    reasons: Counter[str] = Counter()
+    for state in states:
+        reasons.update(state.reasons)
+    protocol = channel.protocol
+    return ChannelStatus(
+        number=channel.number,
+        port=channel.port,
+        driver=USER_DEFINED if protocol.frames_alone else protocol.name,
+        role=channel.role,
+        station=channel.own,
+        line="" if channel.line is None else str(channel.line),
+        mode="run" if service.running else "stop",
+        state=at_work.state,
+        blocks=len(states),
+        services=sum(state.counters.done for state in states),
+        errors=sum(state.counters.failed for state in states),
+        reasons=dict(reasons),
+        frames_in=counters.received,
+        bad=counters.bad,
+        noise_bytes=counters.noise_bytes,
+        bytes_in=load.bytes_in,
+        bytes_out=load.bytes_out,
+        load=load.share(now),
+        reopenings=at_work.driver.reopenings,
+    )

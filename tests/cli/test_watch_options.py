@@ -1,0 +1,129 @@
+"""A run watched: capture of every channel, status while it goes on and by a signal, the log."""
+
+from __future__ import annotations
+
+import json
+import logging
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from framekit.blocks.load import load_run
+from framekit.cli.main import main
+from framekit.cli.watch_options import begin_log
+from framekit.service.capture import CaptureReader
+from framekit.service.run import RunService
+from framekit.service.status import run_status
+from framekit.transport.clock import VirtualClock
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SECOND = 1_000_000_000
+TWO = EXAMPLES / "mldp-two-channels.run.yaml"
+
+
+def lines_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_the_status_of_a_run() -> None:
+    """Services and errors of the channels are those of their blocks; reasons add up to the errors."""
+    clock = VirtualClock()
+    service = RunService(load_run(EXAMPLES / "third-party-plc.run.yaml"), clock)
+    service.start()
+    clock.run_for(10 * SECOND)
+    status = run_status(service)
+    (channel,) = status.channels
+    assert (channel.driver, channel.role, channel.mode, channel.state) == ("user-defined", None, "run", "open")
+    assert channel.services == sum(block.done for block in status.blocks) > 20
+    assert channel.errors == sum(channel.reasons.values()) == sum(block.failed for block in status.blocks)
+    assert channel.load is not None
+    assert 0 < channel.load < 1
+    service.stop()
+    assert run_status(service).channels[0].mode == "stop"
+
+
+def test_errors_by_reason(tmp_path: Path) -> None:
+    (tmp_path / "d.device.yaml").write_text("device: d\nprotocol: modbus-rtu\nstation: 1\n")
+    (tmp_path / "r.run.yaml").write_text(
+        "run: r\nmemory: masterlogic\nchannels:\n"
+        "  1: {port: 'sim:d.device.yaml', protocol: modbus-rtu, station: 9}\n"
+        "blocks:\n  0: {read: '40001', into: M0, every: 5 s}\n"
+    )
+    clock = VirtualClock()
+    service = RunService(load_run(tmp_path / "r.run.yaml"), clock)
+    service.start()
+    clock.run_for(60 * SECOND)
+    (channel,) = run_status(service).channels
+    assert list(channel.reasons) == ["no_reply"]
+    assert channel.errors == channel.reasons["no_reply"] > 1
+
+
+def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "x.jsonl"
+    words = ["run", str(TWO), "--virtual", "--for", "2500ms", "--status-every", "1s", "--capture", str(path), "--json"]
+    assert main(words) == 0
+    lines = lines_of(capsys)
+    statuses = [line for line in lines if line["event"] == "status"]
+    assert [line["time"] for line in statuses] == [1.0, 2.0, 2.5]
+    sent = [(line["channel"], line["bytes"]) for line in lines if line.get("direction") == "out"]
+    with CaptureReader(path) as reader:
+        captured = [(number, event) for number, event in reader.events() if event.direction == "out"]
+    assert sorted((number, event.data.hex(" ").upper()) for number, event in captured) == sorted(sent)
+    assert main(["run", str(TWO), "--virtual", "--for", "1s", "--capture", str(tmp_path / "x.pcap"), "--status"]) == 0
+    assert "mldp client" in capsys.readouterr().out
+    assert sorted(one.name for one in tmp_path.glob("*.pcap")) == ["x-1.pcap", "x-2.pcap"]
+
+
+def test_a_run_is_the_same_with_and_without_a_capture(tmp_path: Path) -> None:
+    def shown(*words: str) -> str:
+        command = [sys.executable, "-m", "framekit", "run", str(TWO), "--virtual", "--for", "1s", *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    assert shown() == shown("--capture", str(tmp_path / "x.pcap"))
+
+
+def test_what_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, what in (
+        (("--status-every", "soon"), "--status-every: 'soon' is not a time"),
+        (("--status-every", "0 s"), "above 0"),
+        (("--capture", str(tmp_path / "none" / "x.pcap")), "No such file"),
+    ):
+        assert main(["run", str(TWO), "--virtual", "--for", "1s", *words]) == 1
+        assert what in capsys.readouterr().err
+
+
+def test_sigusr1_shows_the_status() -> None:
+    command = [sys.executable, "-u", "-m", "framekit", "run", str(TWO), "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        while json.loads(process.stdout.readline())["event"] != "frame":
+            pass
+        process.send_signal(signal.SIGUSR1)
+        while (line := json.loads(process.stdout.readline()))["event"] != "status":
+            pass
+        assert [channel["number"] for channel in line["channels"]] == [1, 2]
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=30)
+        assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    logger = logging.getLogger("framekit")
+    before = list(logger.handlers)
+    assert any(isinstance(one, logging.NullHandler) for one in before)
+    try:
+        begin_log(None)
+        assert logger.handlers == before
+        begin_log("info")
+        logging.getLogger("framekit.service.driver").info("port lost")
+        assert "INFO    framekit.service.driver: port lost" in capsys.readouterr().err
+    finally:
+        logger.handlers[:] = before
+        logger.setLevel(logging.NOTSET)
