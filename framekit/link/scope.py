@@ -80,7 +80,9 @@ class Scope(Names):
         formulas["station"] = lambda names: names["own"]
         self.formulas = formulas
         self._add_parameters(formulas, params or {})
-        self._fits = {name: fit_of(variable.type, variable.values) for name, variable in protocol.state.items()}
+        self._fits = {
+            name: fit_of(variable.type, variable.values, variable.size) for name, variable in protocol.state.items()
+        }
         for variable in protocol.state.values():
             if variable.scope != "device":
                 self[variable.name] = self._start_value(variable)
@@ -142,7 +144,7 @@ class Scope(Names):
         fit = self._fits[variable.name]
         if variable.keys is not None:
             fill = None if initial is None else _filler(initial, fit, self)
-            return StateTable(variable.keys, fit_of(variable.type), fill)
+            return StateTable(variable.keys, fit_of(variable.type, size=variable.size), fill)
         if initial is not None:
             return fit(initial(self))
         if variable.announced:
@@ -150,7 +152,7 @@ class Scope(Names):
         layout = self.protocol.layouts.get(variable.layout or "")
         if variable.type == "record" and layout is not None:
             return empty_record(layout.segments)
-        return empty_of(variable.type)
+        return empty_of(variable.type, variable.size)
 
     def is_settable(self, name: str) -> bool:
         return name in self.protocol.state or name in self.protocol.params or name == "clock"

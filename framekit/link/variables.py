@@ -50,6 +50,14 @@ def _bytes(value: Any) -> Any:
     return bytes(value) if isinstance(value, (bytes, bytearray)) else _refuse(value, "bytes")
 
 
+def _sized(size: int) -> Fit:
+    def fit(value: Any) -> Any:
+        found = _bytes(value)
+        return found if len(found) == size else _refuse(value, f"{size} bytes")
+
+    return fit
+
+
 def _list(value: Any) -> Any:
     return list(value) if isinstance(value, (list, tuple)) else _refuse(value, "a list")
 
@@ -73,8 +81,13 @@ _FITS: dict[str, Fit] = {
 }
 
 
-def fit_of(type_: str, names: Mapping[int, str] | None = None) -> Fit:
-    """How values fit a variable of this type; `names` of its numbers may be given instead of them."""
+def fit_of(type_: str, names: Mapping[int, str] | None = None, size: int | None = None) -> Fit:
+    """How values fit a variable of this type; `names` of its numbers may be given instead of them.
+
+    `size`: bytes of this length only.
+    """
+    if size is not None:
+        return _sized(size)
     match = _INTEGER.fullmatch(type_)
     if match is None:
         return _FITS.get(type_, _anything)
@@ -86,14 +99,14 @@ def fit_of(type_: str, names: Mapping[int, str] | None = None) -> Fit:
     return lambda value: fit(numbers.get(value, value) if isinstance(value, str) else value)
 
 
-def empty_of(type_: str) -> Any:
+def empty_of(type_: str, size: int | None = None) -> Any:
     """What a variable of this type holds before anything is put into it; records and frames hold nothing."""
     if _INTEGER.fullmatch(type_) or type_ in ("flag", "number", "time"):
         return 0
     if type_ in ("text", "choice"):
         return ""
     if type_ == "bytes":
-        return b""
+        return bytes(size or 0)
     return [] if type_ == "list" else None
 
 

@@ -132,6 +132,10 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("a list of records", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n"
              "  of: [{field: a, type: u8}, {field: b, type: u8}]", {"list": [{"a": 1, "b": 2}, {"a": 3, "b": 4}]},
              "02 01 02 03 04", {"n": 2}),
+        Case("a length over a list of records", "- {length: all, type: u8, of: [a, n, list]}\n- {field: a, type: u8}\n"
+             "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n  of: [{field: b, type: u16}]",
+             {"a": 7, "list": [{"b": 2}, {"b": 4}]}, "06 07 02 00 02 00 04", {"all": 6, "n": 2},
+             {"05 07 02 00 02 00 04": "length"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("a record", "- {include: pair, as: p}", {"p": {"a": 1, "b": 2}}, "01 02",

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import shipped
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from small_protocol import small_protocol
 from strategies import FrameValues
@@ -215,7 +215,7 @@ def test_the_work_grows_with_the_size() -> None:
 
 
 ENDED_BY_CONTENT = [name for name in shipped.PROTOCOLS if name not in ("standard", "modbus-rtu", "ge-rtu")]
-"""Not those with frames that only silence ends."""
+"""Not those all of whose frames only silence ends."""
 
 
 @cache
@@ -232,6 +232,7 @@ def test_frames_of_shipped_definitions(name: str, data: st.DataObject) -> None:
     frame = data.draw(st.sampled_from([name for name, one in codec.protocol.frames.items() if not one.inner]))
     values, ctx = data.draw(strategies.frame(frame))
     whole = codec.encode(frame, values, ctx)
+    assume(codec.measure(frame, whole, 0, len(whole), ctx) != codec.QUIET)  # only silence ends it
     calls_until_complete(codec, frame, whole, ctx)
     fields, spans, fault = codec.trace(frame, whole, ctx)
     if fault is None:

@@ -123,6 +123,30 @@ def test_a_quoted_name_beside_values_is_a_number() -> None:
     assert not any(isinstance(node, Text) for node in walk(data.size.root))
 
 
+def test_names_of_a_request_are_those_of_its_row() -> None:
+    """Two frames have a `mode` with other names; `request.mode` means the one that the row sends."""
+    protocol = load_protocol_text(
+        """
+        protocol: t
+        frames:
+          log: {body: [{const: 01}, {field: mode, type: u8, values: {2: login, 4: bye}}]}
+          clock: {body: [{const: 02}, {field: mode, type: u8, values: {1: both, 2: date}}]}
+          done: {body: [{const: 06}]}
+        services:
+          logon: [{request: {log: {mode: 2}}, reply: {done: {}}, refuse: [{when: request.mode == 'bye', code: 1}]}]
+          set: [{request: {clock: {mode: 2}}, reply: {done: {}}, refuse: [{when: request.mode == 'date', code: 1}]}]
+        """
+    )
+    for service in ("logon", "set"):
+        refusal = protocol.services[service][0].refuse[0]
+        assert not any(isinstance(node, Text) for node in walk(refusal.when.root))
+
+
+def test_only_bytes_have_a_size() -> None:
+    with pytest.raises(DefinitionError, match="a variable of type text has no size"):
+        load_protocol_text("protocol: t\nstate: {a: {type: text, size: 4}}\nframes: {f: {body: [{const: 01}]}}\n")
+
+
 def test_all_problems_come_at_once(tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
     path.write_text(

@@ -146,7 +146,9 @@ class Reader(BranchReader):
             if end is not None and least == 0:
                 begin = function.names.fresh("item_start")
                 function.add(f"{begin} = {self.at}")
+            outside, self.deferred = self.deferred, []
             self.read(repeat.of, inside, fields, ())
+            self.deferred = outside
             self.settle()
             if begin is not None:
                 function.misfit_if(f"{self.at} == {begin}")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from framekit.definition.expression.syntax import Attribute, Name, Node
 from framekit.definition.load.addresses import load_address_forms
 from framekit.definition.load.documents import Documents, Source, scalar_of
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.imports import names_mentioned, used_entries
-from framekit.definition.load.named import numbers_by_name, resolve_names
 from framekit.definition.load.namespace import Namespace, Owned
+from framekit.definition.load.number_names import NumberNames
 from framekit.definition.load.procedure import ProcedureLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.references import resolve_references
@@ -27,11 +26,8 @@ from framekit.definition.load.segments import SegmentLoader
 from framekit.definition.load.services import ServiceLoader, load_area
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.frames import Frame, Layout
-from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
-from framekit.definition.model.segments import Bits, Field, Record, Repeat, Segment
 from framekit.definition.model.services import AddressForm, Area, Errors, Refusal
-from framekit.definition.model.sizes import flat
 from framekit.definition.model.values import LayoutOf, ReadAs, Table
 from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Entry, Scalar
@@ -71,7 +67,7 @@ class ProtocolLoader:
         layouts = self._layouts(parts, areas)
         line, receiver = self._line(), self._receiver()
         parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
-        resolve = _Resolver(self.reader, frames, state)
+        resolve = NumberNames(self.reader, frames, state)
         return Protocol(
             name=self._name(),
             about=self._text("about"),
@@ -97,7 +93,7 @@ class ProtocolLoader:
             addresses=resolve.plainly(forms),
             errors=resolve.plainly(errors),
             server_refusals=resolve.plainly(refusals),
-            services=resolve.plainly(rows),
+            services={name: tuple(resolve.service(row) for row in found) for name, found in rows.items()},
             sources=self.source.files + (self.source.application.files if self.source.application else ()),
             warnings=(),
             at=self.source.at,
@@ -263,71 +259,3 @@ class ProtocolLoader:
                 merged = Entry(own.entry.key, joined(entry.value, own.entry.value, 1))
                 entries[entry.key.text] = Owned(merged, own.source, False)
         return entries
-
-
-class _Resolver:
-    """Resolves the names of numbers, narrowed to the frames in question."""
-
-    def __init__(self, reader: Reader, frames: Mapping[str, Frame], state: Mapping[str, StateVariable]) -> None:
-        self.reader = reader
-        self.by_frame = {name: _named_fields(frame.segments) for name, frame in frames.items()}
-        everything = [item for fields in self.by_frame.values() for item in fields]
-        everything += [(name, variable.values) for name, variable in state.items() if variable.values]
-        self.everywhere = numbers_by_name(everything)
-
-    def frame(self, frame: Frame) -> Frame:
-        own = numbers_by_name(self.by_frame[frame.name])
-
-        def numbers(node: Node) -> Mapping[str, int] | None:
-            name = node.name if isinstance(node, (Name, Attribute)) else ""
-            if isinstance(node, Name) and name in own:
-                return own[name]
-            return self.everywhere.get(name)
-
-        resolved: Frame = resolve_names(self.reader, frame, numbers)
-        return resolved
-
-    def plainly(self, value: T) -> T:
-        resolved: T = resolve_names(self.reader, value, self._anywhere)
-        return resolved
-
-    def _anywhere(self, node: Node) -> Mapping[str, int] | None:
-        return self.everywhere.get(node.name) if isinstance(node, (Name, Attribute)) else None
-
-    def sequence(self, sequence: Sequence) -> Sequence:
-        """Rows first, with `it` narrowed to their frames; what is resolved there is a number already afterwards."""
-        return self.plainly(_rows_changed(sequence, self._row))
-
-    def _row(self, row: Row) -> Row:
-        narrowed = numbers_by_name([item for name in row.frames for item in self.by_frame.get(name, ())])
-
-        def numbers(node: Node) -> Mapping[str, int] | None:
-            match node:
-                case Attribute(value=Name(name="it"), name=name) if name in narrowed:
-                    return narrowed[name]
-            return self._anywhere(node)
-
-        resolved: Row = resolve_names(self.reader, row, numbers)
-        return resolved
-
-
-def _rows_changed(sequence: Sequence, change: Callable[[Row], Row]) -> Sequence:
-    from dataclasses import replace
-
-    steps = tuple(
-        step if step.receive is None else replace(step, receive=tuple(change(row) for row in step.receive))
-        for step in sequence.steps
-    )
-    return replace(sequence, steps=steps, always=tuple(change(row) for row in sequence.always))
-
-
-def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int, str] | None]]:
-    found: list[tuple[str, Mapping[int, str] | None]] = []
-    for segment in flat(segments):
-        if isinstance(segment, Field):
-            found.append((segment.name, segment.values))
-        elif isinstance(segment, Bits):
-            found.extend((part.name, part.values) for part in segment.parts)
-        elif isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            found.extend(_named_fields(segment.of))
-    return found

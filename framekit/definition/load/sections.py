@@ -82,11 +82,20 @@ def load_state(reader: Reader, entry: Entry, values: object, announced: bool) ->
         keys=reader.maybe(reader.range, keys.get("table")),
         layout=layout,
         most=reader.maybe(reader.number, keys.get("max")),
+        size=_size(reader, keys, type_),
         publish=reader.flag(keys.get("publish")),
         values=values,  # type: ignore[arg-type]
         announced=announced,
         at=entry.key.at,
     )
+
+
+def _size(reader: Reader, keys: Mapping, type_: str) -> int | None:
+    """The number of bytes of a variable; only bytes have one. Raises Broken."""
+    node = keys.get("size")
+    if node is not None and type_ != "bytes":
+        raise reader.broken(node.at, f"a variable of type {type_} has no size", "remove it, or write type: bytes")
+    return reader.maybe(reader.number, node)
 
 
 def load_queue(reader: Reader, entry: Entry) -> Queue:

@@ -48,7 +48,7 @@ class Parameter:
 class StateVariable:
     """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
 
-    `type` is one of u8…u64, i8…i64, flag, text, bytes, time, list, record, frame.
+    `type` is one of u8…u64, i8…i64, flag, text, bytes, time, list, record, frame; `size`: that many bytes, no others.
     """
 
     name: str
@@ -58,6 +58,7 @@ class StateVariable:
     keys: tuple[int, int] | None
     layout: str | None
     most: int | None
+    size: int | None
     publish: bool
     values: Mapping[int, str] | None
     announced: bool
