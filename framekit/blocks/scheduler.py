@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 
 from framekit.blocks.block_status import Failure
@@ -55,7 +55,13 @@ class _Lane:
         self.waiting: list[tuple[int, int, int, BlockState]] = []
         self.busy = False
         self.open = True
+        self.held = False
         self.free_from = 0
+
+    @property
+    def startable(self) -> bool:
+        """Whether a block waits that may start once the line is free."""
+        return bool(self.waiting) and self.open and not self.busy and not self.held
 
 
 class Scheduler:
@@ -95,10 +101,11 @@ class Scheduler:
         """Arms the triggers. Time triggers count from here."""
         self._active = True
         for state in self.states.values():
-            self._arm(state, now)
+            self.arm(state, now)
         self.tick(now)
 
-    def _arm(self, state: BlockState, now: int) -> None:
+    def arm(self, state: BlockState, now: int) -> None:
+        """Arms the triggers of a block; its time triggers count from here."""
         block = state.block
         state.memory_triggers = MemoryTriggers(block, self.memory, self.resolve, self._fire_from_memory)
         for trigger in block.triggers:
@@ -129,6 +136,50 @@ class Scheduler:
         self._lanes[channel].open = is_open
         if is_open:
             self._wake()
+
+    # ---- change -------------------------------------------------------------------------------------------
+
+    def hold(self, channels: Collection[int]) -> None:
+        """Starts nothing on these channels until the next call; on all others it does."""
+        for number, lane in self._lanes.items():
+            lane.held = number in channels
+        self._wake()
+
+    def idle(self, channels: Collection[int]) -> bool:
+        """Whether no exchange runs on any of these channels."""
+        return not any(self._lanes[number].busy for number in channels if number in self._lanes)
+
+    def add_channel(self, number: int, pause: int) -> None:
+        """A channel that is new, or has another pause; it is not open yet. What waits there goes on waiting."""
+        lane = self._lanes.setdefault(number, _Lane(pause))
+        lane.pause, lane.open = pause, False
+
+    def remove_channel(self, number: int) -> None:
+        """A channel none of whose blocks is there any more."""
+        del self._lanes[number]
+
+    def add(self, block: Block) -> BlockState:
+        """A block that is new; `arm` it when everything it looks at is there."""
+        self.states[block.number] = state = BlockState(block)
+        in_order = sorted(self.states.items())
+        self.states.clear()
+        self.states.update(in_order)
+        return state
+
+    def remove(self, number: int) -> BlockState:
+        """Takes a block out that does not run. Raises KeyError for a number there is not."""
+        state = self.states.pop(number)
+        if state.memory_triggers is not None:
+            state.memory_triggers.cancel()
+        lane = self._lanes[state.block.channel]
+        lane.waiting = [entry for entry in lane.waiting if entry[3] is not state]
+        heapq.heapify(lane.waiting)
+        self._timers = [entry for entry in self._timers if entry[3] is not state]
+        heapq.heapify(self._timers)
+        self._fired = [fired for fired in self._fired if fired is not state]
+        for waiting in self._after.values():
+            waiting[:] = [other for other in waiting if other is not state]
+        return state
 
     # ---- becoming due -------------------------------------------------------------------------------------
 
@@ -174,7 +225,7 @@ class Scheduler:
         if self._fired:
             return 0
         times = [self._timers[0][0]] if self._timers else []
-        times += [lane.free_from for lane in self._lanes.values() if lane.waiting and lane.open and not lane.busy]
+        times += [lane.free_from for lane in self._lanes.values() if lane.startable]
         return min(times, default=NEVER)
 
     def tick(self, now: int) -> None:
@@ -194,7 +245,7 @@ class Scheduler:
             self._start_next(lane, now)
 
     def _start_next(self, lane: _Lane, now: int) -> None:
-        if lane.busy or not lane.open or not lane.waiting or now < lane.free_from:
+        if not lane.startable or now < lane.free_from:
             return
         *_, state = heapq.heappop(lane.waiting)
         lane.busy = True

@@ -6,7 +6,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import table
+from framekit.cli.common import table, told
 from framekit.cli.load_output import percent, what_of
 from framekit.cli.main import Failure
 from framekit.cli.seen_output import seen_data, seen_text
@@ -15,6 +15,7 @@ from framekit.memory.numbers import unit_bits
 if TYPE_CHECKING:
     from framekit.blocks.feasibility import ChannelLoad
     from framekit.blocks.model import Run
+    from framekit.blocks.run_edit import Edit
     from framekit.blocks.scheduler import BlockState
     from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
@@ -54,6 +55,18 @@ class Output:
     def seen(self, channel: int, seen: Seen) -> None:
         raise NotImplementedError
 
+    def edited(self, edit: Edit) -> None:
+        """An edited run is at work; what was worked out for channels that are others now is forgotten."""
+        self.run = edit.run
+        self.loads = tuple(load for load in self.loads if load.channel.number not in edit.touched)
+        for warning in edit.warnings:
+            self.warning(told(warning))
+
+    def refused(self, reasons: list[str]) -> None:
+        """An edited run cannot be; the one before goes on."""
+        for reason in reasons:
+            self.warning(reason)
+
     def summary(self, service: RunService) -> None:
         raise NotImplementedError
 
@@ -63,6 +76,14 @@ class TextOutput(Output):
 
     def seen(self, channel: int, seen: Seen) -> None:
         print(seen_text(seen, self.seconds(seen.at), f"ch {channel}"), flush=True)
+
+    def edited(self, edit: Edit) -> None:
+        super().edited(edit)
+        print(f"edit applied: {edit}", flush=True)
+
+    def refused(self, reasons: list[str]) -> None:
+        super().refused(reasons)
+        print("edit refused, the run goes on as before", flush=True)
 
     def summary(self, service: RunService) -> None:
         rows = [_row(state) for state in service.states.values()]
@@ -85,6 +106,13 @@ class JsonOutput(Output):
         plain = PlainValues(self.run.channels[channel].protocol)
         line = seen_data(seen, self.seconds(seen.at), plain, channel=channel)
         print(json.dumps(line, ensure_ascii=False), flush=True)
+
+    def edited(self, edit: Edit) -> None:
+        super().edited(edit)
+        print(json.dumps({"event": "edited", "what": str(edit)}, ensure_ascii=False), flush=True)
+
+    def refused(self, reasons: list[str]) -> None:
+        print(json.dumps({"event": "refused", "reasons": reasons}, ensure_ascii=False), flush=True)
 
     def summary(self, service: RunService) -> None:
         for state in service.states.values():

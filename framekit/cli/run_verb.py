@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from framekit.cli.common import add_json, duration_of, told
 from framekit.cli.main import Failure
@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from framekit.service.run import RunService
 
 
+class Watched(NamedTuple):
+    """A run file whose changes count, and what it said before it was loaded."""
+
+    path: Path
+    content: bytes | None
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", metavar="RUN.yaml", type=Path, help="the run file")
     parser.add_argument(
@@ -25,6 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--virtual", action="store_true", help="simulated time: as fast as it goes; needs --for, and only sim: ports"
+    )
+    parser.add_argument(
+        "--watch",
+        action="store_true",
+        help="apply changes of the file while the run goes on, whole or not at all; SIGHUP looks at once",
     )
     add_watch(parser)
     add_json(parser)
@@ -34,12 +46,16 @@ def run(arguments: argparse.Namespace) -> int:
     from framekit.blocks.feasibility import load_problems
     from framekit.blocks.load import load_run
     from framekit.cli.run_output import JsonOutput, TextOutput
+    from framekit.service.file_watch import content_of
     from framekit.service.rehearsal import loads_of
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None:
         raise Failure("--virtual needs --for TIME")
     watch = Watch(arguments)
+    if arguments.virtual and arguments.watch:
+        raise Failure("--watch is for runs in real time – leave --virtual out")
+    watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
@@ -50,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             assert duration is not None
             _virtual(loaded, output, watch, duration)
         else:
-            asyncio.run(_real(loaded, output, watch, duration))
+            asyncio.run(_real(loaded, output, watch, duration, watched))
     except OSError as error:
         raise Failure(str(error)) from None
     return 0
@@ -67,8 +83,8 @@ def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:
     _end(service, output, watch)
 
 
-async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None) -> None:
-    """Runs until the time is over, or SIGINT or SIGTERM asks to stop."""
+async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None, watched: Watched | None) -> None:
+    """Runs until the time is over, or SIGINT or SIGTERM asks to stop; `watched` is the file whose changes count."""
     from framekit.transport.clock import AsyncioClock
 
     loop = asyncio.get_running_loop()
@@ -78,12 +94,30 @@ async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None)
     service = output.service(loaded, AsyncioClock(loop))
     watch.begin(service, service.clock)
     service.start()
+    watching = None if watched is None else loop.create_task(_watch_file(watched, service, output))
     try:
         await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
     except TimeoutError:
         pass
     finally:
+        if watching is not None:
+            watching.cancel()
         _end(service, output, watch)
+
+
+async def _watch_file(watched: Watched, service: RunService, output: Output) -> None:
+    """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
+    from framekit.service.file_watch import FileWatch, reasons
+
+    files = FileWatch(
+        watched.path,
+        watched.content,
+        lambda run: service.edit(run, output.edited),
+        lambda error: output.refused(reasons(error)),
+    )
+    if hasattr(signal, "SIGHUP"):
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, files.look_now)
+    await files.watch()
 
 
 def _end(service: RunService, output: Output, watch: Watch) -> None:

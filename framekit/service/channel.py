@@ -52,8 +52,7 @@ class ChannelService:
         self.channel = channel
         self.owner = owner
         self.receiving: dict[str, list[Block]] = {}
-        for block in receiving:
-            self.receiving.setdefault(block.frame or "", []).append(block)
+        self.receive_for(receiving)
         protocol = channel.protocol
         codec = compile_protocol(protocol)
         self.engine = Engine(
@@ -67,13 +66,19 @@ class ChannelService:
             server=self._server(codec, access),
             memory=access,
             ask=self._ask,
-            on_frame=self._frame if self.receiving else None,
+            on_frame=self._frame,
             monitor=monitor,
         )
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(self.engine, client, access.memory, protocol.frames, protocol.station)
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state)
+
+    def receive_for(self, blocks: Iterable[Block]) -> None:
+        """From now on these RECEIVE blocks get the frames they name, and no others."""
+        self.receiving.clear()
+        for block in blocks:
+            self.receiving.setdefault(block.frame or "", []).append(block)
 
     def _server(self, codec: Codec, access: AddressedMemory) -> Server | None:
         protocol = self.channel.protocol

@@ -23,6 +23,7 @@ from framekit.link.observe import Seen
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
+from framekit.service.edit import Applied, RunEditor
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
 from framekit.service.state_file import StateFile
@@ -44,24 +45,13 @@ class RunService:
         self.clock = clock
         self.memory = run.memory.create()
         self.grammar = addresses_of(run.memory)
-        access = AddressedMemory(self.memory, self.grammar, self.refresh)
-        self.devices: list[DeviceService] = []
+        self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
+        self.monitor = monitor
         self.channels: dict[int, ChannelService] = {}
-        folder = Path(run.folder)
-        found = {number: devices_of(channel, folder) for number, channel in run.channels.items()}
-        for number, channel in run.channels.items():
-            port, devices = port_for(channel, found[number], clock)
-            self.devices += devices
-            receiving = [block for block in run.blocks if block.channel == number and block.instruction == "receive"]
-            self.channels[number] = ChannelService(
-                channel,
-                port,
-                clock,
-                access,
-                receiving,
-                self,
-                self._watcher(number, monitor),
-            )
+        self.devices_on: dict[int, list[DeviceService]] = {}
+        for number in run.channels:
+            self.channels[number], self.devices_on[number] = self.make_channel(run, number)
+        self.editor = RunEditor(self)
         pauses = {number: channel.pause for number, channel in run.channels.items()}
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
         self.scheduler = Scheduler(
@@ -89,9 +79,18 @@ class RunService:
             self.block_memory.changed(one)
         return keeper
 
-    @staticmethod
-    def _watcher(number: int, monitor: RunMonitor | None) -> Callable[[Seen], None] | None:
-        return None if monitor is None else lambda seen: monitor(number, seen)
+    def make_channel(self, run: Run, number: int) -> tuple[ChannelService, list[DeviceService]]:
+        """A channel of a run with the simulated devices on it, not open yet. Raises DefinitionError, ValueError."""
+        channel, monitor = run.channels[number], self.monitor
+        port, devices = port_for(channel, devices_of(channel, Path(run.folder)), self.clock)
+        watcher = None if monitor is None else lambda seen: monitor(number, seen)
+        made = ChannelService(channel, port, self.clock, self.access, receiving(run, number), self, watcher)
+        return made, devices
+
+    @property
+    def devices(self) -> list[DeviceService]:
+        """The simulated devices of all channels."""
+        return [device for devices in self.devices_on.values() for device in devices]
 
     # ---- addresses ----------------------------------------------------------------------------------------
 
@@ -124,10 +123,8 @@ class RunService:
         now = self.clock.now()
         for number in self.channels:
             self.scheduler.set_open(number, False)
-        for device in self.devices:
-            device.start()
-        for channel in self.channels.values():
-            channel.start()
+        for number in self.channels:
+            self.open_channel(number)
         self.system.start(now)
         self.scheduler.begin(now)
         if self.keeper is not None:
@@ -140,12 +137,43 @@ class RunService:
         self.scheduler.end()
         if self._timer is not None:
             self._timer.cancel()
-        for channel in self.channels.values():
-            channel.stop()
-        for device in self.devices:
-            device.stop()
+        for number in self.channels:
+            self.close_channel(number)
         if self.keeper is not None:
             self.keeper.stop()
+
+    def open_channel(self, number: int) -> None:
+        """Opens the port of a channel, and those of the simulated devices on its line."""
+        for device in self.devices_on[number]:
+            device.start()
+        self.channels[number].start()
+
+    def close_channel(self, number: int) -> None:
+        """Closes them."""
+        self.scheduler.set_open(number, False)
+        self.channels[number].stop()
+        for device in self.devices_on[number]:
+            device.stop()
+
+    # ---- change -------------------------------------------------------------------------------------------
+
+    def edit(self, run: Run, applied: Applied = lambda edit: None) -> None:
+        """Applies an edited run once no exchange runs on the channels it touches; `applied` is called then.
+
+        Raises DefinitionError with the reasons when it cannot be, ValueError for a port of no known kind: then nothing
+        changes.
+        """
+        self.editor.request(run, applied)
+
+    def look_again(self) -> None:
+        """The blocks are others: frames go to those that receive now, clocks tick for those that look at them."""
+        for number, channel in self.channels.items():
+            if number in self.run.channels:
+                channel.receive_for(receiving(self.run, number))
+        for number in self.channels.keys() - self.run.channels.keys():
+            del self.channels[number], self.devices_on[number]
+        self.refresh()
+        self.system.wait_for(self._awaited_bits())
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""
@@ -178,7 +206,8 @@ class RunService:
         self.refresh()
 
         def ended(failure: Failure | None) -> None:
-            self.scheduler.finished(number, failure, self.clock.now())
+            if self.states.get(number) is state:
+                self.scheduler.finished(number, failure, self.clock.now())
 
         self.block_memory.started(state)
         try:
@@ -229,6 +258,7 @@ class RunService:
         try:
             if self.running:
                 self.refresh()
+                self.editor.step()
                 self.block_memory.tick(self.clock.now())
                 self.scheduler.tick(self.clock.now())
         finally:
@@ -243,6 +273,11 @@ class RunService:
         due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
         if self.running and due < NEVER:
             self._timer = self.clock.call_at(max(due, now), self._tick)
+
+
+def receiving(run: Run, channel: int) -> list[Block]:
+    """The RECEIVE blocks of a channel."""
+    return [block for block in run.blocks if block.channel == channel and block.instruction == "receive"]
 
 
 def range_of(address: Address, bits: int) -> range:

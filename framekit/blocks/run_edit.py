@@ -1,0 +1,110 @@
+"""What is different between a run that goes on and its edited file, and whether that can be changed while it goes on.
+
+Positions in the file do not count: a block that only moved is the same. Nothing is changed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from framekit.blocks.fingerprint import fingerprint
+from framekit.blocks.model import Block, Run
+from framekit.definition.problems import DefinitionError, Problem
+
+RESTART = "stop the run and start it again"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edit:
+    """The edited run, and what is to be done for it; numbers in order.
+
+    `touched`: channels that have to be idle before anything is done: those that go or change, and those of blocks that
+    go or change. `warnings`: what the edited file says and only a restart brings.
+    """
+
+    run: Run
+    channels_gone: tuple[int, ...]
+    channels_changed: tuple[int, ...]
+    channels_new: tuple[int, ...]
+    blocks_gone: tuple[int, ...]
+    blocks_changed: tuple[int, ...]
+    blocks_new: tuple[int, ...]
+    touched: frozenset[int]
+    warnings: tuple[Problem, ...]
+
+    def __str__(self) -> str:
+        """In words: `channel 2 changed, blocks 0 and 3 new`, or `nothing is different`."""
+        found = []
+        for what in ("channel", "block"):
+            for how in ("gone", "changed", "new"):
+                numbers: tuple[int, ...] = getattr(self, f"{what}s_{how}")
+                if numbers:
+                    found.append(f"{what if len(numbers) == 1 else f'{what}s'} {_listed(numbers)} {how}")
+        return ", ".join(found) or "nothing is different"
+
+
+def _listed(numbers: tuple[int, ...]) -> str:
+    *some, last = map(str, numbers)
+    return f"{', '.join(some)} and {last}" if some else last
+
+
+def plan_edit(old: Run, new: Run) -> Edit:
+    """What leads from one run to the other. Raises DefinitionError when it takes a restart."""
+    problems = list(_refusals(old, new))
+    if problems:
+        raise DefinitionError(problems)
+    old_blocks, new_blocks = ({block.number: block for block in run.blocks} for run in (old, new))
+    channels = _compared(old.channels, new.channels)
+    blocks = _compared(old_blocks, new_blocks)
+    touched = {*channels.gone, *channels.changed}
+    touched |= {old_blocks[number].channel for number in (*blocks.gone, *blocks.changed)}
+    return Edit(
+        run=new,
+        channels_gone=channels.gone,
+        channels_changed=channels.changed,
+        channels_new=channels.new,
+        blocks_gone=blocks.gone,
+        blocks_changed=blocks.changed,
+        blocks_new=blocks.new,
+        touched=frozenset(touched),
+        warnings=tuple(_warnings(old, new)),
+    )
+
+
+def _refusals(old: Run, new: Run) -> Iterator[Problem]:
+    if fingerprint(old.memory) != fingerprint(new.memory):
+        yield Problem(new.at, "the memory of a run that goes on stays as it is, and this is another one", RESTART)
+    if old.status != new.status:
+        yield Problem(new.at, "whether blocks have words in memory cannot change while the run goes on", RESTART)
+    if fingerprint(old.state) != fingerprint(new.state) or (old.state is not None and old.name != new.name):
+        at = new.at if new.state is None else new.state.at
+        yield Problem(at, "where the state is kept, and under which name, cannot change while the run goes on", RESTART)
+
+
+def _warnings(old: Run, new: Run) -> Iterator[Problem]:
+    if fingerprint(old.initial) != fingerprint(new.initial):
+        what = "memory stays as it is: other start values count from the next start on"
+        yield Problem(new.at, what, "", warning=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    gone: tuple[int, ...]
+    changed: tuple[int, ...]
+    new: tuple[int, ...]
+
+
+def _compared(old: Mapping[int, object], new: Mapping[int, object]) -> _Compared:
+    """The numbers of those that are there no more, are different, are new."""
+    both = sorted(old.keys() & new.keys())
+    return _Compared(
+        tuple(sorted(old.keys() - new.keys())),
+        tuple(number for number in both if fingerprint(old[number]) != fingerprint(new[number])),
+        tuple(sorted(new.keys() - old.keys())),
+    )
+
+
+def added_blocks(edit: Edit) -> list[Block]:
+    """The blocks that begin anew."""
+    return [block for block in edit.run.blocks if block.number in (*edit.blocks_changed, *edit.blocks_new)]

@@ -1,0 +1,79 @@
+"""`framekit run --watch` as a process: edits are applied or refused, by itself or on SIGHUP, and the run goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from framekit.cli.main import main
+
+DEVICE = "device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [11, 12]}}\n"
+RUN = """run: watched
+memory: masterlogic
+channels:
+  1: {port: "sim:one.device.yaml", protocol: modbus-rtu, station: 1}
+blocks:
+  0: {read: "40001", into: M0, every: 50 ms}
+"""
+
+
+class Process:
+    """`framekit run --watch --json` at work; it ends with the test."""
+
+    def __init__(self, path: Path) -> None:
+        command = [sys.executable, "-m", "framekit", "run", str(path), "--watch", "--json", "--for", "60s"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def until(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        assert self.process.stdout is not None
+        for text in self.process.stdout:
+            if wanted(line := json.loads(text)):
+                return line
+        raise AssertionError("the run has ended")
+
+    def event(self, kind: str) -> dict[str, Any]:
+        return self.until(lambda line: line["event"] == kind)
+
+
+def replace_file(path: Path, text: str) -> None:
+    """As editors do: the new file is put in the place of the old one."""
+    path.with_suffix(".new").write_text(text, encoding="utf-8")
+    os.replace(path.with_suffix(".new"), path)
+
+
+def test_edits_of_a_run_that_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    path = tmp_path / "watched.run.yaml"
+    path.write_text(RUN, encoding="utf-8")
+    run = Process(path)
+    try:
+        run.event("frame")
+        replace_file(path, RUN + '  1: {read: "40002", into: M1, every: 50 ms}\n')
+        run.process.send_signal(signal.SIGHUP)
+        assert run.event("edited") == {"event": "edited", "what": "block 1 new"}
+        replace_file(path, RUN.replace("into: M0", "into: Q0"))
+        (reason,) = run.event("refused")["reasons"]
+        assert reason.startswith(f"{path}:6:") and "Q0" in reason
+        run.event("frame")
+        replace_file(path, RUN.replace("50 ms", "40 ms"))
+        assert run.event("edited")["what"] == "block 1 gone, block 0 changed"
+        run.until(lambda line: line["event"] == "frame" and line["direction"] == "in")
+        run.process.send_signal(signal.SIGTERM)
+        assert run.event("block")["started"] > 0
+        assert run.process.wait(20) == 0
+    finally:
+        run.process.kill()
+        run.process.communicate()
+
+
+def test_simulated_time_cannot_be_watched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "x.run.yaml", "--virtual", "--for", "1s", "--watch"]) == 1
+    assert "--watch is for runs in real time" in capsys.readouterr().err
