@@ -92,6 +92,16 @@ def test_an_answer_that_comes_too_late_is_told(tmp_path: Path) -> None:
     assert found.bytes == 8
 
 
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("**/*.run.yaml")), ids=lambda path: path.stem)
+def test_every_block_of_the_examples_can_be_rehearsed(path: Path) -> None:
+    run = load_run(path)
+    found = rehearse(run)
+    assert set(found) == {(block.set, block.number) for block in run.blocks}
+    for cost in found.values():
+        assert cost.doubt == ""
+        assert cost.bytes > 0 and cost.frames > 0 and cost.duration > 0
+
+
 FULL = """run: full
 memory: masterlogic
 channels:
