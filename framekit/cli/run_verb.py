@@ -80,7 +80,12 @@ def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:
     watch.begin(service, clock)
     service.start()
     clock.run_for(duration)
-    _end(service, output, watch)
+    watch.at_end()
+    ended: list[bool] = []
+    service.finish(lambda: ended.append(True))
+    while not ended and clock.advance():
+        pass
+    _summary(service, output, watch)
 
 
 async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None, watched: Watched | None) -> None:
@@ -102,7 +107,11 @@ async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None,
     finally:
         if watching is not None:
             watching.cancel()
-        _end(service, output, watch)
+        watch.at_end()
+        left = asyncio.Event()
+        service.finish(left.set)
+        await left.wait()
+        _summary(service, output, watch)
 
 
 async def _watch_file(watched: Watched, service: RunService, output: Output) -> None:
@@ -120,9 +129,7 @@ async def _watch_file(watched: Watched, service: RunService, output: Output) -> 
     await files.watch()
 
 
-def _end(service: RunService, output: Output, watch: Watch) -> None:
-    watch.at_end()
-    service.stop()
+def _summary(service: RunService, output: Output, watch: Watch) -> None:
     output.summary(service)
     for problem in (*service.problems, *watch.end()):
         output.warning(problem)

@@ -22,6 +22,7 @@ from framekit.link.dispatch import Dispatcher
 from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
+from framekit.link.farewell import Farewell
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.functions import EngineFunctions
 from framekit.link.lanes import Lanes
@@ -88,6 +89,7 @@ class Engine:
         model = None if role is None else protocol.roles[role]
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         self.lanes = Lanes(model.lanes if model else (), machine)
+        self.farewell = Farewell(machine, self.lanes, self.output)
         self.dispatcher = Dispatcher(machine, self.lanes)
         self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
         self._busy = False
@@ -233,13 +235,10 @@ class Engine:
         self.output.put(Item(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
         return self._finish()
 
-    def close_session(self, now: int) -> list[Command]:
-        """Runs the sequences that close an open session, as far as the lane is free."""
+    def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
+        """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
-        session = self.machine.session
-        if session.session is not None and session.is_open:
-            for name in session.session.close:
-                self.lanes.begin_sequence("close", name, session.station)
+        self.farewell.ask(on_done)
         return self._finish()
 
     def status(self) -> dict[str, Any]:
@@ -273,7 +272,9 @@ class Engine:
                 value = machine.delivered.popleft()
                 if not self.dispatcher.offer(value, value.raw or b""):
                     self.reception.unsolicited(value)
-            elif not (machine.has_queues and self.dispatcher.queue_rows()) and not self.reception.next_arrival():
+            elif machine.has_queues and self.dispatcher.queue_rows():
+                continue
+            elif not self.reception.next_arrival() and not self.farewell.go_on():
                 return
         machine.show("trouble", reason="one event leads to another without end")
 
@@ -327,5 +328,5 @@ class Engine:
         session = self.machine.session
         if session.session is None or session.session.keep_alive_run is None:
             return False
-        name = session.session.keep_alive_run
-        return self.lanes.begin_sequence("keep_alive", name, session.station) is not None
+        names = (session.session.keep_alive_run,)
+        return self.lanes.begin_sequences("keep_alive", names, session.station) is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from framekit.definition.model.procedure import Lane
@@ -112,8 +112,8 @@ class Lanes:
             lane.listener.state = State.DONE
             lane.listener = None
 
-    def begin_sequence(self, kind: str, name: str, station: Any) -> Run | None:
-        """Runs a sequence of the session in the first lane for exchanges: keeping alive, or closing."""
+    def begin_sequences(self, kind: str, names: Iterable[str], station: Any) -> Run | None:
+        """Runs sequences of the session in the first lane for exchanges: keeping alive, or closing."""
         lane = self.lane_for(None)
         if lane is None or not self.is_free:
             return None
@@ -121,7 +121,8 @@ class Lanes:
         run = Run(lane, kind)
         lane.running.append(run)
         self._reorder()
-        run.agenda.append((kind, name, Dealing(self.machine.scope, None, True, station)))
+        for name in names:
+            run.agenda.append((kind, name, Dealing(self.machine.scope, None, True, station)))
         if kind == "close":
             run.agenda.append(("ended", "", Dealing(self.machine.scope, None, True, station)))
         self._next_of_agenda(run)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from framekit.blocks.block_status import Failure
@@ -71,6 +71,8 @@ class ChannelService:
         )
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(self.engine, client, access.memory, protocol.frames, protocol.station)
+        role = None if channel.role is None else protocol.roles[channel.role]
+        self._role_has_session = role is not None and role.session is not None
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state)
 
@@ -98,6 +100,15 @@ class ChannelService:
 
     def stop(self) -> None:
         self.driver.stop()
+
+    @property
+    def has_session(self) -> bool:
+        """Whether one may have to be closed; a channel that is not open has none."""
+        return self._role_has_session and self.driver.is_open
+
+    def close_session(self, done: Callable[[], None]) -> None:
+        """Takes leave of the other side as soon as nothing runs; `done` is called then."""
+        self.driver.do(lambda now: self.engine.close_session(now, done))
 
     def start_block(self, block: Block, ended: Ended) -> None:
         """Begins the exchange of a block; `ended` is called exactly once."""

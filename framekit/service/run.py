@@ -24,6 +24,7 @@ from framekit.memory.clock_bits import SystemBits
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.edit import Applied, RunEditor
+from framekit.service.ending import LONGEST_FAREWELL, Ending
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
 from framekit.service.state_file import StateFile
@@ -141,6 +142,20 @@ class RunService:
             self.close_channel(number)
         if self.keeper is not None:
             self.keeper.stop()
+
+    def finish(self, done: Callable[[], None], within: int = LONGEST_FAREWELL) -> None:
+        """Ends in good order: no block starts any more, open sessions are closed, then `stop`, then `done`.
+
+        After `within` ns it stops whatever is left.
+        """
+        self.scheduler.end()
+
+        def end() -> None:
+            if self.running:
+                self.stop()
+            done()
+
+        Ending(self.channels.values(), self.clock, within, end)
 
     def open_channel(self, number: int) -> None:
         """Opens the port of a channel, and those of the simulated devices on its line."""
