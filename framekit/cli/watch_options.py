@@ -16,6 +16,7 @@ from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
     from framekit.service.capture import Capture
+    from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
     from framekit.transport.clock import Clock
 
@@ -64,6 +65,8 @@ class Watch:
         self._json: bool = arguments.json
         self._capture: Capture | None = None
         self._service: RunService | None = None
+        self._captured: set[int] = set()
+        self._missing: list[str] = []
         self._began = 0
         self._every = 0
         self._at_end: bool = arguments.status or arguments.status_every is not None
@@ -83,13 +86,24 @@ class Watch:
             from framekit.service.capture import Capture
 
             self._capture = Capture(self._path, tuple(service.channels), clock)
+            self._captured = set(service.channels)
             for number, channel in service.channels.items():
-                channel.driver.port = self._capture.around(number, channel.driver.port)
+                self._tap(number, channel)
+            service.on_channel = self._tap
         if self._every:
             clock.call_at(self._began + self._every, self._next)
         if hasattr(signal, "SIGUSR1"):
             with contextlib.suppress(RuntimeError):
                 asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, self.show)
+
+    def _tap(self, number: int, channel: ChannelService) -> None:
+        """Puts the capture around the port of a channel; one that an edit has brought has no place in it."""
+        if self._capture is None:
+            return
+        if number in self._captured:
+            channel.driver.port = self._capture.around(number, channel.driver.port)
+        else:
+            self._missing.append(f"channel {number} came with an edit: it is not in the capture")
 
     def _next(self) -> None:
         if self._service is not None and self._service.running:
@@ -122,4 +136,4 @@ class Watch:
         if self._capture is None:
             return []
         self._capture.close()
-        return self._capture.troubles
+        return [*self._capture.troubles, *self._missing]

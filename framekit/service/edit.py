@@ -80,6 +80,7 @@ class RunEditor:
             service.block_memory.add(state, edit.run.channels[state.block.channel].protocol)
         service.look_again()
         for number in prepared.channels:
+            service.on_channel(number, service.channels[number])
             service.open_channel(number)
         for state in added:
             scheduler.arm(state, now)

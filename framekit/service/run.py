@@ -33,6 +33,9 @@ from framekit.transport.clock import Clock, Handle
 
 RunMonitor = Callable[[int, Seen], None]
 """Gets everything seen on the lines: the channel's number and what was seen."""
+OnChannel = Callable[[int, ChannelService], None]
+"""Gets a channel that an edit has brought or changed, before it is opened."""
+
 OnEnd = Callable[[BlockStatus, bool], None]
 """Told of every completion: how the block is doing then, and whether it ended well."""
 
@@ -53,6 +56,7 @@ class RunService:
         for number in run.channels:
             self.channels[number], self.devices_on[number] = self.make_channel(run, number)
         self.editor = RunEditor(self)
+        self.on_channel: OnChannel = lambda number, channel: None
         pauses = {number: channel.pause for number, channel in run.channels.items()}
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
         self.scheduler = Scheduler(

@@ -105,6 +105,8 @@ def test_blocks_come_and_go(tmp_path: Path) -> None:
 def test_channels_change_come_and_go(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.clock.run_for(2 * SECOND + 500 * MS)
+    brought: list[int] = []
+    bench.service.on_channel = lambda number, channel: brought.append(number)
     third = '  3: {port: "sim:two.device.yaml", protocol: modbus-rtu}\n'
     fast = "protocol: modbus-rtu, speed: 9600}\n" + third
     bench.edit(
@@ -119,6 +121,7 @@ def test_channels_change_come_and_go(tmp_path: Path) -> None:
     bench.edit()
     bench.clock.run_for(2 * SECOND)
     assert set(bench.service.channels) == {1, 2} and len(bench.service.devices) == 2
+    assert brought == [2, 3, 2], "whoever watches ports hears of every other one"
     assert bench.counts(1) == (7, 7, 0)
     before = len(bench.requests(3))
     bench.clock.run_for(2 * SECOND)
