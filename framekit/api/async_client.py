@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, overload
 
 from framekit.api.async_line import OPEN_WITHIN, AsyncLine, frame_of
 from framekit.api.errors import RequestError, raise_for
 from framekit.api.results import Answer, Reading
-from framekit.api.settings import checked_params, line_settings
+from framekit.api.settings import ProtocolGiven, checked_params, line_settings
 from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
-from framekit.definition.model.protocol import Protocol
 from framekit.link.observe import Seen
 from framekit.link.transfer import TransferResult
 from framekit.memory.errors import DeviceMemoryError
@@ -176,7 +174,7 @@ class AsyncClient(AsyncLine):
 
 
 def aconnect(
-    protocol: str | Path | Protocol,
+    protocol: ProtocolGiven,
     port: str,
     *,
     station: Any = None,

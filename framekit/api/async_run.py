@@ -27,14 +27,12 @@ class AsyncRun(RunCalls):
         super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen)
 
     def start(self) -> None:
-        """Opens the ports and arms the triggers."""
-        if not self.running:
-            self._service.start()
+        """Opens the ports and arms the triggers. Raises RequestError after the stop."""
+        self._begin()
 
     def stop(self) -> None:
         """No block starts any more; ports are closed."""
-        if self.running:
-            self._service.stop()
+        self._finish()
 
     async def __aenter__(self) -> Self:
         self.start()

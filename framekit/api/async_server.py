@@ -14,6 +14,7 @@ from framekit.api.memory import Do, Memory
 from framekit.api.settings import checked_station
 from framekit.blocks.device import Device, load_devices
 from framekit.blocks.device_settings import DeviceSettings
+from framekit.blocks.load_fault_plan import with_faults
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
 from framekit.service.serving import Serving
@@ -142,6 +143,7 @@ def aserve(
     role: str | None = None,
     speed: int | None = None,
     format: str | None = None,
+    faults: str | None = None,
     monitor: Callable[[Seen], None] | None = None,
 ) -> AsyncServer:
     """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
@@ -155,6 +157,7 @@ def aserve(
     )
     names = [device] if isinstance(device, (str, Path)) else list(device)
     found = [one for name in names for one in load_devices(name, Path.cwd(), settings)]
+    found = with_faults(found, faults, Path.cwd())
     try:
         check_line(found)
         line = line_of(found[0], speed, format)

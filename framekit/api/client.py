@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar, overload
 
@@ -17,7 +16,7 @@ from framekit.api.async_line import OPEN_WITHIN
 from framekit.api.errors import LineClosedError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.results import Answer, Frame, Reading
-from framekit.api.settings import line_settings
+from framekit.api.settings import ProtocolGiven, line_settings
 from framekit.api.typed import FloatType, IntType, Order, TextType, Value
 from framekit.definition.model.protocol import Protocol
 from framekit.link.observe import Seen
@@ -158,7 +157,7 @@ def _end(thread: LoopThread, client: AsyncClient) -> None:
 
 
 def connect(
-    protocol: str | Path | Protocol,
+    protocol: ProtocolGiven,
     port: str,
     *,
     station: Any = None,
@@ -173,8 +172,9 @@ def connect(
 ) -> Client:
     """Opens a port and speaks a protocol on it; `framekit.aconnect` does the same for asyncio.
 
-    `protocol`: name or file of a definition. `port`: a device (`/dev/ttyUSB0`), `tcp://HOST:PORT`, a pyserial URL, or
-    `sim:FILE[,FILE…]`: simulated devices in this process. `station`: the other side's where a call names none.
+    `protocol`: name or file of a definition, or what `framekit.load` gave. `port`: a device (`/dev/ttyUSB0`),
+    `tcp://HOST:PORT`, a pyserial URL, or `sim:FILE[,FILE…]`, simulated devices in this process. `station`: the other
+    side's where a call names none.
     `speed`, `format` (such as `8E1`): the protocol's own where they are not given. `params`: the protocol's parameters.
     `role`, `own`: what this side is, where the protocol leaves a choice. `frames_alone`: no exchanges; every frame that
     comes is for `wait_for`. `open_within`: seconds. `monitor` gets everything seen on the line, in another thread.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from framekit.api.errors import RequestError
 from framekit.api.results import Frame
-from framekit.api.settings import checked_params, checked_station, protocol_of
+from framekit.api.settings import ProtocolGiven, checked_params, checked_station, protocol_of
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.model import protocol as model
@@ -18,15 +17,20 @@ from framekit.link.scope import Scope
 
 
 class Protocol:
-    """A compiled definition, made by `framekit.load`. `definition` is the whole model, `name` and `about` its own."""
+    """A compiled definition, made by `framekit.load`. `name` and `about` are the file's."""
 
     def __init__(self, definition: model.Protocol, params: Mapping[str, Any] | None = None, own: Any = None) -> None:
-        self.definition = definition
+        self._definition = definition
         self.name = definition.name
         self.about = definition.about
         self._codec = compile_protocol(definition)
         own = None if own is None else checked_station(definition, own)
         self._scope = Scope(definition, params=checked_params(definition, params or {}), own=own)
+
+    @property
+    def definition(self) -> model.Protocol:
+        """The whole model."""
+        return self._definition
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -89,9 +93,7 @@ class Protocol:
         return f"<protocol {self.name}, {len(self.frames)} frames>"
 
 
-def load(
-    protocol: str | Path | model.Protocol, *, params: Mapping[str, Any] | None = None, own: Any = None
-) -> Protocol:
+def load(protocol: ProtocolGiven, *, params: Mapping[str, Any] | None = None, own: Any = None) -> Protocol:
     """A shipped protocol by its name, one beside the current folder, or a YAML file.
 
     `params` and `own` (the own station) are for frames whose bytes depend on them. Raises DefinitionError with every

@@ -38,10 +38,8 @@ class Run(RunCalls):
 
     def start(self) -> None:
         """Opens the ports and arms the triggers. Raises RequestError if it was stopped before."""
-        if self.running:
-            return
         try:
-            self._thread.do(self._service.start)
+            self._thread.do(self._begin)
         except LoopStoppedError:
             raise RequestError("a run is started once – make a new one") from None
 
@@ -99,14 +97,12 @@ class VirtualRun(RunCalls):
         super().__init__(loaded(run), self._virtual, lambda action: action(), on_end, on_seen)
 
     def start(self) -> None:
-        """Opens the ports and arms the triggers."""
-        if not self.running:
-            self._service.start()
+        """Opens the ports and arms the triggers. Raises RequestError after the stop."""
+        self._begin()
 
     def stop(self) -> None:
         """No block starts any more."""
-        if self.running:
-            self._service.stop()
+        self._finish()
 
     @property
     def now(self) -> int:
@@ -115,7 +111,8 @@ class VirtualRun(RunCalls):
 
     def run_for(self, time: str | float) -> None:
         """Lets time pass: `"10 s"`, `"24 h"`, or a number of seconds. Starts the run if nobody has."""
-        self.start()
+        if not self.running:
+            self.start()
         self._virtual.run_for(nanoseconds(time))
 
     def carry_out(self, number: int, *, within: str | float = "1 min") -> BlockStatus:

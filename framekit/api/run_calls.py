@@ -18,6 +18,7 @@ from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.observe import Seen
 from framekit.service.run import RunService
+from framekit.service.state_file import StateError
 from framekit.transport.clock import Clock
 
 OnBlockEnd = Callable[[BlockStatus, bool], None]
@@ -37,6 +38,7 @@ class RunCalls:
         self._clock = clock
         self._told_end = on_end
         self._told_seen = on_seen
+        self._over = False
         self._listeners: list[OnBlockEnd] = []
         self._service = self._make()
 
@@ -46,7 +48,7 @@ class RunCalls:
             return RunService(self.run, self._clock, monitor, self._ended)
         except DefinitionError:
             raise
-        except ValueError as error:
+        except (ValueError, StateError) as error:
             raise RequestError(str(error)) from None
 
     def _seen(self, channel: int, seen: Seen) -> None:
@@ -61,12 +63,31 @@ class RunCalls:
         if told is not None:
             self._clock.call_soon(lambda: told(status, ok))
 
+    def _begin(self) -> None:
+        """Starts the run, if nobody has. To be called where the run is at home. Raises RequestError."""
+        if self._over:
+            raise RequestError("a run is started once – make a new one")
+        if not self.running:
+            self._service.start()
+
+    def _finish(self) -> None:
+        """Ends the run for good; what it keeps is written and let go of."""
+        if not self._over:
+            self._over = True
+            self._service.stop()
+
     # ---- blocks -------------------------------------------------------------------------------------------
 
     @property
     def running(self) -> bool:
         """Whether it has been started, and not stopped."""
         return self._service.running
+
+    @property
+    def problems(self) -> list[str]:
+        """What keeps the run from doing all it should, such as a state that cannot be written."""
+        found: list[str] = self._do(lambda: self._service.problems)
+        return found
 
     @property
     def blocks(self) -> list[BlockStatus]:

@@ -94,6 +94,7 @@ def serve(
     role: str | None = None,
     speed: int | None = None,
     format: str | None = None,
+    faults: str | None = None,
     monitor: Callable[[Seen], None] | None = None,
 ) -> Server:
     """Simulated devices that answer on a port at once; `framekit.aserve` does the same for asyncio.
@@ -102,13 +103,13 @@ def serve(
     listens there (0 for any number that is free), `pty:` makes a pseudo-terminal, else a port as for `connect`.
     `station`: a number, or a list for as many devices. `memory`: a profile, instead of the protocol's own areas; `map`:
     where areas of the protocol begin in it. `initial`: ADDRESS → value or values. `params`, `role`, `speed`, `format`,
-    `monitor`: as for `connect`.
+    `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with what the devices send.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """
     return Server(
         aserve(
             device, port, station=station, memory=memory, initial=initial, map=map, params=params, role=role,
-            speed=speed, format=format, monitor=monitor,
+            speed=speed, format=format, faults=faults, monitor=monitor,
         )
     )  # fmt: skip

@@ -6,6 +6,7 @@ Everything is looked at before a port is opened. What goes over the line is not 
 from __future__ import annotations
 
 import re
+import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +23,22 @@ from framekit.definition.times import LineFormat, parse_format
 from framekit.link.parameters import ParameterError, given_value
 
 
-def protocol_of(given: str | Path | Protocol) -> Protocol:
-    """A protocol by its name, its file, or itself. Raises DefinitionError."""
-    return given if isinstance(given, Protocol) else load_protocol(given, Path.cwd())
+class Loaded(typing.Protocol):
+    """What `framekit.load` gives."""
+
+    @property
+    def definition(self) -> Protocol: ...
+
+
+ProtocolGiven = str | Path | Protocol | Loaded
+"""A protocol by its name, by its file, or loaded before."""
+
+
+def protocol_of(given: ProtocolGiven) -> Protocol:
+    """The definition. Raises DefinitionError."""
+    if isinstance(given, Protocol):
+        return given
+    return load_protocol(given, Path.cwd()) if isinstance(given, (str, Path)) else given.definition
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +71,7 @@ class LineSettings:
 
 
 def line_settings(
-    protocol: str | Path | Protocol,
+    protocol: ProtocolGiven,
     port: str,
     *,
     roles: tuple[str, ...] = CLIENT_ROLES,

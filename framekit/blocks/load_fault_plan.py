@@ -5,9 +5,11 @@ Whether a plan fits a protocol is judged apart, since plans are written for any 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from framekit.blocks.fault_plan import FaultPlan, FaultRule
 from framekit.definition.load.documents import Documents
@@ -19,6 +21,9 @@ from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.times import NEVER
 from framekit.link.station_fields import station_fields
+
+if TYPE_CHECKING:
+    from framekit.blocks.device import Device
 
 SUFFIX = ".faults.yaml"
 
@@ -181,6 +186,16 @@ class _PlanLoader:
                 node.at, f"'{self.reader.text(node)}' is no time for {kind}", "give one such as 100 ms"
             )
         return time
+
+
+def with_faults(devices: Sequence[Device], name: str | None, folder: Path) -> list[Device]:
+    """The devices with a plan beside their own. Raises DefinitionError, also for what the protocol cannot do."""
+    if name is None:
+        return list(devices)
+    plan = load_fault_plan(name, folder)
+    if problems := [problem for device in devices for problem in misfits(plan, device.protocol)]:
+        raise DefinitionError(problems)
+    return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 
 
 def misfits(plan: FaultPlan, protocol: Protocol) -> Iterator[Problem]:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, add_protocol, assignment, load, print_json, spaced
+from framekit.cli.common import add_json, add_protocol, assignment, load, print_json
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from framekit.api.errors import FramekitError
     from framekit.link.observe import Seen
 
-LONGEST_SHOWN = 64
 TIMEOUT, RETRIES = "reply_timeout", "retries"
 """The parameters that --timeout and --retries stand for."""
 
@@ -108,9 +107,7 @@ def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
 
 def show(seen: Seen) -> None:
     """A line on standard error for everything that goes over the line."""
-    if seen.kind in ("open", "closed"):
-        return
-    arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
-    cut = " …" if len(seen.raw) > LONGEST_SHOWN else ""
-    what = f"{seen.frame or seen.kind} {seen.reason}".rstrip()
-    print(f"{arrow} {what:<22} {spaced(seen.raw[:LONGEST_SHOWN])}{cut}".rstrip(), file=sys.stderr, flush=True)
+    from framekit.cli.seen_output import seen_text
+
+    if seen.kind not in ("open", "closed"):
+        print(seen_text(seen, "", "").lstrip(), file=sys.stderr, flush=True)

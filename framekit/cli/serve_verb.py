@@ -6,7 +6,6 @@ import argparse
 import asyncio
 import contextlib
 import signal
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     begin_log(arguments.log)
     duration = duration_of(arguments.duration)
-    devices = _with_faults(_devices(arguments.devices, _settings(arguments)), arguments.faults)
+    devices = _devices(arguments.devices, _settings(arguments), arguments.faults)
     line = _line(arguments, devices[0])
     with contextlib.suppress(asyncio.CancelledError):
         asyncio.run(_serve(arguments, devices, line, duration))
@@ -95,30 +94,19 @@ def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
         yield name.strip(), value.strip()
 
 
-def _devices(names: Sequence[str], settings: DeviceSettings) -> list[Device]:
+def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None) -> list[Device]:
     """Raises DefinitionError, and Failure for devices that can't share a line."""
     from framekit.blocks.device import load_devices
+    from framekit.blocks.load_fault_plan import with_faults
     from framekit.service.serving_ports import check_line
 
     found = [device for name in names for device in load_devices(name, Path.cwd(), settings)]
+    found = with_faults(found, faults, Path.cwd())
     try:
         check_line(found)
     except ValueError as error:
         raise Failure(str(error)) from None
     return found
-
-
-def _with_faults(devices: list[Device], name: str | None) -> list[Device]:
-    """The devices with a plan beside their own. Raises DefinitionError, also for what the protocol cannot do."""
-    from framekit.blocks.load_fault_plan import load_fault_plan, misfits
-    from framekit.definition.problems import DefinitionError
-
-    if name is None:
-        return devices
-    plan = load_fault_plan(name, Path.cwd())
-    if problems := [problem for device in devices for problem in misfits(plan, device.protocol)]:
-        raise DefinitionError(problems)
-    return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 
 
 def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:

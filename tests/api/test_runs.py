@@ -145,6 +145,21 @@ def test_wrong_files_and_ports(tmp_path: Path, plant: Path) -> None:
         framekit.Run(plant)
 
 
+def test_a_state_is_kept_and_let_go_of(plant: Path) -> None:
+    plant.write_text(plant.read_text("utf-8") + "state: plant.state\n", encoding="utf-8")
+    with framekit.VirtualRun(plant) as run:
+        run.carry_out(0)
+        with pytest.raises(framekit.RequestError, match="is in use"):
+            framekit.VirtualRun(plant)
+        assert run.problems == []
+    again = framekit.VirtualRun(plant)
+    assert again.block(0).done == 1
+    again.stop()
+    with pytest.raises(framekit.RequestError, match="a run is started once"):
+        again.start()
+    framekit.VirtualRun(plant).stop()
+
+
 # ---- real time --------------------------------------------------------------------------------------------------
 
 

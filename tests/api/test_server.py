@@ -103,6 +103,24 @@ def test_what_cannot_be_served(arguments: dict[str, object], error: type[Excepti
         framekit.serve("modbus-rtu", **arguments)  # type: ignore[arg-type]
 
 
+def test_faults(tmp_path: Path) -> None:
+    plan = tmp_path / "bad.faults.yaml"
+    plan.write_text("faults: bad\nrules: [{fault: no_reply, every: 2}]\n", encoding="utf-8")
+    seen: list[str] = []
+    modbus = framekit.load("modbus-tcp")
+    with (
+        framekit.serve("modbus-tcp", "tcp://127.0.0.1:0", station=1, faults=str(plan)) as device,
+        framekit.connect(modbus, device.port, station=1, params={"reply_timeout": "200 ms"}) as client,
+    ):
+        for _ in range(4):
+            try:
+                client.read("40001")
+                seen.append("done")
+            except TimeoutError:
+                seen.append("no reply")
+    assert seen.count("done") == 2 and seen.count("no reply") == 2
+
+
 def test_asyncio(tmp_path: Path) -> None:
     async def scenario() -> None:
         seen: list[str] = []

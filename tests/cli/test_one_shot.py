@@ -69,7 +69,7 @@ def test_call(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[
 def test_the_frames_are_shown(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = call(capsys, "read", "modbus-rtu", "--port", bench[0], "--station", "7", "40001", "--frames")
     assert (status, out) == (0, "40001  100\n")
-    assert "→ request_adu            07 03 00 00 00 01" in err and "← reply_adu" in err
+    assert "→ request_adu              8 07 03 00 00 00 01" in err and "← reply_adu" in err
 
 
 def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:

@@ -205,6 +205,27 @@ def test_cancelling() -> None:
     assert len(side.taken()) == 1 and len(side.outcomes) == 2
 
 
+def test_what_is_given_up_is_waited_for_and_not_repeated() -> None:
+    side = client(retries=3, reply_timeout=500 * MS)
+    first, second = side.ask(get(16), expected=("got",)), side.ask(get(32), expected=("got",))
+    side.run(100 * MS)
+    side.do(side.engine.give_up(first, side.now))
+    assert side.outcomes == [] and len(side.sent) == 1
+    side.run(SECOND)
+    assert [data for _, data in side.sent[:2]] == [REQUEST, frame("get", station=1, place=32)]
+    assert not side.outcomes[0].ok
+    side.gets(GOT)
+    assert side.outcomes[1].ok
+    third, fourth = side.ask(get(48), expected=("got",)), side.ask(get(64), expected=("got",))
+    side.run(10 * MS)
+    side.do(side.engine.give_up(fourth, side.now))
+    assert [outcome.outcome for outcome in side.outcomes[2:]] == ["cancelled"], "one that had not begun ends at once"
+    side.do(side.engine.give_up(third, side.now))
+    side.gets(GOT)
+    assert side.outcomes[3].ok, "a reply in time is taken"
+    assert second is not third and side.next_time() > side.now + SECOND
+
+
 def test_a_lost_connection_fails_what_runs_and_what_waits() -> None:
     side = client()
     side.ask(get(1))
