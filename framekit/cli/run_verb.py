@@ -38,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="apply changes of the file while the run goes on, whole or not at all; SIGHUP looks at once",
     )
+    parser.add_argument(
+        "--control", action="store_true", help="take lines from standard input: fire N, enable N, disable N, stop"
+    )
     add_watch(parser)
     add_json(parser)
 
@@ -55,6 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     watch = Watch(arguments)
     if arguments.virtual and arguments.watch:
         raise Failure("--watch is for runs in real time – leave --virtual out")
+    if arguments.virtual and arguments.control:
+        raise Failure("--control is for runs in real time – leave --virtual out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
@@ -66,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
             assert duration is not None
             _virtual(loaded, output, watch, duration)
         else:
-            asyncio.run(_real(loaded, output, watch, duration, watched))
+            asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control))
     except OSError as error:
         raise Failure(str(error)) from None
     return 0
@@ -88,8 +93,11 @@ def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:
     _summary(service, output, watch)
 
 
-async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None, watched: Watched | None) -> None:
+async def _real(
+    loaded: Run, output: Output, watch: Watch, duration: int | None, watched: Watched | None, controlled: bool
+) -> None:
     """Runs until the time is over, or SIGINT or SIGTERM asks to stop; `watched` is the file whose changes count."""
+    from framekit.cli.control_lines import control
     from framekit.transport.clock import AsyncioClock
 
     loop = asyncio.get_running_loop()
@@ -99,6 +107,8 @@ async def _real(loaded: Run, output: Output, watch: Watch, duration: int | None,
     service = output.service(loaded, AsyncioClock(loop))
     watch.begin(service, service.clock)
     service.start()
+    if controlled:
+        control(service, output, ended.set)
     watching = None if watched is None else loop.create_task(_watch_file(watched, service, output))
     try:
         await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)

@@ -1,0 +1,44 @@
+"""A run controlled by hand: lines such as `fire 3`, `disable 2`, `enable set 2`, carried out on a run at work.
+
+Where the lines come from, and who reads the answers, is not known here.
+"""
+
+from __future__ import annotations
+
+import re
+
+from framekit.service.run import RunService
+
+COMMANDS = "fire N, enable N, disable N (a block, or SET.BLOCK) or stop"
+BLOCKS_IN_SET = 64
+
+_LINE = re.compile(r"(fire|enable|disable)\s+(?:block\s+)?(?:([0-9]+)\.)?([0-9]+)")
+
+
+class ControlError(ValueError):
+    """A line that cannot be carried out; a sentence with what to do."""
+
+
+def carry_out(service: RunService, line: str) -> None:
+    """Carries one line out; empty ones and those that begin with # do nothing. Raises ControlError."""
+    words = line.split("#")[0].strip().lower()
+    if not words:
+        return
+    match = _LINE.fullmatch(words)
+    if match is None:
+        raise ControlError(f"'{words}' is no command – write {COMMANDS}")
+    verb, set_number, block = match[1], int("1" if match[2] is None else match[2]), int(match[3])
+    number = BLOCKS_IN_SET * (set_number - 1) + block
+    if block >= BLOCKS_IN_SET or number not in service.states:
+        known = ", ".join(_name(one) for one in sorted(service.states))
+        raise ControlError(f"there is no block {words.split()[-1]} – known: {known}")
+    if verb == "fire":
+        service.fire(number)
+    else:
+        service.enable(number, verb == "enable")
+
+
+def _name(number: int) -> str:
+    """A block as lines name it."""
+    set_number, block = divmod(number, BLOCKS_IN_SET)
+    return f"{set_number + 1}.{block}" if set_number else str(block)

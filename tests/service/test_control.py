@@ -1,0 +1,83 @@
+"""Runs controlled by lines: blocks fired, disabled and enabled by hand, and lines that are refused with a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from framekit.blocks.load import load_run
+from framekit.service.control import ControlError, carry_out
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+
+SECOND = 1_000_000_000
+RUN = """run: by-hand
+memory: masterlogic
+channels:
+  1: {port: "sim:there.device.yaml", protocol: modbus-rtu, station: 1}
+blocks:
+  0: {read: "40001", into: M100, every: 100 ms}
+  3: {read: "40002", into: M101}
+"""
+DEVICE = "device: there\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [7, 8]}}\n"
+
+
+@pytest.fixture
+def clock() -> VirtualClock:
+    return VirtualClock()
+
+
+@pytest.fixture
+def service(tmp_path: Path, clock: VirtualClock) -> RunService:
+    (tmp_path / "r.run.yaml").write_text(RUN, encoding="utf-8")
+    (tmp_path / "there.device.yaml").write_text(DEVICE, encoding="utf-8")
+    service = RunService(load_run(tmp_path / "r.run.yaml"), clock)
+    service.start()
+    return service
+
+
+def test_a_block_is_fired(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(SECOND)
+    assert service.states[3].counters.started == 0
+    carry_out(service, "fire 3\n")
+    carry_out(service, "  FIRE block 1.3  # in set 1")
+    clock.run_for(SECOND)
+    counters = service.states[3].counters
+    assert (counters.started, counters.done, counters.overruns) == (1, 1, 1), "fired twice at once: runs once"
+    assert service.memory.read("M", "word", 101, 1) == [8]
+
+
+def test_a_block_is_disabled_and_enabled(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(SECOND)
+    before = service.states[0].counters.started
+    carry_out(service, "disable 0")
+    clock.run_for(SECOND)
+    assert service.states[0].counters.started == before and not service.status()[0].enabled
+    carry_out(service, "enable 0")
+    clock.run_for(SECOND)
+    assert service.states[0].counters.started == before + 10
+
+
+@pytest.mark.parametrize("line", ["", "   \n", "# nothing"])
+def test_nothing_to_do(service: RunService, line: str) -> None:
+    carry_out(service, line)
+    assert all(state.counters.started == 0 for state in service.states.values())
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("fire", "'fire' is no command – write fire N, enable N, disable N (a block, or SET.BLOCK) or stop"),
+        ("fire 9", "there is no block 9 – known: 0, 3"),
+        ("fire 2.3", "there is no block 2.3 – known: 0, 3"),
+        ("fire 0.3", "there is no block 0.3 – known: 0, 3"),
+        ("disable 1.67", "there is no block 1.67 – known: 0, 3"),
+        ("fire ٣", "'fire ٣' is no command – write fire N, enable N, disable N (a block, or SET.BLOCK) or stop"),
+        ("sing 3", "'sing 3' is no command – write fire N, enable N, disable N (a block, or SET.BLOCK) or stop"),
+    ],
+)
+def test_what_cannot_be_done_is_told(service: RunService, line: str, told: str) -> None:
+    with pytest.raises(ControlError) as error:
+        carry_out(service, line)
+    assert str(error.value) == told
