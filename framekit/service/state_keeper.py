@@ -46,6 +46,7 @@ class StateKeeper:
         self._writing: Future[int] | None = None
         self._writer = ThreadPoolExecutor(1, "framekit-state")
         self._timer: Handle | None = None
+        self._stopped = False
 
     # ---- putting back -------------------------------------------------------------------------------------
 
@@ -80,7 +81,13 @@ class StateKeeper:
             self._timer = self.clock.call_at(self.clock.now() + self.every, self._turn)
 
     def stop(self) -> None:
-        """Writes a last time, waits for that, and lets go of the file; `problem` says whether it went well."""
+        """Writes a last time, waits for that, and lets go of the file; `problem` says whether it went well.
+
+        A second call does nothing.
+        """
+        if self._stopped:
+            return
+        self._stopped = True
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -65,6 +65,7 @@ def test_a_restart_goes_on_where_it_was(tmp_path: Path) -> None:
     second.clock.run_for(SECOND + 100_000_000)
     assert second.counts() == [(11, 11, 0, 0), (11, 0, 11, 0)]
     second.service.stop()
+    second.service.stop()
 
 
 def test_an_exchange_under_way_counts_as_failed(tmp_path: Path) -> None:
