@@ -13,20 +13,12 @@ RUN = {
     "dead": "",
 }
 CHANNEL = {
-    "type": "",
     "stations": "write station in the blocks",
     "retries": "use params: {retries: N} where the protocol has it",
     "timeout": "use params: {reply_timeout: TIME} where the protocol has it",
-    "reply_timeout": "use params: {reply_timeout: TIME} where the protocol has it",
-    "byte_timeout": "use params: {byte_timeout: TIME} where the protocol has it",
-    "connect_timeout": "",
-    "reconnect": "",
     "silence": "use pause",
     "merge": "",
     "dead": "",
-    "echo": "",
-    "direction": "",
-    "handshake": "",
     "record": "",
     "enabled": "leave the channel out",
 }

@@ -10,6 +10,7 @@ from typing import TypeVar
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.load_fault_plan import read_fault_plan
+from framekit.blocks.load_line import LineLoader
 from framekit.blocks.model import Channel
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
@@ -55,15 +56,18 @@ class ChannelLoader:
         pause = self._maybe(reader.time, keys.get("pause"))
         answer = self._maybe(reader.time, keys.get("answer"))
         protocol = self._protocol(keys)
+        line = self._line(keys, protocol)
+        wires = LineLoader(reader, keys, protocol, port or "", line)
         channel = Channel(
             number=number or 0,
             port=port or "",
             protocol=protocol,
             role=self._role(keys, entry, protocol),
-            line=self._line(keys, protocol),
+            line=line,
+            wiring=wires.settings(),
             own=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
             station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
-            params=read_params(reader, reader.entries(keys.get("params")), protocol),
+            params=wires.params(read_params(reader, reader.entries(keys.get("params")), protocol)),
             pause=pause or 0,
             answer=answer or 0,
             at=entry.key.at,

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Position, Problem
 from framekit.definition.times import LineFormat
@@ -136,6 +137,7 @@ class Channel:
     answer: int = 0
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     faults: FaultPlan | None = None
+    wiring: LineSettings = PLAIN
     at: Position
     port_at: Position
 

@@ -75,6 +75,8 @@ class ChannelService:
         self._role_has_session = role is not None and role.session is not None
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state)
+        if channel.wiring.reconnect is not None:
+            self.driver.longest_retry = channel.wiring.reconnect
 
     def receive_for(self, blocks: Iterable[Block]) -> None:
         """From now on these RECEIVE blocks get the frames they name, and no others."""

@@ -61,12 +61,14 @@ class Driver:
         self._timer: Handle | None = None
         self._timer_at = NEVER
         self._send_timer: Handle | None = None
+        self.longest_retry = LONGEST_RETRY
         self._retry = FIRST_RETRY
 
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Opens the port; it goes on trying until `stop`."""
+        """Opens the port; it goes on trying until `stop`, unless the port is one that cannot be opened again."""
+        self._retry = min(FIRST_RETRY, self.longest_retry)
         self.port.open(self)
 
     def stop(self) -> None:
@@ -86,7 +88,7 @@ class Driver:
 
     def opened(self, now: int) -> None:
         self.is_open = True
-        self._retry = FIRST_RETRY
+        self._retry = min(FIRST_RETRY, self.longest_retry)
         self.on_state("open")
         self._carry_out(self.engine.opened(now))
 
@@ -109,11 +111,13 @@ class Driver:
         self._pending.clear()
         if self.stopped:
             return
-        log.info("%s: closed (%s), trying again in %.1f s", self.port.name, reason, self._retry / 1e9)
+        again = f", trying again in {self._retry / 1e9:.1f} s" if self.port.opens_again else ""
+        log.info("%s: closed (%s)%s", self.port.name, reason, again)
         self.on_state(reason)
         self._carry_out(self.engine.closed(now, reason))
-        self.clock.call_at(now + self._retry, self._reopen)
-        self._retry = min(2 * self._retry, LONGEST_RETRY)
+        if self.port.opens_again:
+            self.clock.call_at(now + self._retry, self._reopen)
+            self._retry = min(2 * self._retry, self.longest_retry)
 
     def _reopen(self) -> None:
         if not self.stopped and not self.is_open:

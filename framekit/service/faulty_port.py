@@ -16,7 +16,7 @@ from framekit.service.fault_injector import FaultInjector, RuleAtWork
 from framekit.transport.clock import Handle
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.simulated import SimulatedPort
-from framekit.transport.transmission import Transmission
+from framekit.transport.transmission import Transmission, in_order
 
 GONE = "disconnected by the fault plan"
 
@@ -41,6 +41,7 @@ class FaultyPort(Port):
         self.clock = injector.clock
         self.name = inner.name
         self.settings = inner.settings
+        self.opens_again = inner.opens_again
         self._character = 0 if inner.settings is None else inner.settings.character_time
         self._events: PortEvents | None = None
         self._queue: deque[_Item] = deque()
@@ -51,7 +52,7 @@ class FaultyPort(Port):
         self._opening = 0
         self._on_wire = isinstance(inner, SimulatedPort)
         if isinstance(inner, SimulatedPort):
-            inner.fault = self._damage
+            inner.fault = self._damage if inner.fault is None else in_order(inner.fault, self._damage)
 
     # ---- life ---------------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from framekit.blocks.device import Device, load_devices
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.model import Channel
 from framekit.codec.codec import compile_protocol
+from framekit.definition.line_settings import MOST_STATIONS
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
@@ -15,9 +16,10 @@ from framekit.service.device import DeviceService
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.transport.clock import Clock
-from framekit.transport.open_port import open_port
+from framekit.transport.open_port import open_port, wired
 from framekit.transport.port import Port
 from framekit.transport.simulated import SimulatedLine
+from framekit.transport.transmission import Transmission
 
 SIMULATED = "sim:"
 
@@ -38,6 +40,7 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
         for device in devices:
             problems += _fits(device, found, channel)
             found.append(device)
+    problems += _too_many(found, channel)
     if problems:
         raise DefinitionError(problems)
     return found
@@ -62,15 +65,32 @@ def _fits(device: Device, others: list[Device], channel: Channel) -> list[Proble
     return found
 
 
+def _too_many(devices: list[Device], channel: Channel) -> list[Problem]:
+    """More devices than this kind of line can have."""
+    kind = channel.wiring.type
+    if kind is None or len(devices) <= MOST_STATIONS[kind]:
+        return []
+    what = f"{len(devices)} devices on one {kind} line, which has room for {MOST_STATIONS[kind]}"
+    return [Problem(channel.port_at, what, "use type: rs485, or more channels")]
+
+
 def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Port, list[DeviceService]]:
     """The port of a channel and the simulated devices on its line. Raises ValueError for a port of no known kind."""
     if not devices:
-        return open_port(channel.port, channel.line, clock), []
-    line = SimulatedLine(clock, channel.line)
+        return open_port(channel.port, channel.line, clock, wiring=channel.wiring), []
+    line = SimulatedLine(clock, channel.line, full_duplex=not channel.wiring.half_duplex)
     faults = None if channel.faults is None else channel.faults.of_line()
     services = [DeviceService(device, line.port(device.name), clock, channel.line, faults=faults) for device in devices]
     port = line.port(f"channel {channel.number}")
-    return port if faults is None else FaultyPort(port, _asking(channel, faults, clock)), services
+    if channel.wiring.echo:
+        port.fault = _echo
+    asking = port if faults is None else FaultyPort(port, _asking(channel, faults, clock))
+    return wired(asking, channel.wiring, clock), services
+
+
+def _echo(transmission: Transmission) -> None:
+    """The adapter of the channel hears what it sends."""
+    transmission.echo = True
 
 
 def _asking(channel: Channel, faults: FaultPlan, clock: Clock) -> FaultInjector:

@@ -47,6 +47,8 @@ class Port(ABC):
 
     name: str
     settings: LineFormat | None
+    opens_again = True
+    """Whether it can be opened again after it was closed."""
 
     @abstractmethod
     def open(self, events: PortEvents) -> None:

@@ -11,6 +11,7 @@ import os
 from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
+from framekit.definition.line_settings import PLAIN, Direction, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 
@@ -19,6 +20,8 @@ POLL = 0.05
 """How long a thread waits at a time for a device without a file descriptor (s)."""
 SERIAL_ERRORS: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, KeyError)
 """What pyserial raises when a device is not there, goes away, is closed while a thread reads it, or a URL is wrong."""
+SWITCH_ERRORS: tuple[type[Exception], ...] = (*SERIAL_ERRORS, NotImplementedError)
+"""What pyserial raises where a driver cannot switch the direction."""
 
 _REASONS = {
     errno.ENOENT: "there is no such device",
@@ -70,8 +73,8 @@ class SerialConnection(ABC):
         """Closes the device, soon; nothing is told any more."""
 
 
-def open_device(url: str, settings: LineFormat | None, listen_only: bool = False) -> Any:
-    """The pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`. `listen_only`: RTS and DTR stay off."""
+def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PLAIN) -> Any:
+    """The pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`."""
     import serial
 
     line = settings or LineFormat(9600)
@@ -82,15 +85,35 @@ def open_device(url: str, settings: LineFormat | None, listen_only: bool = False
         bytesize=line.data_bits,
         parity=line.parity,
         stopbits=line.stop_bits,
+        rtscts=wiring.handshake == "rtscts",
+        xonxoff=wiring.handshake == "xonxoff",
         do_not_open=True,
         **options,
     )
-    if listen_only:
+    if wiring.listen_only:
         opened.rts = opened.dtr = False
     opened.open()
+    if wiring.direction is not None and wiring.direction.by == "driver":
+        _let_driver_switch(opened, wiring.direction)
     with contextlib.suppress(*SERIAL_ERRORS):
         opened.reset_input_buffer()
     return opened
+
+
+def _let_driver_switch(device: Any, direction: Direction) -> None:
+    """Hands the direction of the line over to the driver (TIOCSRS485). Raises OSError where it cannot do that."""
+    from serial.rs485 import RS485Settings
+
+    try:
+        device.rs485_mode = RS485Settings(
+            rts_level_for_tx=direction.high,
+            rts_level_for_rx=not direction.high,
+            delay_before_tx=direction.before / 1e9 or None,
+            delay_before_rx=direction.after / 1e9 or None,
+        )
+    except SWITCH_ERRORS as error:
+        device.close()
+        raise OSError("its driver cannot switch the direction – use direction: rts") from error
 
 
 def is_device(url: str) -> bool:

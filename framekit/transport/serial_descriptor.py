@@ -10,6 +10,7 @@ import os
 import termios
 from typing import Any
 
+from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
@@ -34,11 +35,11 @@ class DescriptorConnection(SerialConnection):
         settings: LineFormat | None,
         clock: AsyncioClock,
         events: SerialEvents,
-        listen_only: bool = False,
+        wiring: LineSettings = PLAIN,
     ) -> None:
         self.clock = clock
         self.events = events
-        self._device = device = _open(name, settings, listen_only)
+        self._device = device = _open(name, settings, wiring)
         self._descriptor: int = device.fileno()
         self.has_bit_times = not is_pseudo(self._descriptor)
         self._fault = LineFault.FRAMING if settings is None or settings.parity == "N" else LineFault.PARITY
@@ -148,15 +149,15 @@ class DescriptorConnection(SerialConnection):
         set_attribute(self._device, name, on)
 
 
-def _open(name: str, settings: LineFormat | None, listen_only: bool) -> Any:
+def _open(name: str, settings: LineFormat | None, wiring: LineSettings) -> Any:
     """A pseudo-terminal need not know the speed and format of a real line; any will do then."""
     try:
         try:
-            return open_device(name, settings, listen_only)
+            return open_device(name, settings, wiring)
         except (ValueError, termios.error):
             if not is_pseudo_name(name):
                 raise
-            return open_device(name, None, listen_only)
+            return open_device(name, None, wiring)
     except (ValueError, termios.error) as error:
         raise OSError(f"the device cannot be set to {settings}: {error}") from error
 

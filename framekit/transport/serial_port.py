@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections import deque
 
+from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
@@ -21,16 +22,15 @@ SHORTEST_LOOK = 500_000
 
 
 class SerialPort(Port):
-    """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none).
+    """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none)."""
 
-    `listen_only`: it is opened with RTS and DTR off, for a line that others use.
-    """
-
-    def __init__(self, url: str, settings: LineFormat | None, clock: AsyncioClock, listen_only: bool = False) -> None:
+    def __init__(
+        self, url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings = PLAIN
+    ) -> None:
         self.name = url
+        self.wiring = wiring
         self.settings = settings
         self.clock = clock
-        self.listen_only = listen_only
         self._use: _Use | None = None
         self._last_threads: ThreadConnection | None = None
 
@@ -47,10 +47,9 @@ class SerialPort(Port):
         if is_device(self.name) and os.name == "posix":
             from framekit.transport.serial_descriptor import DescriptorConnection
 
-            return DescriptorConnection(self.name, self.settings, self.clock, use, self.listen_only)
-        self._last_threads = ThreadConnection(
-            self.name, self.settings, self.clock, use, self._last_threads, self.listen_only
-        )
+            return DescriptorConnection(self.name, self.settings, self.clock, use, self.wiring)
+        previous = self._last_threads
+        self._last_threads = ThreadConnection(self.name, self.settings, self.clock, use, previous, self.wiring)
         return self._last_threads
 
     def forget(self) -> None:

@@ -12,6 +12,7 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
+from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.serial_connection import (
@@ -37,11 +38,11 @@ class ThreadConnection(SerialConnection):
         clock: AsyncioClock,
         events: SerialEvents,
         previous: ThreadConnection | None = None,
-        listen_only: bool = False,
+        wiring: LineSettings = PLAIN,
     ) -> None:
         self.url = url
         self.settings = settings
-        self.listen_only = listen_only
+        self.wiring = wiring
         self.clock = clock
         self.events = events
         self.finished = threading.Event()
@@ -58,7 +59,7 @@ class ThreadConnection(SerialConnection):
         if self._previous is not None:
             self._previous.wait()
         try:
-            device = open_device(self.url, self.settings, self.listen_only)
+            device = open_device(self.url, self.settings, self.wiring)
         except SERIAL_ERRORS as error:
             self._tell_lost(error)
         else:

@@ -97,6 +97,7 @@ class UserPort(Port):
         self.shared = shared
         self.name = shared.port.name
         self.settings = shared.port.settings
+        self.opens_again = shared.port.opens_again
 
     def open(self, events: PortEvents) -> None:
         self.shared.open(self, events)

@@ -45,6 +45,7 @@ class TappedPort(Port):
         self.tap = tap
         self.name = inner.name
         self.settings = inner.settings
+        self.opens_again = inner.opens_again
         self.is_open = False
 
     def open(self, events: PortEvents) -> None:

@@ -128,8 +128,9 @@ class StreamPort(Port):
 class TcpPort(StreamPort):
     """A connection to `host:port`, made anew whenever the port is opened."""
 
-    def __init__(self, host: str, number: int, clock: AsyncioClock) -> None:
+    def __init__(self, host: str, number: int, clock: AsyncioClock, connect_within: int | None = None) -> None:
         super().__init__(f"tcp://{_bracketed(host)}:{number}", clock)
+        self.connect_within = CONNECT_WITHIN if connect_within is None else connect_within / 1e9
         self.host, self.number = host, number
         self._connecting: asyncio.Task[None] | None = None
 
@@ -141,10 +142,10 @@ class TcpPort(StreamPort):
 
     async def _connect(self, connection: Connection) -> None:
         try:
-            async with asyncio.timeout(CONNECT_WITHIN):
+            async with asyncio.timeout(self.connect_within):
                 await self.clock.loop.create_connection(lambda: connection, self.host, self.number)
         except TimeoutError:
-            reason = f"no connection to {self.host}:{self.number} within {CONNECT_WITHIN:g} s"
+            reason = f"no connection to {self.host}:{self.number} within {self.connect_within:g} s"
         except (OSError, UnicodeError) as error:
             number = getattr(error, "errno", None) or 0
             why = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
@@ -166,6 +167,8 @@ class AcceptedPort(StreamPort):
 
     So do those that come while something is still to be sent: whoever takes no replies cannot heap up requests.
     """
+
+    opens_again = False
 
     def connected(self) -> None:
         transport = self.connection.transport if self.connection is not None else None

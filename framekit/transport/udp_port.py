@@ -1,0 +1,131 @@
+"""UDP: a port that talks to one host, and one that listens and answers whoever asked last.
+
+A datagram is told as bytes that came without a pause; none is kept, and none is sent twice. What they mean is not known
+here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from typing import Any, cast
+
+from framekit.transport.clock import AsyncioClock
+from framekit.transport.port import Port, PortEvents
+
+LARGEST = 65_507
+"""Bytes that fit into a datagram (IPv4)."""
+
+
+class UdpPort(Port):
+    """Datagrams to and from `host:number`, or with `listens`, at it: then they go to whoever sent the last one."""
+
+    def __init__(self, host: str, number: int, clock: AsyncioClock, *, listens: bool = False) -> None:
+        self.host, self.number = host, number
+        self.listens = listens
+        self.name = f"udp{'-listen' if listens else ''}://{f'[{host}]' if ':' in host else host}:{number}"
+        self.settings = None
+        self.clock = clock
+        self.peer: Any = None
+        self._events: PortEvents | None = None
+        self._endpoint: _Endpoint | None = None
+        self._opening: asyncio.Task[None] | None = None
+        self._sent_due = False
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def open(self, events: PortEvents) -> None:
+        self.close()
+        self._events = events
+        self._endpoint = endpoint = _Endpoint(self)
+        self._opening = self.clock.loop.create_task(self._open(endpoint))
+
+    async def _open(self, endpoint: _Endpoint) -> None:
+        place = (self.host, self.number)
+        where: dict[str, Any] = {"local_addr": place} if self.listens else {"remote_addr": place}
+        try:
+            transport, _ = await self.clock.loop.create_datagram_endpoint(lambda: endpoint, **where)
+        except (OSError, UnicodeError) as error:
+            number = getattr(error, "errno", None) or 0
+            why = os.strerror(number) if number > 0 else str(error)
+            self.lost(endpoint, f"cannot {'listen at' if self.listens else 'reach'} {self.host}:{self.number}: {why}")
+            return
+        if self._endpoint is not endpoint:
+            transport.close()
+            return
+        if self.listens:
+            self.number = int(transport.get_extra_info("sockname")[1])
+        if self._events is not None:
+            self._events.opened(self.clock.now())
+
+    def close(self) -> None:
+        opening, self._opening = self._opening, None
+        endpoint, self._endpoint = self._endpoint, None
+        self._events = None
+        self._sent_due = False
+        if opening is not None:
+            opening.cancel()
+        if endpoint is not None and endpoint.transport is not None:
+            endpoint.transport.close()
+
+    def lost(self, endpoint: _Endpoint, reason: str) -> None:
+        """The socket is gone, or could not be had."""
+        events = self._events
+        if self._endpoint is endpoint:
+            self._opening = None
+            self.close()
+            if events is not None:
+                events.closed(self.clock.now(), reason)
+
+    # ---- bytes --------------------------------------------------------------------------------------------
+
+    def write(self, data: bytes) -> None:
+        transport = None if self._endpoint is None else self._endpoint.transport
+        if transport is None or self._events is None:
+            return
+        if data and not (self.listens and self.peer is None):
+            for start in range(0, len(data), LARGEST):
+                transport.sendto(data[start : start + LARGEST], self.peer if self.listens else None)
+        self._tell_when_sent()
+
+    def send_break(self, duration: int) -> None:
+        if self._endpoint is not None and self._endpoint.transport is not None:
+            self._tell_when_sent()
+
+    def _tell_when_sent(self) -> None:
+        if not self._sent_due:
+            self._sent_due = True
+            self.clock.call_soon(self._left)
+
+    def _left(self) -> None:
+        if self._sent_due and self._events is not None:
+            self._sent_due = False
+            self._events.sent(self.clock.now())
+
+    def hear(self, endpoint: _Endpoint, data: bytes, peer: Any) -> None:
+        """A datagram came."""
+        if self._endpoint is endpoint and self._events is not None:
+            self.peer = peer
+            if data:
+                self._events.received(data, self.clock.now())
+
+
+class _Endpoint(asyncio.DatagramProtocol):
+    """One socket, for as long as its port takes it for its own."""
+
+    def __init__(self, port: UdpPort) -> None:
+        self.port = port
+        self.transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.port.hear(self, data, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there (yet): as on a line on which nobody answers, the time-outs say so."""
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if exc is not None:
+            self.port.lost(self, str(exc) or type(exc).__name__)

@@ -1,0 +1,282 @@
+"""Lines as runs and clients have them: RS-485 with an echo, time-outs, remote ports and UDP against real peers."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import serial
+import serial.rfc2217
+from transport.real_world import opened
+from transport.real_world import run as run_real
+
+import framekit
+from framekit.blocks.load import load_run
+from framekit.definition.line_settings import PLAIN, Direction, LineSettings
+from framekit.definition.load import load_protocol
+from framekit.definition.times import LineFormat
+from framekit.service.device import DeviceService
+from framekit.service.run import RunService
+from framekit.transport.clock import AsyncioClock, VirtualClock
+from framekit.transport.echo_port import EchoFreePort
+from framekit.transport.open_port import open_port
+from framekit.transport.pty_pair import PtyPair
+from framekit.transport.tcp_port import AcceptedPort, listen
+from framekit.transport.udp_port import UdpPort
+
+SECOND = 1_000_000_000
+
+RS485 = """
+run: two-wires
+memory: masterlogic
+channels:
+  1: {{port: "sim:one.device.yaml,two.device.yaml", protocol: modbus-rtu, type: rs485{more}}}
+blocks:
+  0: {{station: 1, read: "40001", count: 4, into: M0, every: 100 ms}}
+  1: {{station: 2, write: "40001", values: [5], every: 100 ms, phase: 50 ms}}
+"""
+DEVICE = "device: {name}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{40001: [7, 8, 9, 10]}}}}\n"
+
+
+def rs485(folder: Path, more: str = "") -> RunService:
+    for station, name in enumerate(("one", "two"), 1):
+        (folder / f"{name}.device.yaml").write_text(DEVICE.format(name=name, station=station), "utf-8")
+    (folder / "x.run.yaml").write_text(RS485.format(more=more), "utf-8")
+    clock = VirtualClock()
+    service = RunService(load_run(folder / "x.run.yaml"), clock)
+    service.start()
+    clock.run_for(20 * SECOND)
+    return service
+
+
+# ---- on the simulated line ----------------------------------------------------------------------------------
+
+
+def test_half_duplex_with_an_echo_that_is_taken_away(tmp_path: Path) -> None:
+    service = rs485(tmp_path, ", echo: yes, direction: {by: rts, before: 1 ms, after: 1 ms}")
+    for state in service.states.values():
+        assert (state.counters.done, state.counters.failed) == (200 if state.block.number else 199, 0) or (
+            state.counters.done >= 199 and state.counters.failed == 0
+        )
+    port = service.channels[1].driver.port
+    assert isinstance(port, EchoFreePort)
+    assert port.removed >= 8 * 399 and port.damaged == port.missing == 0
+    assert service.channels[1].engine.counters.noise_bytes == 0
+    assert service.memory.read("M", "word", 0, 4) == [7, 8, 9, 10]
+
+
+def test_a_half_duplex_line_is_half_duplex(tmp_path: Path) -> None:
+    service = rs485(tmp_path)
+    assert not service.devices[0].driver.port.line.full_duplex  # type: ignore[attr-defined]
+    full = rs485(tmp_path, ", duplex: full")
+    assert full.devices[0].driver.port.line.full_duplex  # type: ignore[attr-defined]
+    assert all(state.counters.failed == 0 for state in service.states.values())
+
+
+def test_faults_of_a_line_in_a_run(tmp_path: Path) -> None:
+    faults = "faults: {rules: [{fault: echo}, {fault: no_reply, every: 7}, {fault: wrong_check, every: 10}]}"
+    service = rs485(tmp_path, f", echo: yes, params: {{reply_timeout: 20 ms}}, {faults}")
+    injected = [device.faults.injected for device in service.devices if device.faults is not None]
+    assert len(injected) == 2 and all(one["wrong_check"] > 15 and one["no_reply"] > 20 for one in injected)
+    counters = service.channels[1].engine.counters
+    assert counters.bad == sum(one["wrong_check"] for one in injected)
+    assert all(state.counters.failed == 0 for state in service.states.values()), "repeats make up for all of it"
+
+
+def test_times_of_a_channel(tmp_path: Path) -> None:
+    service = rs485(tmp_path, ", reply_timeout: 30 ms, byte_timeout: 4 ms")
+    scope = service.channels[1].engine.scope
+    assert (scope["reply_timeout"], scope["byte_timeout"]) == (30_000_000, 4_000_000)
+    usual = rs485(tmp_path, ", speed: 300").channels[1].engine.scope
+    characters = 20 * usual.line.chars(1)
+    assert abs(usual["byte_timeout"] - characters - 50_000_000) < 1000, "worked out from speed and format"
+
+
+# ---- remote ports -------------------------------------------------------------------------------------------
+
+
+class TerminalDevice(serial.Serial):  # type: ignore[misc]  # it has no types
+    """A pseudo-terminal for programs that want modem lines."""
+
+    cts = dsr = ri = cd = property(lambda self: True)
+
+    def _update_rts_state(self) -> None:
+        return
+
+    def _update_dtr_state(self) -> None:
+        return
+
+    def _update_break_state(self) -> None:
+        return
+
+
+@contextmanager
+def rfc2217_server(path: str) -> Iterator[tuple[int, list[Any]]]:
+    """A server of pyserial's library for one connection, before the device at `path`; its settings are noted."""
+    device = TerminalDevice(path, timeout=0.01)
+    noted: list[Any] = []
+    stop = threading.Event()
+    listening = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        with suppress(OSError):
+            connection, _ = listening.accept()
+            with connection:
+                carry(connection)
+
+    def carry(connection: socket.socket) -> None:
+        connection.settimeout(0.01)
+        lock = threading.Lock()
+
+        class Sender:
+            def write(self, data: bytes) -> None:
+                with lock:
+                    connection.sendall(data)
+
+        manager = serial.rfc2217.PortManager(device, Sender())
+        while not stop.is_set():
+            with suppress(TimeoutError):
+                data = connection.recv(1024)
+                if not data:
+                    return
+                device.write(b"".join(manager.filter(data)))
+            if waiting := device.read(max(1, device.in_waiting)):
+                connection.sendall(b"".join(manager.escape(waiting)))
+            noted[:] = [device.baudrate, device.parity]
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield listening.getsockname()[1], noted
+    finally:
+        stop.set()
+        listening.close()
+        thread.join(10)
+        device.close()
+
+
+def test_a_client_through_an_rfc2217_server() -> None:
+    with (
+        PtyPair() as wires,
+        framekit.serve("mldp", wires.first, station=1, initial={"D100": 0xFF41}),
+        rfc2217_server(wires.second) as (number, noted),
+    ):
+        with framekit.connect("mldp", f"rfc2217://127.0.0.1:{number}", station=1, speed=19200) as client:
+            assert client.read("D100").values == (0xFF41,)
+            client.write("D101", [0xFFFF, 0x1111])
+            assert client.read("D100", count=3).values == (0xFF41, 0xFFFF, 0x1111)
+        assert noted == [19200, "N"], "the speed reaches the port at the far end"
+
+
+def test_udp_on_both_sides() -> None:
+    async def check() -> None:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        there = UdpPort("127.0.0.1", 0, clock, listens=True)
+        hears = await opened(there)
+        here = open_port(f"udp://127.0.0.1:{there.number}", None, clock)
+        events = await opened(here)
+        there.write(b"nobody has asked yet")
+        await hears.until("sent")
+        here.write(b"ask")
+        assert await hears.bytes(3) == b"ask"
+        there.write(b"answer")
+        assert await events.bytes(6) == b"answer"
+        other = open_port(f"udp://127.0.0.1:{there.number}", None, clock)
+        others = await opened(other)
+        other.write(b"me too")
+        assert await hears.bytes(6) == b"me too"
+        there.write(b"only you")
+        assert await others.bytes(8) == b"only you"
+        assert events.seen.count("received") == 1, "the answer went to whoever asked last"
+        taken = UdpPort("127.0.0.1", there.number, clock, listens=True)
+        refused = type(hears)()
+        taken.open(refused)
+        assert "cannot listen" in await refused.until("closed")
+        for port in (here, there, other):
+            port.close()
+
+    run_real(check())
+
+
+def test_a_client_over_udp() -> None:
+    probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    probe.bind(("127.0.0.1", 0))
+    number = probe.getsockname()[1]
+    probe.close()
+    with (
+        framekit.serve("modbus-rtu", f"udp-listen://127.0.0.1:{number}", station=3, initial={"40001": 77}),
+        framekit.connect("modbus-rtu", f"udp://127.0.0.1:{number}", station=3) as client,
+    ):
+        assert client.read("40001").values == (77,)
+
+
+# ---- ports that come and go ---------------------------------------------------------------------------------
+
+
+def test_an_accepted_connection_is_not_opened_again() -> None:
+    async def check() -> None:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
+        listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+        client = socket.create_connection(("127.0.0.1", listener.number))
+        port = await accepted.get()
+        over = asyncio.Event()
+        states: list[str] = []
+
+        def state(text: str) -> None:
+            states.append(text)
+            if text != "open":
+                over.set()
+
+        protocol = load_protocol("modbus-tcp")
+        device = framekit_device(protocol)
+        service = DeviceService(device, port, clock, None, on_state=state)
+        service.start()
+        client.close()
+        await over.wait()
+        assert clock.pending == 0, "nothing is to come any more"
+        assert states[0] == "open" and len(states) == 2
+        listener.stop()
+
+    run_real(check())
+
+
+def framekit_device(protocol: Any) -> Any:
+    from framekit.blocks.device import Device, memory_of
+
+    areas, grammar = memory_of(protocol)
+    return Device(
+        name="device", protocol=protocol, role="server", own=1, params={}, areas=areas, grammar=grammar, profile=None,
+        mapping={}, initial=(),
+    )  # fmt: skip
+
+
+def test_a_terminal_has_no_driver_that_switches_the_direction() -> None:
+    async def check() -> None:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        with PtyPair() as wires:
+            wiring = LineSettings(direction=Direction(by="driver"))
+            port = open_port(wires.first, LineFormat(9600), clock, wiring=wiring)
+            events = await closed_reason(port)
+            assert events.endswith("its driver cannot switch the direction – use direction: rts")
+            plain = open_port(wires.first, LineFormat(9600), clock, wiring=LineSettings(direction=Direction()))
+            assert plain is not None and wiring != PLAIN
+            again = await opened(plain)
+            plain.write(b"x")
+            await again.until("sent")
+            plain.close()
+
+    run_real(check())
+
+
+async def closed_reason(port: Any) -> str:
+    from transport.real_world import Waiting
+
+    events = Waiting()
+    port.open(events)
+    return str(await events.until("closed"))

@@ -1,0 +1,231 @@
+"""Direction, echo and modem around a port, on the simulated line and the virtual clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from transport.line_world import Listener
+
+from framekit.definition.line_settings import Direction, LineSettings, Modem
+from framekit.definition.times import parse_format
+from framekit.link.events import LineFault
+from framekit.transport.clock import VirtualClock
+from framekit.transport.direction_port import DirectionPort
+from framekit.transport.echo_port import EchoFreePort
+from framekit.transport.modem_port import HUNG_UP, ModemPort
+from framekit.transport.open_port import wired
+from framekit.transport.port import Port
+from framekit.transport.simulated import SimulatedLine
+from framekit.transport.transmission import Transmission
+
+MS = 1_000_000
+SECOND = 1000 * MS
+
+
+class Bench:
+    """A port with something around it, and a plain one at the other end of the line."""
+
+    def __init__(self, around: Callable[[Port, VirtualClock], Port], **line: object) -> None:
+        self.clock = VirtualClock()
+        self.line = SimulatedLine(self.clock, parse_format("8E1", 9600), **line)  # type: ignore[arg-type]
+        self.inner, self.far = self.line.port("inner"), self.line.port("far")
+        self.port = around(self.inner, self.clock)
+        self.here, self.there = Listener(self.inner), Listener(self.far)
+        self.port.open(self.here)
+        self.far.open(self.there)
+        self.clock.run_for(0)
+
+    def rts_times(self, duration: int) -> list[tuple[int, bool]]:
+        """When RTS changed."""
+        found: list[tuple[int, bool]] = []
+        end = self.clock.now() + duration
+        while self.clock.now() < end:
+            if not found or found[-1][1] != self.inner.rts:
+                found.append((self.clock.now(), self.inner.rts))
+            self.clock.run_for(MS // 10)
+        return found
+
+
+# ---- direction ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("high", [True, False])
+def test_rts_is_there_from_before_the_first_to_behind_the_last_bit(high: bool) -> None:
+    direction = Direction(high=high, before=2 * MS, after=3 * MS)
+    bench = Bench(lambda port, clock: DirectionPort(port, direction, clock))
+    assert bench.inner.rts is not high, "the line is free when the port opens"
+    bench.port.write(b"12345678")
+    length = 8 * bench.line.character_time
+    changes = bench.rts_times(40 * MS)
+    assert [level == high for _, level in changes] == [True, False]
+    assert 0 <= changes[1][0] - (2 * MS + length + 3 * MS) <= MS // 5
+    assert (bench.there.bytes, bench.there.data[-1][0]) == (b"12345678", 2 * MS + length)
+    assert bench.here.sent_at == [2 * MS + length + 3 * MS], "its owner may send again when the line is free"
+
+
+def test_what_is_written_meanwhile_goes_out_before_the_line_is_given_back() -> None:
+    bench = Bench(lambda port, clock: DirectionPort(port, Direction(before=MS), clock))
+    bench.port.write(b"ab")
+    bench.port.write(b"cd")
+    bench.clock.run_for(2 * MS)
+    bench.port.write(b"ef")
+    bench.clock.run_for(50 * MS)
+    assert bench.there.bytes == b"abcdef"
+    assert len(bench.here.sent_at) == 1
+    assert not bench.inner.rts
+
+
+def test_a_closed_port_sends_nothing_more() -> None:
+    bench = Bench(lambda port, clock: DirectionPort(port, Direction(before=5 * MS), clock))
+    bench.port.write(b"ab")
+    bench.port.close()
+    bench.clock.run_for(50 * MS)
+    assert bench.there.bytes == b"" and bench.here.sent_at == []
+
+
+# ---- echo ---------------------------------------------------------------------------------------------------
+
+
+def echoing(**line: object) -> tuple[Bench, EchoFreePort]:
+    bench = Bench(EchoFreePort, full_duplex=False, **line)
+    assert isinstance(bench.port, EchoFreePort)
+    return bench, bench.port
+
+
+def test_the_echo_is_taken_away_and_nothing_else() -> None:
+    bench, port = echoing(echo=True)
+    port.write(b"ask")
+    bench.clock.run_for(20 * MS)
+    bench.far.write(b"ask")
+    bench.clock.run_for(20 * MS)
+    assert bench.here.bytes == b"ask", "an answer that is the same as the request is an answer"
+    assert (port.removed, port.damaged, port.missing) == (3, 0, 0)
+
+
+def test_a_damaged_echo_is_still_an_echo() -> None:
+    def damage(transmission: Transmission) -> None:
+        if transmission.sender == "inner":
+            transmission.flip(1, 1)
+            transmission.flip(2, 3)
+
+    bench, port = echoing(echo=True, fault=damage)
+    port.write(b"ask")
+    bench.clock.run_for(20 * MS)
+    bench.far.write(b"answer")
+    bench.clock.run_for(20 * MS)
+    assert bench.here.bytes == b"answer" and bench.here.faults == []
+    assert (port.removed, port.damaged) == (3, 2)
+
+
+def test_faults_of_the_answer_stay_at_their_places() -> None:
+    def damage(transmission: Transmission) -> None:
+        if transmission.sender == "far":
+            transmission.flip(1, 1)
+
+    bench, port = echoing(echo=True, fault=damage, cut_through=False)
+    port.write(b"as")
+    bench.far.write(b"")
+    bench.clock.run_for(20 * MS)
+    bench.far.write(b"xyz")
+    bench.clock.run_for(20 * MS)
+    assert bench.here.faults == [(1, LineFault.PARITY)]
+
+
+def test_a_port_without_echo_loses_no_answer() -> None:
+    bench, port = echoing()
+    port.write(b"ask")
+    bench.clock.run_for(10 * MS)
+    bench.far.write(b"no")
+    bench.clock.run_for(20 * MS)
+    assert bench.here.bytes == b"no" and port.missing == 1
+    port.write(b"ask")
+    bench.clock.run_for(SECOND)
+    bench.far.write(b"ask")
+    bench.clock.run_for(20 * MS)
+    assert bench.here.bytes == b"noask", "long after the last bit it is no echo any more"
+    assert port.missing == 2
+
+
+# ---- modem --------------------------------------------------------------------------------------------------
+
+
+class FakeModem(Listener):
+    """Answers commands as a modem does, with an echo of them."""
+
+    deaf = False
+    refuses = False
+
+    def received(self, data: bytes, now: int, faults: tuple[object, ...] = ()) -> None:
+        super().received(data, now)
+        if self.deaf or not self.bytes.endswith(b"\r"):
+            return
+        command = self.bytes.rstrip(b"\r").rpartition(b"\r")[2]
+        reply = b"ERROR" if self.refuses else b"CONNECT 9600" if command == b"ATA" else b"OK"
+        self.port.write(command + b"\r\r\n" + reply + b"\r\n")
+
+
+def with_modem(modem: Modem, **behaviour: bool) -> tuple[Bench, FakeModem]:
+    clock = VirtualClock()
+    bench = Bench.__new__(Bench)
+    bench.clock = clock
+    bench.line = SimulatedLine(clock, parse_format("8N1", 9600))
+    bench.inner, bench.far = bench.line.port("inner"), bench.line.port("far")
+    bench.port = wired(bench.inner, LineSettings(modem=modem), clock)
+    bench.here, fake = Listener(bench.inner), FakeModem(bench.far)
+    fake.deaf, fake.refuses = behaviour.get("deaf", False), behaviour.get("refuses", False)
+    bench.far.open(fake)
+    bench.port.open(bench.here)
+    clock.run_for(SECOND)
+    return bench, fake
+
+
+def test_a_modem_is_set_up_answers_and_the_port_is_open_while_somebody_is_there() -> None:
+    bench, fake = with_modem(Modem(init="ATZ;ATE0", answer=2))
+    assert fake.bytes == b"ATZ\rATE0\r" and bench.here.events == []
+    bench.port.write(b"nobody is there")
+    bench.far.write(b"\r\nRING\r\n")
+    bench.clock.run_for(SECOND)
+    assert fake.bytes == b"ATZ\rATE0\r", "it waits for the second ring"
+    bench.far.write(b"\r\nRING\r\n")
+    bench.clock.run_for(SECOND)
+    assert fake.bytes == b"ATZ\rATE0\rATA\r"
+    assert [name for name, _ in bench.here.events] == ["opened"]
+    fake.deaf = True
+    bench.far.write(b"hello")
+    bench.port.write(b"there")
+    bench.clock.run_for(SECOND)
+    assert bench.here.bytes == b"hello" and fake.bytes.endswith(b"ATA\rthere")
+    bench.far.write(b"\r\nNO CARRIER\r\n")
+    bench.clock.run_for(SECOND)
+    assert [name for name, _ in bench.here.events] == ["opened", "sent", f"closed: inner: {HUNG_UP}"]
+
+
+def test_a_dedicated_line_is_open_once_the_modem_is_set_up() -> None:
+    bench, fake = with_modem(Modem(init="ATZ", answer=None))
+    assert fake.bytes == b"ATZ\r"
+    assert [name for name, _ in bench.here.events] == ["opened"]
+    bench.far.write(b"NO CARRIER")
+    bench.clock.run_for(SECOND)
+    assert bench.here.bytes == b"NO CARRIER", "only data there"
+
+
+def test_the_carrier_is_lost() -> None:
+    bench, _ = with_modem(Modem(answer=1))
+    bench.far.write(b"RING\r\n")
+    bench.clock.run_for(SECOND)
+    assert isinstance(bench.port, ModemPort) and bench.port.connected
+    bench.inner.signal({"dcd": False})
+    bench.clock.run_for(SECOND)
+    assert bench.here.events[-1][0] == f"closed: inner: {HUNG_UP}"
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "reason"),
+    [({"deaf": True}, "the modem does not answer"), ({"refuses": True}, "the modem refuses 'ATZ'")],
+)
+def test_a_modem_that_cannot_be_set_up(behaviour: dict[str, bool], reason: str) -> None:
+    bench, fake = with_modem(Modem(), **behaviour)
+    bench.clock.run_for(20 * SECOND)
+    assert [name for name, _ in bench.here.events] == [f"closed: inner: {reason}"]
+    assert fake.bytes.count(b"ATZ\r") == (3 if "deaf" in behaviour else 1)
