@@ -6,13 +6,13 @@ import argparse
 import asyncio
 import signal
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import add_json, add_protocol, duration_of, load, print_json
 from framekit.cli.line_options import add_filter, add_line, add_params, filter_of, line_of, params_of
 from framekit.cli.main import Failure
 from framekit.cli.seen_output import seen_data, seen_text
+from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,9 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_params(parser)
     add_filter(parser)
     parser.add_argument("--ascii", action="store_true", help="show bytes as ASCII instead of hex")
-    parser.add_argument(
-        "--capture", metavar="FILE", type=Path, help="write what comes to FILE: JSON lines (.jsonl), else pcap"
-    )
+    add_screen(parser)
+    add_capture(parser)
+    add_log(parser)
     parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
     add_json(parser)
 
@@ -41,11 +41,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     protocol = load(arguments.protocol)
     duration = duration_of(arguments.duration)
+    begin_log(arguments.log)
+    if arguments.screen:
+        return _live(protocol, arguments, duration)
     printer = _Printer(protocol, arguments)
     try:
         return asyncio.run(_listen(protocol, arguments, printer, duration))
     except OSError as error:
         raise Failure(str(error)) from None
+
+
+def _live(protocol: Protocol, arguments: argparse.Namespace, duration: int | None) -> int:
+    """The line in the live display."""
+    from framekit.cli.screen.session import MonitorSession
+    from framekit.cli.screen.show import show
+
+    return show(MonitorSession(protocol, arguments, duration))
 
 
 class _Printer:

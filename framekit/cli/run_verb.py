@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     from framekit.service.rehearsal import loads_of
 
     duration = duration_of(arguments.duration)
-    if arguments.virtual and duration is None:
+    if arguments.virtual and duration is None and not arguments.screen:
         raise Failure("--virtual needs --for TIME")
     watch = Watch(arguments)
     if arguments.virtual and arguments.watch:
@@ -63,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
+    if arguments.screen:
+        return _live(loaded, watch, arguments.virtual, duration)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
     for warning in (*loaded.warnings, *load_problems(loads)):
         output.warning(told(warning))
@@ -75,6 +77,14 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise Failure(str(error)) from None
     return 0
+
+
+def _live(loaded: Run, watch: Watch, virtual: bool, duration: int | None) -> int:
+    """The run in the live display; simulated time goes on as real time does."""
+    from framekit.cli.screen.session import RunSession
+    from framekit.cli.screen.show import show
+
+    return show(RunSession(loaded, watch, virtual=virtual, duration=duration))
 
 
 def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:

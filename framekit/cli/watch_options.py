@@ -30,12 +30,17 @@ def add_capture(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_screen(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--screen", action="store_true", help="show it live in the terminal; needs the extra 'screen'")
+
+
 def add_log(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log", choices=LEVELS, metavar="LEVEL", help=f"log to standard error: {', '.join(LEVELS)}")
 
 
 def add_watch(parser: argparse.ArgumentParser) -> None:
-    """--capture, --status, --status-every and --log."""
+    """--screen, --capture, --status, --status-every and --log."""
+    add_screen(parser)
     add_capture(parser)
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
     parser.add_argument(
@@ -79,8 +84,8 @@ class Watch:
                 raise Failure("--status-every: write a time above 0")
         begin_log(arguments.log)
 
-    def begin(self, service: RunService, clock: Clock) -> None:
-        """Puts the capture around the ports, and asks for the times of the status. Raises OSError."""
+    def begin(self, service: RunService, clock: Clock, silent: bool = False) -> None:
+        """Puts the capture around the ports and asks for the times of the status, unless `silent`. Raises OSError."""
         self._service, self._began = service, clock.now()
         if self._path is not None:
             from framekit.service.capture import Capture
@@ -90,6 +95,8 @@ class Watch:
             for number, channel in service.channels.items():
                 self._tap(number, channel)
             service.on_channel = self._tap
+        if silent:
+            return
         if self._every:
             clock.call_at(self._began + self._every, self._next)
         if hasattr(signal, "SIGUSR1"):

@@ -114,16 +114,14 @@ class FrameLog:
         self._entries: deque[FrameEntry] = deque(maxlen=kept)
         self._number = 0
 
-    def add(self, channel: int, seen: Seen) -> FrameEntry:
+    def add(self, channel: int, seen: Seen) -> None:
         """Takes what was seen on a channel."""
         self._number += 1
         self.counts[seen.kind] += 1
         if len(self._entries) == self._entries.maxlen:
             self.dropped += 1
         result = result_of(self.protocols[channel], seen, self.roles.get(channel))
-        entry = FrameEntry(self._number, channel, seen, result)
-        self._entries.append(entry)
-        return entry
+        self._entries.append(FrameEntry(self._number, channel, seen, result))
 
     @property
     def last_number(self) -> int:

@@ -1,0 +1,232 @@
+"""The live display: channels with their load, blocks, scrolling frames, the fields of the one that is selected."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar
+
+from textual.app import App, ComposeResult
+from textual.binding import Binding
+from textual.widgets import DataTable, Footer, Header, Input, Static
+
+from framekit.cli.screen.cells import (
+    FIELD_HEAD,
+    FRAME_HEAD,
+    block_cells,
+    channel_line,
+    field_cells,
+    frame_cells,
+    parse_filter,
+)
+from framekit.cli.status_output import BLOCK_HEAD
+
+if TYPE_CHECKING:
+    from framekit.cli.screen.session import Session
+    from framekit.service.frame_log import FrameEntry
+    from framekit.service.live_view import LiveView
+
+MOST_ROWS = 500
+"""Frames in the table at once; older ones are found again by a filter."""
+DRAW_EVERY = 0.1
+STATUS_EVERY = 10
+"""Channels and blocks are drawn at every tenth time."""
+
+
+class MonitorApp(App[None]):
+    """Shows one session until its time is over or somebody quits."""
+
+    CSS = """
+    #channels { height: auto; padding: 0 1; }
+    #blocks { height: auto; max-height: 30%; }
+    #frames { height: 1fr; }
+    #about { height: 1; padding: 0 1; }
+    #fields { height: auto; max-height: 35%; }
+    #filter { display: none; }
+    """
+    BINDINGS: ClassVar[list[Binding | tuple[str, str] | tuple[str, str, str]]] = [
+        Binding("space", "pause", "pause"),
+        Binding("x", "switch_bytes", "hex/ASCII"),
+        Binding("b", "bad_only", "bad only"),
+        Binding("slash", "find", "filter", key_display="/"),
+        Binding("end", "follow", "newest"),
+        Binding("q", "quit", "quit"),
+    ]
+
+    def __init__(self, session: Session) -> None:
+        super().__init__()
+        self.session = session
+        self.title = f"framekit {session.title}"
+        self.view: LiveView | None = None
+        self.failure: Exception | None = None
+        self.paused = False
+        self.as_ascii = False
+        self.bad_only = False
+        self.filter_text = ""
+        self._shown = 0
+        self._drawn = 0
+        self._last = time.monotonic_ns()
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def compose(self) -> ComposeResult:
+        yield Header()
+        yield Static(id="channels")
+        yield DataTable(id="blocks", show_cursor=False)
+        yield DataTable(id="frames", cursor_type="row")
+        yield Static(id="about")
+        yield DataTable(id="fields", show_cursor=False)
+        yield Input(id="filter", placeholder="ch:1 frame:NAME text – Enter applies, Esc clears")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.blocks.add_columns(*BLOCK_HEAD)
+        self.frames.add_columns(*FRAME_HEAD)
+        self.fields.add_columns(*FIELD_HEAD)
+        self.frames.focus()
+        try:
+            self.view = self.session.begin()
+        except (ValueError, OSError, RuntimeError) as error:
+            self.failure = error
+            self.exit()
+            return
+        self.blocks.display = bool(self.view.blocks())
+        self._last = time.monotonic_ns()
+        self.set_interval(DRAW_EVERY, self.go_on)
+
+    def on_unmount(self) -> None:
+        self.session.end()
+
+    def go_on(self) -> None:
+        """Time passes: simulated time as well."""
+        if not self.query("#frames"):  # the display is being taken down
+            return
+        now = time.monotonic_ns()
+        self.session.step(now - self._last)
+        self._last = now
+        self.draw()
+        if self.session.is_over:
+            self.exit()
+
+    # ---- tables -------------------------------------------------------------------------------------------
+
+    @property
+    def blocks(self) -> DataTable[str]:
+        return self.query_one("#blocks", DataTable)
+
+    @property
+    def frames(self) -> DataTable[str]:
+        return self.query_one("#frames", DataTable)
+
+    @property
+    def fields(self) -> DataTable[str]:
+        return self.query_one("#fields", DataTable)
+
+    def draw(self) -> None:
+        """New frames, and now and then the channels and the blocks."""
+        if self.view is None:
+            return
+        if self._drawn % STATUS_EVERY == 0:
+            self.draw_status()
+        self._drawn += 1
+        if not self.paused:
+            wanted = parse_filter(self.filter_text, self.bad_only)
+            newer = self.view.log.since(self._shown)
+            self._shown = self.view.log.last_number
+            self._add([entry for entry in newer if wanted.matches(entry)])
+
+    def draw_status(self) -> None:
+        """Channels and blocks as they are now."""
+        if self.view is None:
+            return
+        lines = [channel_line(channel) for channel in self.view.channels()]
+        counts = self.view.log.counts
+        lines.append(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
+        self.query_one("#channels", Static).update("\n".join(lines))
+        self.blocks.clear()
+        for block in self.view.blocks():
+            self.blocks.add_row(*block_cells(block))
+
+    def _in_force(self) -> str:
+        modes = ["paused"] if self.paused else []
+        modes += ["bad only"] if self.bad_only else []
+        modes += [f"filter {self.filter_text}"] if self.filter_text else []
+        return "".join(f" · {mode}" for mode in modes)
+
+    def _add(self, entries: Iterable[FrameEntry]) -> None:
+        """Puts rows at the end; the cursor follows where it stood on the last one."""
+        table, view = self.frames, self.view
+        new = list(entries)[-MOST_ROWS:]
+        if not new or view is None:
+            return
+        follows = table.cursor_row >= table.row_count - 1
+        for entry in new:
+            table.add_row(*frame_cells(view, entry, self.as_ascii), key=str(entry.number))
+        for key in list(table.rows)[: max(0, table.row_count - MOST_ROWS)]:
+            table.remove_row(key)
+        if follows:
+            table.move_cursor(row=table.row_count - 1)
+
+    def refill(self) -> None:
+        """The filter or the form of bytes is another: the kept frames again."""
+        if self.view is not None:
+            wanted = parse_filter(self.filter_text, self.bad_only)
+            chosen = [entry for entry in self.view.log.chosen(wanted) if entry.number <= self._shown]
+            self.frames.clear()
+            self._add(chosen)
+            self.draw_status()
+
+    def on_data_table_row_highlighted(self, event: DataTable.RowHighlighted) -> None:
+        """Shows the fields of the frame that the cursor stands on."""
+        if event.data_table.id == "frames" and event.row_key is not None and event.row_key.value is not None:
+            self.show_fields(int(event.row_key.value))
+
+    def show_fields(self, number: int) -> None:
+        """Fields with their offsets; for a bad frame also what is wrong where."""
+        entry = None if self.view is None else self.view.log.entry(number)
+        about = self.query_one("#about", Static)
+        self.fields.clear()
+        if entry is None or self.view is None:
+            about.update("")
+            return
+        seen = entry.seen
+        fault = f" – {seen.reason} at byte {seen.place}" if seen.kind == "bad" else ""
+        about.update(f"no. {number}: {seen.frame or seen.kind}, {len(seen.raw)} bytes{fault}")
+        for row in self.view.log.fields(entry):
+            self.fields.add_row(*field_cells(row, self.as_ascii))
+
+    # ---- keys ---------------------------------------------------------------------------------------------
+
+    def action_pause(self) -> None:
+        self.paused = not self.paused
+        self.draw_status()
+
+    def action_switch_bytes(self) -> None:
+        self.as_ascii = not self.as_ascii
+        self.refill()
+
+    def action_bad_only(self) -> None:
+        self.bad_only = not self.bad_only
+        self.refill()
+
+    def action_follow(self) -> None:
+        self.frames.move_cursor(row=self.frames.row_count - 1)
+
+    def action_find(self) -> None:
+        entry = self.query_one("#filter", Input)
+        entry.display = True
+        entry.value = self.filter_text
+        entry.focus()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self._filter(event.value)
+
+    def on_key(self, event: object) -> None:
+        if getattr(event, "key", "") == "escape" and self.query_one("#filter", Input).display:
+            self._filter("")
+
+    def _filter(self, text: str) -> None:
+        self.filter_text = text
+        self.query_one("#filter", Input).display = False
+        self.frames.focus()
+        self.refill()

@@ -1,0 +1,216 @@
+"""The live display, driven by textual's own pilot on simulated time, and once as a process in a terminal."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from framekit.blocks.load import load_run
+from framekit.cli.main import build_parser, main
+from framekit.cli.screen.cells import parse_filter
+from framekit.cli.screen.session import RunSession
+from framekit.cli.watch_options import Watch
+from framekit.service.frame_log import FrameFilter
+
+pytest.importorskip("textual")
+
+from textual.pilot import Pilot
+from textual.widgets import Input, Static
+
+from framekit.cli.screen.app import MonitorApp
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+SECOND = 1_000_000_000
+PLC = EXAMPLES / "third-party-plc.run.yaml"
+
+
+class Stepped(RunSession):
+    """Simulated time moves only when the test says so."""
+
+    def step(self, duration: int) -> None: ...
+
+    def forward(self, duration: int) -> None:
+        super().step(duration)
+
+
+def arguments(*words: str) -> argparse.Namespace:
+    return build_parser("run").parse_args(["run", str(PLC), "--virtual", "--screen", *words])
+
+
+def driven(test: Callable[[MonitorApp, Stepped, Pilot[None]], Coroutine[Any, Any, None]], *words: str) -> Stepped:
+    """Runs `test` on the app with a run in it."""
+    session = Stepped(load_run(PLC), Watch(arguments(*words)), virtual=True, duration=None)
+
+    async def drive() -> None:
+        app = MonitorApp(session)
+        async with app.run_test(size=(140, 45)) as pilot:
+            await test(app, session, pilot)
+
+    asyncio.run(drive())
+    return session
+
+
+def column(app: MonitorApp, number: int) -> list[str]:
+    table = app.frames
+    return [str(table.get_row_at(row)[number]) for row in range(table.row_count)]
+
+
+def text_of(app: MonitorApp, name: str) -> str:
+    return str(app.query_one(name, Static).render())
+
+
+def test_frames_blocks_and_load_of_a_run() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(3 * SECOND)
+        app.draw()
+        app.draw_status()
+        await pilot.pause()
+        frames = column(app, 6)
+        assert "WR.REQ" in frames
+        assert "RD.DATA" in frames
+        assert set(column(app, 5)) == {"", "user-defined"}
+        assert app.blocks.row_count == 3
+        assert "ch 1 third-party-plc" in text_of(app, "#channels")
+        assert "%" in text_of(app, "#channels")
+        done = int(str(app.blocks.get_row_at(0)[5]))
+        session.forward(3 * SECOND)
+        app.draw_status()
+        assert int(str(app.blocks.get_row_at(0)[5])) == done + 3
+
+    session = driven(test)
+    assert session.service is not None
+    assert not session.service.running
+
+
+def test_pause_and_going_on() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+        app.draw()
+        count = app.frames.row_count
+        assert count
+        await pilot.press("space")
+        session.forward(3 * SECOND)
+        app.draw()
+        assert app.frames.row_count == count
+        assert "paused" in text_of(app, "#channels")
+        await pilot.press("space")
+        app.draw()
+        assert app.frames.row_count > count
+        numbers = [int(number) for number in column(app, 0)]
+        assert numbers == list(range(1, len(numbers) + 1))  # nothing was lost meanwhile
+
+    driven(test)
+
+
+def test_hex_and_ascii() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+        app.draw()
+        assert any("57 52 34 34" in cell for cell in column(app, 7))
+        await pilot.press("x")
+        assert any("WR44" in cell for cell in column(app, 7))
+        await pilot.press("x")
+        assert any("57 52 34 34" in cell for cell in column(app, 7))
+
+    driven(test)
+
+
+def test_a_filter_and_its_end() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(5 * SECOND)
+        app.draw()
+        everything = app.frames.row_count
+        await pilot.press("slash")
+        app.query_one("#filter", Input).value = "ch:1 frame:rd.d"
+        await pilot.press("enter")
+        assert set(column(app, 6)) == {"RD.DATA"}
+        session.forward(SECOND)
+        app.draw()
+        assert set(column(app, 6)) == {"RD.DATA"}
+        await pilot.press("slash")
+        await pilot.press("escape")
+        assert app.filter_text == ""
+        assert app.frames.row_count > everything
+        await pilot.press("b")
+        assert app.frames.row_count == 0  # no bad frame in this run
+        assert "bad only" in text_of(app, "#channels")
+
+    driven(test)
+
+
+def test_the_fields_of_the_selected_frame() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+        app.draw()
+        await pilot.pause()
+        place = column(app, 6).index("WR.REQ")
+        app.frames.move_cursor(row=place)
+        await pilot.pause()
+        assert "WR.REQ" in text_of(app, "#about")
+        rows = [app.fields.get_row_at(row) for row in range(app.fields.row_count)]
+        assert any(row[0] == "payload" and row[1] == "5" for row in rows)
+
+    driven(test)
+
+
+def test_a_capture_beside_the_display(tmp_path: Path) -> None:
+    path = tmp_path / "x.pcap"
+
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+
+    driven(test, "--capture", str(path))
+    assert path.stat().st_size > 100
+
+
+def test_the_syntax_of_filters() -> None:
+    assert parse_filter("ch:2 frame:read 12 34", True) == FrameFilter(2, "read", True, "12 34")
+    assert parse_filter("ch:x", False) == FrameFilter(None, "", False, "ch:x")
+
+
+def test_without_textual_it_says_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "framekit.cli.screen.app", raising=False)
+    monkeypatch.setitem(sys.modules, "textual.app", None)
+    assert main(["run", str(PLC), "--virtual", "--screen"]) == 1
+    assert "install framekit with the extra 'screen'" in capsys.readouterr().err
+
+
+def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "r.run.yaml").write_text(
+        "run: r\nmemory: masterlogic\nchannels:\n  1: {port: 'nowhere:1', protocol: mldp, station: 1}\nblocks: {}\n"
+    )
+    assert main(["run", str(tmp_path / "r.run.yaml"), "--screen"]) == 1
+    assert capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
+def test_in_a_terminal(tmp_path: Path) -> None:
+    """In tmux: it draws frames, and `q` ends it with status 0."""
+    socket = str(tmp_path / "tmux")
+    program = f"{sys.executable} -m framekit run {PLC} --virtual --screen; echo ended $? >{tmp_path}/end"
+
+    def tmux(*words: str) -> str:
+        return subprocess.run(["tmux", "-S", socket, *words], capture_output=True, text=True, check=True).stdout
+
+    tmux("new-session", "-d", "-x", "140", "-y", "40", program + f"; tmux -S {socket} wait-for -S over")
+    try:
+        for _ in range(2000):
+            if "WR.REQ" in (shown := tmux("capture-pane", "-p")):
+                break
+        assert "WR.REQ" in shown
+        assert "third-party-plc" in shown
+        tmux("send-keys", "q")
+        tmux("wait-for", "over")
+    finally:
+        subprocess.run(["tmux", "-S", socket, "kill-server"], capture_output=True, check=False)
+    assert (tmp_path / "end").read_text() == "ended 0\n"
