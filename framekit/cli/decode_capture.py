@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections import Counter
 from datetime import UTC, datetime
@@ -94,8 +95,12 @@ def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:
     """The line of a frame and, below it, its fields."""
     text = seen_text(seen, time_text(seen.at), f"ch {channel}", as_ascii)
     fields = plain.to_plain(seen.frame, seen.fields)
-    shown = "  ".join(f"{name}={value}" for name, value in fields.items())
+    shown = "  ".join(f"{name}={_plain(value)}" for name, value in fields.items())
     return f"{text}\n{'':10}{shown}" if shown else text
+
+
+def _plain(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
 
 
 def time_text(at: int) -> str:

@@ -60,6 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise Failure("--watch is for runs in real time – leave --virtual out")
     if arguments.virtual and arguments.control:
         raise Failure("--control is for runs in real time – leave --virtual out")
+    if arguments.screen and (arguments.watch or arguments.control):
+        raise Failure("--watch and --control work with lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)

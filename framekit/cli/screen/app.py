@@ -94,8 +94,8 @@ class MonitorApp(App[None]):
         self._last = time.monotonic_ns()
         self.set_interval(DRAW_EVERY, self.go_on)
 
-    def on_unmount(self) -> None:
-        self.session.end()
+    async def on_unmount(self) -> None:
+        await self.session.end()
 
     def go_on(self) -> None:
         """Time passes: simulated time as well."""

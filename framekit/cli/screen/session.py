@@ -41,7 +41,7 @@ class Session:
         """Whether its time is up."""
         return False
 
-    def end(self) -> None:
+    async def end(self) -> None:
         raise NotImplementedError
 
 
@@ -84,9 +84,14 @@ class RunSession(Session):
     def is_over(self) -> bool:
         return self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
 
-    def end(self) -> None:
+    async def end(self) -> None:
         if self.service is not None:
-            self.service.stop()
+            left = asyncio.Event()
+            self.service.finish(left.set)
+            if self._virtual is None:
+                await left.wait()
+            while not left.is_set() and self._virtual is not None and self._virtual.advance():
+                pass
             self.problems = [*self.service.problems, *self.watch.end()]
 
 
@@ -138,7 +143,7 @@ class MonitorSession(Session):
     def is_over(self) -> bool:
         return self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
 
-    def end(self) -> None:
+    async def end(self) -> None:
         if self._monitor is not None:
             self._monitor.stop()
         if self._capture is not None:
