@@ -6,6 +6,7 @@ It waits and raises; what goes over the line is the service layer's business. Tr
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +21,7 @@ from framekit.link.observe import Seen
 from framekit.link.values import FrameValue, plain
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
+from framekit.service.ending import LONGEST_FAREWELL
 from framekit.service.ports import devices_of, port_for
 from framekit.transport.clock import AsyncioClock
 
@@ -81,7 +83,17 @@ class AsyncLine:
             raise RequestError(str(error)) from None
 
     async def close(self) -> None:
-        """Closes the port; calls under way raise LineClosedError. Closing twice does nothing."""
+        """Closes the port; calls under way raise LineClosedError. Closing twice does nothing.
+
+        Where the protocol has sessions, what is under way is waited for and the session closed first, for 5 s at most.
+        """
+        service = self._service
+        if service is not None and service.has_session:
+            left = asyncio.Event()
+            service.close_session(left.set)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LONGEST_FAREWELL / 1e9):
+                    await left.wait()
         self.close_now()
         await asyncio.sleep(0)
 

@@ -31,8 +31,12 @@ class AsyncRun(RunCalls):
         self._begin()
 
     def stop(self) -> None:
-        """No block starts any more; ports are closed."""
+        """No block starts any more; ports are closed at once, whatever is under way."""
         self._finish()
+
+    async def finish(self) -> None:
+        """No block starts any more; open sessions are closed, for 5 s at most, then the ports. `async with` does so."""
+        await self._leave()
 
     async def __aenter__(self) -> Self:
         self.start()
@@ -41,7 +45,7 @@ class AsyncRun(RunCalls):
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.stop()
+        await self.finish()
         await asyncio.sleep(0)
 
     async def next_end(self, number: int | None = None, *, timeout: float | None = None) -> BlockStatus:

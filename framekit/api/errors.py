@@ -6,6 +6,7 @@ from framekit.blocks.error_codes import ErrorCode, error_code, error_table
 from framekit.link.transfer import TransferResult
 
 NO_REPLY = ("no_reply", "timeout")
+BAD_REPLIES = ("damaged_reply", "unfit_reply", "exhausted")
 CLOSED = ("closed",)
 
 
@@ -20,8 +21,8 @@ class RequestError(FramekitError, ValueError):
 class ExchangeError(FramekitError):
     """An exchange that did not end well.
 
-    `outcome` is its name (`no_reply`, `refused` …), `error_code` framekit's code of that, `cause` says more in words.
-    `written` counts the elements that are known to be written all the same.
+    `outcome` is its name (`no_reply`, `refused` …, or one that the protocol gives), `error_code` framekit's code of
+    that, `cause` says more in words. `written` counts the elements that are known to be written all the same.
     """
 
     def __init__(self, message: str, outcome: str = "", cause: str = "", written: int = 0) -> None:
@@ -67,14 +68,14 @@ def raise_for(result: TransferResult) -> None:
             f"the device refused with code {result.code}{meaning}",
             result.code, result.meaning, result.outcome, result.written,
         )  # fmt: skip
-    kind: type[ExchangeError] = ReplyError
+    kind: type[ExchangeError] = ExchangeError
     row = error_table().get(result.outcome)
-    text = result.outcome if row is None else row.meaning
+    text = result.outcome.replace("_", " ") if row is None else row.meaning
     if result.outcome in NO_REPLY:
         kind, text = NoReplyError, "the device did not answer"
     elif result.outcome in CLOSED:
         kind, text = LineClosedError, "the line was closed"
-    elif result.outcome in ("cancelled", "abandoned", "no_sequence", "queue_full", "expression", "circle"):
-        kind = ExchangeError
+    elif result.outcome in BAD_REPLIES:
+        kind = ReplyError
     message = text + (f": {result.cause}" if result.cause else "")
     raise kind(message, result.outcome, result.cause, result.written)

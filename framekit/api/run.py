@@ -9,7 +9,7 @@ from typing import Self
 
 from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
-from framekit.api.run_calls import OnBlockEnd, OnSeen, RunCalls, loaded, nanoseconds
+from framekit.api.run_calls import OnBlockEnd, OnSeen, RunCalls, leave, loaded, nanoseconds
 from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.model import Run as RunModel
 from framekit.service.run import RunService
@@ -44,7 +44,7 @@ class Run(RunCalls):
             raise RequestError("a run is started once – make a new one") from None
 
     def stop(self) -> None:
-        """No block starts any more; ports are closed. Stopping twice does nothing."""
+        """No block starts any more; open sessions are closed, for 5 s at most, then the ports. Twice does nothing."""
         self._end()
 
     def __enter__(self) -> Self:
@@ -77,7 +77,10 @@ class Run(RunCalls):
 def _end(thread: LoopThread, service: RunService) -> None:
     """Closes the ports and ends the thread; at the program's end for a run that nobody has stopped."""
     try:
-        thread.do(service.stop)
+        if service.running:
+            thread.wait(leave(service))
+        else:
+            thread.do(service.stop)
     except LoopStoppedError:
         return
     thread.stop()
@@ -101,7 +104,12 @@ class VirtualRun(RunCalls):
         self._begin()
 
     def stop(self) -> None:
-        """No block starts any more."""
+        """No block starts any more; open sessions are closed, for 5 s of its time at most."""
+        if self.running:
+            left: list[bool] = []
+            self._service.finish(lambda: left.append(True))
+            while not left and self._virtual.advance():
+                pass
         self._finish()
 
     @property

@@ -38,7 +38,7 @@ class RunCalls:
         self._clock = clock
         self._told_end = on_end
         self._told_seen = on_seen
-        self._over = False
+        self._started = self._over = False
         self._listeners: list[OnBlockEnd] = []
         self._service = self._make()
 
@@ -68,13 +68,21 @@ class RunCalls:
         if self._over:
             raise RequestError("a run is started once – make a new one")
         if not self.running:
+            self._started = True
             self._service.start()
 
     def _finish(self) -> None:
         """Ends the run for good; what it keeps is written and let go of."""
         if not self._over:
             self._over = True
-            self._service.stop()
+            if self.running or not self._started:
+                self._service.stop()
+
+    async def _leave(self) -> None:
+        """As `_finish`, in good order: open sessions are closed first."""
+        if self.running:
+            await leave(self._service)
+        self._finish()
 
     # ---- blocks -------------------------------------------------------------------------------------------
 
@@ -167,6 +175,13 @@ class RunCalls:
                 return Memory(service.memory, service.device.grammar, self._do, service.store.refresh)
         known = ", ".join(service.device.name for service in self._service.devices) or "none"
         raise RequestError(f"there is no simulated device '{name}' – known: {known}")
+
+
+async def leave(service: RunService) -> None:
+    """Ends a run in good order: open sessions are closed, for 5 s at most, then the ports."""
+    left = asyncio.Event()
+    service.finish(left.set)
+    await left.wait()
 
 
 def loaded(run: str | Path | RunModel) -> RunModel:

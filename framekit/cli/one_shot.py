@@ -93,6 +93,7 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
 def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     """Prints what went wrong; the exit status."""
     from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
+    from framekit.blocks.error_codes import ErrorCode
 
     if arguments.json and isinstance(error, ExchangeError):
         shown: dict[str, Any] = {"error": error.outcome, "message": str(error)}
@@ -102,6 +103,8 @@ def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
     if isinstance(error, RequestError):
         return 2
+    if isinstance(error, ExchangeError) and error.error_code is ErrorCode.FAILED:
+        return 3  # a name that the protocol gives to an exchange without a good answer
     return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1
 
 

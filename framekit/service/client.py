@@ -122,6 +122,7 @@ class ClientService:
         self.tracking = _Tracking(engine)
         self.client = Client(protocol, codec, self.tracking)
         self.driver = Driver(engine, port, clock, self._state)
+        self._role_has_session = role is not None and protocol.roles[role].session is not None
         self._sending: list[Callable[[bool], None]] = []
 
     # ---- life ---------------------------------------------------------------------------------------------
@@ -141,6 +142,15 @@ class ClientService:
         self.driver.is_open = False
         self.engine.closed(self.clock.now(), "closed by this side")
         self._fail_sending()
+
+    @property
+    def has_session(self) -> bool:
+        """Whether one may have to be closed before `stop`."""
+        return self._role_has_session and self.is_open
+
+    def close_session(self, done: Callable[[], None]) -> None:
+        """Takes leave of the other side as soon as nothing runs; `done` is called then."""
+        self.driver.do(lambda now: self.engine.close_session(now, done))
 
     def _state(self, state: str) -> None:
         if state != "open":

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 from api_world import SlowServer, device_file, pymodbus_server
+from service.test_ending import DEVICE, PROTOCOL
+from service.test_ending import RUN as TALK
 
 import framekit
 from framekit.transport.pty_pair import PtyPair
@@ -359,6 +361,38 @@ def test_tasks_side_by_side_and_opening_by_await(simulated: str) -> None:
             await client.read("40001")
 
     asyncio.run(asyncio.wait_for(scenario(), 20))
+
+
+# ---- sessions ---------------------------------------------------------------------------------------------------
+
+
+def test_closing_closes_the_session(tmp_path: Path) -> None:
+    (tmp_path / "talk.yaml").write_text(PROTOCOL, encoding="utf-8")
+    (tmp_path / "there.device.yaml").write_text(DEVICE, encoding="utf-8")
+    sent: list[str] = []
+
+    def watch(seen: framekit.Seen) -> None:
+        if seen.kind == "frame":
+            sent.append(seen.frame)
+
+    port = f"sim:{tmp_path / 'there.device.yaml'}"
+    with framekit.connect(tmp_path / "talk.yaml", port, station=3, monitor=watch) as client:
+        assert client.call("get", {"x": 1})["y"] == 9
+    assert sent == ["hello", "welcome", "ask", "answer", "bye", "so_long", "bye"]
+
+
+def test_a_run_closes_its_sessions(tmp_path: Path) -> None:
+    for name, text in (("talk.yaml", PROTOCOL), ("there.device.yaml", DEVICE), ("talk.run.yaml", TALK)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    sent: list[str] = []
+    with framekit.VirtualRun(tmp_path / "talk.run.yaml", on_seen=lambda channel, seen: sent.append(seen.frame)) as run:
+        run.run_for("150 ms")
+        sent.clear()
+    assert [frame for frame in sent if frame] == ["bye", "so_long", "bye"]
+    sent.clear()
+    with framekit.Run(tmp_path / "talk.run.yaml", on_seen=lambda channel, seen: sent.append(seen.frame)) as real:
+        assert real.carry_out(0, timeout=20).done == 1
+    assert [frame for frame in sent if frame][-3:] == ["bye", "so_long", "bye"]
 
 
 # ---- frames -----------------------------------------------------------------------------------------------------
