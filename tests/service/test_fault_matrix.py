@@ -1,6 +1,6 @@
 """Every fault of a plan against every client protocol: nothing wrong is stored, the next exchange succeeds, it shows.
 
-With parity or a CRC on the line no damage may pass. What 8-bit checks alone let pass is measured at the end.
+With parity or a CRC on the line no damage may pass. What 8-bit checks alone let pass is measured with the codecs.
 """
 
 from __future__ import annotations
