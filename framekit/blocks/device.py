@@ -132,6 +132,7 @@ class _DeviceLoader:
         self.definition = definition
         self.protocol = definition.protocol
         self.root = definition.root
+        self.is_protocol_sound = all(problem.warning for problem in reader.problems)
 
     def load(self) -> tuple[Device, ...]:
         """The devices. Raises Broken when their memory is none; everything else is looked at before that."""
@@ -212,7 +213,7 @@ class _DeviceLoader:
             isinstance(node, MappingNode) and any(entry.key.text not in NO_PROFILE for entry in node.entries)
         )
         if node is None or not described:
-            if any(not problem.warning for problem in self.reader.problems):
+            if not self.is_protocol_sound:
                 raise Broken("what the protocol says of its areas may be wrong")
             return None
         try:

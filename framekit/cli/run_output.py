@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import table, told
 from framekit.cli.load_output import percent, what_of
@@ -95,6 +95,9 @@ class TextOutput(Output):
         stored = [line for state in service.states.values() for line in _stored(service, state)]
         if stored:
             print("\n" + table(stored, ("memory", "words")))
+        status = [(str(n), name, str(value)) for n, found in _published(service) for name, value in found.items()]
+        if status:
+            print("\n" + table(status, ("channel", "status", "value")))
 
 
 class JsonOutput(Output):
@@ -131,6 +134,10 @@ class JsonOutput(Output):
                 "last": state.last_outcome,
             }
             print(json.dumps(line, ensure_ascii=False), flush=True)
+        for number, found in _published(service):
+            if found:
+                line = {"event": "status", "channel": number, "status": found}
+                print(json.dumps(line, ensure_ascii=False, default=str), flush=True)
         for load in self.loads:
             measured = measured_load(load, service)
             line = {
@@ -162,6 +169,11 @@ def _stored(service: RunService, state: BlockState) -> list[tuple[str, str]]:
         words = area.read("word", first, min(max(1, bits // 16), MOST_WORDS, area.size_words - first))
         found.append((place.text, " ".join(f"{word:04X}" for word in words)))
     return found
+
+
+def _published(service: RunService) -> list[tuple[int, dict[str, Any]]]:
+    """What the protocol of each channel publishes."""
+    return [(number, channel.engine.status()) for number, channel in service.channels.items()]
 
 
 def _segments(service: RunService, state: BlockState) -> tuple[Segment, ...]:

@@ -114,10 +114,10 @@ class Serving:
         return watch
 
     def _count_line_error(self, seen: Seen) -> None:
-        """All devices hear the same, so one of them is enough to count what was wrong with it."""
+        """All devices hear the same: one of them counts what was wrong with it. What a bad frame left goes with it."""
         if seen.kind == "bad":
             self.line_errors[f"bad frame: {seen.reason}"] += 1
-        else:
+        elif not seen.reason:
             self.line_errors["bytes of noise"] += len(seen.raw)
 
     def _end(self, port: Port) -> None:

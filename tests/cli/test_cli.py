@@ -204,3 +204,22 @@ def test_completion_scripts(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("shtab")
     status, out, _ = call(capsys, "completion", "bash")
     assert status == 0 and "encode" in out
+
+
+def test_run_shows_what_a_protocol_publishes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    protocol = (
+        "protocol: counting\nextends: scale\nstate: {asked: {scope: line, type: u16, initial: 5, publish: yes}}\n"
+    )
+    (tmp_path / "scale.yaml").write_text((EXAMPLES / "scale.yaml").read_text("utf-8"), "utf-8")
+    (tmp_path / "counting.yaml").write_text(protocol, "utf-8")
+    path = tmp_path / "counting.run.yaml"
+    path.write_text(
+        "run: counting\nmemory: masterlogic\nchannels: {1: {port: 'sim:scale.device.yaml', protocol: counting}}\n"
+        "blocks: {0: {send: ASK, channel: 1, values: {station: 1}, once: yes}}\n", "utf-8",
+    )  # fmt: skip
+    (tmp_path / "scale.device.yaml").write_text((EXAMPLES / "scale.device.yaml").read_text("utf-8"), "utf-8")
+    status, out, _ = call(capsys, "run", str(path), "--virtual", "--for", "100ms")
+    assert status == 0 and out.splitlines()[-2:] == ["channel  status  value", "1        asked   5"]
+    _, out, _ = call(capsys, "run", str(path), "--virtual", "--for", "100ms", "--json")
+    told = [json.loads(line) for line in out.splitlines()]
+    assert {"event": "status", "channel": 1, "status": {"asked": 5}} in told

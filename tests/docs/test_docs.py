@@ -1,7 +1,7 @@
 """Every snippet of README.md and docs/ is carried out: consoles print what they show, YAML and Python work.
 
 A block that begins with `# file: NAME` is written to a copy of the examples first. `...` in an output stands for any
-lines.
+lines, and inside of a line for any text.
 """
 
 from __future__ import annotations
@@ -80,9 +80,11 @@ def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def assert_shown(found: list[str], expected: list[str], what: str) -> None:
-    """The lines are as shown; `...` stands for any lines."""
+    """The lines are as shown; `...` stands for any lines, and inside of a line for any text."""
     while expected and not expected[-1]:
         expected = expected[:-1]
-    pattern = "\n".join(".*" if line.strip() == "..." else re.escape(line.rstrip()) for line in expected)
+    pattern = "\n".join(
+        ".*" if line.strip() == "..." else re.escape(line.rstrip()).replace(r"\.\.\.", "[^\n]*") for line in expected
+    )
     text = "\n".join(line.rstrip() for line in found).rstrip()
     assert re.fullmatch(pattern, text, re.DOTALL), f"{what}\n--- found\n{text}\n--- shown\n" + "\n".join(expected)
