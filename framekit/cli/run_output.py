@@ -32,6 +32,7 @@ class Output:
         self.run = run
         self.loads = loads
         self.began = 0
+        self.as_ascii = False
 
     def service(self, run: Run, clock: Clock) -> RunService:
         """Raises DefinitionError for a wrong device, Failure for a port of no known kind."""
@@ -75,7 +76,7 @@ class TextOutput(Output):
     """A line for everything seen, and a table at the end."""
 
     def seen(self, channel: int, seen: Seen) -> None:
-        print(seen_text(seen, self.seconds(seen.at), f"ch {channel}"), flush=True)
+        print(seen_text(seen, self.seconds(seen.at), f"ch {channel}", self.as_ascii), flush=True)
 
     def edited(self, edit: Edit) -> None:
         super().edited(edit)
@@ -105,9 +106,11 @@ class JsonOutput(Output):
 
     def seen(self, channel: int, seen: Seen) -> None:
         from framekit.codec.plain import PlainValues
+        from framekit.service.frame_log import result_of
 
-        plain = PlainValues(self.run.channels[channel].protocol)
-        line = seen_data(seen, self.seconds(seen.at), plain, channel=channel)
+        model = self.run.channels[channel]
+        result = result_of(model.protocol, seen, model.role)
+        line = seen_data(seen, self.seconds(seen.at), PlainValues(model.protocol), channel=channel, result=result)
         print(json.dumps(line, ensure_ascii=False), flush=True)
 
     def edited(self, edit: Edit) -> None:

@@ -68,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.screen:
         return _live(loaded, watch, arguments.virtual, duration)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
+    output.as_ascii = arguments.ascii
     for warning in (*loaded.warnings, *load_problems(loads)):
         output.warning(told(warning))
     try:

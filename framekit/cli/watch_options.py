@@ -39,8 +39,9 @@ def add_log(parser: argparse.ArgumentParser) -> None:
 
 
 def add_watch(parser: argparse.ArgumentParser) -> None:
-    """--screen, --capture, --status, --status-every and --log."""
+    """--screen, --ascii, --capture, --status, --status-every and --log."""
     add_screen(parser)
+    parser.add_argument("--ascii", action="store_true", help="show bytes as ASCII instead of hex")
     add_capture(parser)
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
     parser.add_argument(

@@ -72,6 +72,9 @@ def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.Capt
     with CaptureReader(path) as reader:
         captured = [(number, event) for number, event in reader.events() if event.direction == "out"]
     assert sorted((number, event.data.hex(" ").upper()) for number, event in captured) == sorted(sent)
+    assert {line["result"] for line in lines if line["event"] == "frame"} == {"mldp client"}
+    assert main(["run", str(TWO), "--virtual", "--for", "1s", "--ascii"]) == 0
+    assert "·07rSS0206%MW25006%MW260·77" in capsys.readouterr().out
     assert main(["run", str(TWO), "--virtual", "--for", "1s", "--capture", str(tmp_path / "x.pcap"), "--status"]) == 0
     assert "mldp client" in capsys.readouterr().out
     assert sorted(one.name for one in tmp_path.glob("*.pcap")) == ["x-1.pcap", "x-2.pcap"]

@@ -8,11 +8,13 @@ import os
 import pytest
 from transport.real_world import Waiting, opened, run
 
+from framekit.definition.line_settings import LineSettings
 from framekit.definition.times import LineFormat
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.open_port import host_and_port, open_port
 from framekit.transport.port import Port
 from framekit.transport.pty_pair import PtyPair, open_pty
+from framekit.transport.serial_connection import open_device
 from framekit.transport.serial_port import SerialPort
 from framekit.transport.simulated import SimulatedLine
 from framekit.transport.tcp_port import AcceptedPort, TcpListener, TcpPort, listen
@@ -316,3 +318,10 @@ def test_hosts_and_ports(text: str, expected: tuple[str, int]) -> None:
 def test_wrong_hosts_and_ports(text: str) -> None:
     with pytest.raises(ValueError, match="HOST:PORT"):
         host_and_port(text)
+
+
+def test_a_port_that_only_listens_leaves_the_control_lines_off() -> None:
+    for listen_only in (True, False):
+        device = open_device("loop://", None, LineSettings(listen_only=listen_only))
+        assert (device.rts, device.dtr) == (not listen_only, not listen_only)
+        device.close()
