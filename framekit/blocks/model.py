@@ -20,6 +20,10 @@ from framekit.definition.times import LineFormat
 from framekit.link.addresses import Address
 from framekit.memory.profile import MemoryProfile
 
+BLOCKS_IN_SET = 64
+SETS = 8
+"""A module has so many parameter sets of so many blocks (Snet module guide, chapter 6)."""
+
 Instruction = Literal["read", "write", "send", "receive", "call"]
 
 
@@ -112,8 +116,55 @@ class Block:
     unless: Expression | None = None
     repeat: int | None = None
     priority: int = 0
+    params: Mapping[str, Any] = field(default_factory=dict)
+    merge: bool = True
     enabled: bool = True
     at: Position
+
+    @property
+    def id(self) -> int:
+        """One number for set and block: that of the block in set 1, and 64 more for each further set."""
+        return BLOCKS_IN_SET * (self.set - 1) + self.number
+
+    @property
+    def label(self) -> str:
+        """As people write it: `5`, or `2.5` for block 5 of set 2."""
+        return str(self.number) if self.set == 1 else f"{self.set}.{self.number}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Silence:
+    """Least silence on a channel (ns): between two exchanges, after opening the port, before another station's turn."""
+
+    between: int = 0
+    connect: int = 0
+    station: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeadRule:
+    """A station that has not answered `failures` times in a row, for `after` ns at least, is asked every `every` ns."""
+
+    failures: int = 3
+    after: int = 10_000_000_000
+    every: int = 60_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Merge:
+    """Neighbouring reads become one: at most `most` elements (None: as the protocol can), `gap` of them in vain."""
+
+    gap: int = 0
+    most: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationRules:
+    """What a channel does otherwise with one station: parameters of the protocol, and when it counts as dead."""
+
+    params: Mapping[str, Any] = field(default_factory=dict)
+    dead: DeadRule | None = None
+    own_dead: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,6 +185,11 @@ class Channel:
     station: Any
     params: Mapping[str, Any]
     pause: int
+    silence: Silence = Silence()
+    dead: DeadRule | None = None
+    merge: Merge | None = None
+    stations: Mapping[Any, StationRules] = field(default_factory=dict)
+    enabled: bool = True
     answer: int = 0
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     faults: FaultPlan | None = None
@@ -165,6 +221,7 @@ class Run:
     initial: tuple[tuple[Place, tuple[int, ...]], ...]
     channels: Mapping[int, Channel]
     blocks: tuple[Block, ...]
+    sets: Mapping[int, bool] = field(default_factory=lambda: {1: True})
     folder: str
     status: bool = True
     state: KeptState | None = None

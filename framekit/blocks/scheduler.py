@@ -10,13 +10,14 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from dataclasses import replace
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.conditions import Resolve
 from framekit.blocks.counters import Counters
-from framekit.blocks.model import After, Block, BlockEnd, Every
+from framekit.blocks.lanes import Lane, LaneRules
+from framekit.blocks.model import BLOCKS_IN_SET, After, Block, BlockEnd, Every, Silence
 from framekit.blocks.triggers import Cycle, MemoryTriggers
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
@@ -27,7 +28,11 @@ so blocks that fail at once and start each other, or themselves, stop nobody."""
 
 
 class BlockState:
-    """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last."""
+    """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
+
+    `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round` counts
+    how often it has been armed; timers of earlier rounds mean nothing.
+    """
 
     def __init__(self, block: Block) -> None:
         self.block = block
@@ -41,35 +46,28 @@ class BlockState:
         self.last_outcome = ""
         self.reasons: Counter[str] = Counter()
         self.last_end: int | None = None
+        self.companions: tuple[BlockState, ...] = ()
+        self.probing = False
+        self.dead = False
+        self.round = 0
 
     @property
     def running(self) -> bool:
         return self.counters.running > 0
 
 
-class _Lane:
-    """The blocks of one channel that wait, and whether one is running."""
-
-    def __init__(self, pause: int) -> None:
-        self.pause = pause
-        self.waiting: list[tuple[int, int, int, BlockState]] = []
-        self.busy = False
-        self.open = True
-        self.held = False
-        self.free_from = 0
-
-    @property
-    def startable(self) -> bool:
-        """Whether a block waits that may start once the line is free."""
-        return bool(self.waiting) and self.open and not self.busy and not self.held
+Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
+"""Which of the waiting blocks may come with the exchange of a block."""
 
 
 class Scheduler:
     """Makes blocks due and starts them, channel by channel.
 
-    `start(state, now)` begins the exchange of a block; its end is told by `finished`. `wake()` asks the owner to call
-    `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
-    been counted and before anything that waits for it comes due.
+    `channels`: how each treats its line, or just the silence between two exchanges (ns). `start(state, now)` begins the
+    exchange of a block and its companions; the end of each is told by `finished`. `wake()` asks the owner to call `tick`
+    soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has been
+    counted and before anything that waits for it comes due. `station_of` tells which station a block talks to, `joins`
+    which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled.
     """
 
     def __init__(
@@ -77,23 +75,45 @@ class Scheduler:
         blocks: Iterable[Block],
         memory: DeviceMemory,
         resolve: Resolve,
-        pauses: dict[int, int],
+        channels: Mapping[int, LaneRules | int],
         start: Callable[[BlockState, int], None],
         wake: Callable[[], None],
         ended: Callable[[BlockState, bool, int], None] = lambda state, ok, now: None,
+        *,
+        station_of: Callable[[BlockState], Hashable] = lambda state: None,
+        joins: Joins | None = None,
+        sets: Mapping[int, bool] | None = None,
+        died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
     ) -> None:
-        self.states = {block.number: BlockState(block) for block in blocks}
+        self.states = {block.id: BlockState(block) for block in blocks}
         self.memory = memory
         self.resolve = resolve
         self._start = start
         self._wake = wake
         self._tell_ended = ended
-        self._lanes = {channel: _Lane(pause) for channel, pause in pauses.items()}
-        self._timers: list[tuple[int, int, Cycle | None, BlockState]] = []
+        self._joins = joins
+        self._died = died
+        self.sets = dict(sets or {})
+        self.lanes: dict[int, Lane] = {}
+        for channel, rules in channels.items():
+            if isinstance(rules, int):
+                rules = LaneRules(silence=Silence(between=rules))
+            self.lanes[channel] = Lane(rules, station_of)
+        self._station_of = station_of
+        self._timers: list[tuple[int, int, Cycle | None, BlockState, int]] = []
         self._order = itertools.count()
         self._fired: list[BlockState] = []
         self._after: dict[tuple[int, bool], list[BlockState]] = {}
         self._active = False
+        for state in self.states.values():
+            self._await_ends(state)
+
+    def _await_ends(self, state: BlockState) -> None:
+        """Blocks whose ends this one waits for are those of its set."""
+        for trigger in state.block.triggers:
+            if isinstance(trigger, BlockEnd):
+                key = BLOCKS_IN_SET * (state.block.set - 1) + trigger.block, trigger.ok
+                self._after.setdefault(key, []).append(state)
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -104,78 +124,125 @@ class Scheduler:
             self.arm(state, now)
         self.tick(now)
 
+    def _set_on(self, state: BlockState) -> bool:
+        return self.sets.get(state.block.set, True)
+
     def arm(self, state: BlockState, now: int) -> None:
         """Arms the triggers of a block; its time triggers count from here."""
+        if not self._set_on(state):
+            return
         block = state.block
+        state.round += 1
         state.memory_triggers = MemoryTriggers(block, self.memory, self.resolve, self._fire_from_memory)
         for trigger in block.triggers:
             if isinstance(trigger, Every):
                 self._timer(now + trigger.phase, Cycle(now + trigger.phase, trigger.period), state)
             elif isinstance(trigger, After):
                 self._timer(now + trigger.delay, None, state)
-            elif isinstance(trigger, BlockEnd):
-                self._after.setdefault((trigger.block, trigger.ok), []).append(state)
+
+    def _disarm(self, state: BlockState) -> None:
+        state.round += 1
+        if state.memory_triggers is not None:
+            state.memory_triggers.cancel()
+            state.memory_triggers = None
 
     def _timer(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
-        heapq.heappush(self._timers, (when, next(self._order), cycle, state))
+        heapq.heappush(self._timers, (when, next(self._order), cycle, state, state.round))
 
     def end(self) -> None:
         """No block comes due any more; what runs may finish."""
         self._active = False
         self._timers.clear()
-        for lane in self._lanes.values():
-            for *_, state in lane.waiting:
-                state.waiting = False
-            lane.waiting.clear()
+        self._fired.clear()
+        for lane in self.lanes.values():
+            lane.clear()
         for state in self.states.values():
-            if state.memory_triggers is not None:
-                state.memory_triggers.cancel()
+            self._disarm(state)
 
-    def set_open(self, channel: int, is_open: bool) -> None:
+    def reset(self, now: int) -> None:
+        """As at the start: counters at zero, repetitions afresh, time triggers from now. What runs ends uncounted."""
+        self.end()
+        for state in self.states.values():
+            state.counters = Counters(started=1) if state.running else Counters()
+            state.starts_left = state.block.repeat
+            state.enabled = state.block.enabled
+            state.last_failure, state.last_outcome, state.last_end = None, "", None
+            state.reasons.clear()
+        for lane in self.lanes.values():
+            lane.forget_failures()
+        self.begin(now)
+
+    # ---- channels, sets and blocks, on and off ------------------------------------------------------------
+
+    def set_open(self, channel: int, is_open: bool, now: int = 0) -> None:
         """Blocks of a channel that is not open wait until it is."""
-        self._lanes[channel].open = is_open
-        if is_open:
+        lane = self.lanes[channel]
+        if not is_open:
+            lane.open = False
+        elif not lane.open:
+            lane.opened(now)
             self._wake()
+
+    def enable(self, number: int, on: bool, now: int) -> None:
+        """Switches a block on or off; what runs ends as it does. Raises KeyError for a number there is not."""
+        state = self.states[number]
+        state.enabled = on
+        if not on:
+            self.lanes[state.block.channel].clear(lambda one: one is state)
+        elif state.memory_triggers is not None and state.memory_triggers.level_holds():
+            self._due(state, now)
+            self._wake()
+
+    def enable_set(self, number: int, on: bool, now: int) -> None:
+        """Switches a parameter set on – its time triggers count from now – or off. Raises KeyError for an unknown one."""
+        if number not in self.sets and all(state.block.set != number for state in self.states.values()):
+            raise KeyError(number)
+        if self.sets.get(number, True) == on:
+            return
+        self.sets[number] = on
+        for state in self.states.values():
+            if state.block.set == number and self._active:
+                self.arm(state, now) if on else self._disarm(state)
+        if not on:
+            for lane in self.lanes.values():
+                lane.clear(lambda state: state.block.set == number)
+        self._wake()
 
     # ---- change -------------------------------------------------------------------------------------------
 
     def hold(self, channels: Collection[int]) -> None:
         """Starts nothing on these channels until the next call; on all others it does."""
-        for number, lane in self._lanes.items():
+        for number, lane in self.lanes.items():
             lane.held = number in channels
         self._wake()
 
     def idle(self, channels: Collection[int]) -> bool:
         """Whether no exchange runs on any of these channels."""
-        return not any(self._lanes[number].busy for number in channels if number in self._lanes)
+        return not any(self.lanes[number].busy for number in channels if number in self.lanes)
 
-    def add_channel(self, number: int, pause: int) -> None:
-        """A channel that is new, or has another pause; it is not open yet. What waits there goes on waiting."""
-        lane = self._lanes.setdefault(number, _Lane(pause))
-        lane.pause, lane.open = pause, False
+    def add_channel(self, number: int, rules: LaneRules) -> None:
+        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting."""
+        lane = self.lanes.setdefault(number, Lane(rules, self._station_of))
+        lane.rules, lane.open = rules, False
 
     def remove_channel(self, number: int) -> None:
         """A channel none of whose blocks is there any more."""
-        del self._lanes[number]
+        del self.lanes[number]
 
     def add(self, block: Block) -> BlockState:
         """A block that is new; `arm` it when everything it looks at is there."""
-        self.states[block.number] = state = BlockState(block)
+        self.states[block.id] = state = BlockState(block)
         in_order = sorted(self.states.items())
         self.states.clear()
         self.states.update(in_order)
+        self._await_ends(state)
         return state
 
     def remove(self, number: int) -> BlockState:
         """Takes a block out that does not run. Raises KeyError for a number there is not."""
         state = self.states.pop(number)
-        if state.memory_triggers is not None:
-            state.memory_triggers.cancel()
-        lane = self._lanes[state.block.channel]
-        lane.waiting = [entry for entry in lane.waiting if entry[3] is not state]
-        heapq.heapify(lane.waiting)
-        self._timers = [entry for entry in self._timers if entry[3] is not state]
-        heapq.heapify(self._timers)
+        self._disarm(state)
+        self.lanes[state.block.channel].clear(lambda one: one is state)
         self._fired = [fired for fired in self._fired if fired is not state]
         for waiting in self._after.values():
             waiting[:] = [other for other in waiting if other is not state]
@@ -183,25 +250,17 @@ class Scheduler:
 
     # ---- becoming due -------------------------------------------------------------------------------------
 
-    def enable(self, number: int, on: bool, now: int) -> None:
-        """Switches a block on or off; what runs ends as it does. Raises KeyError for a number there is not."""
-        state = self.states[number]
-        state.enabled = on
-        if on and state.memory_triggers is not None and state.memory_triggers.level_holds():
-            self._due(state, now)
-            self._wake()
-
     def fire(self, number: int, now: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""
         self._due(self.states[number], now)
         self.tick(now)
 
     def _fire_from_memory(self, block: Block) -> None:
-        self._fired.append(self.states[block.number])
+        self._fired.append(self.states[block.id])
         self._wake()
 
     def _may_start(self, state: BlockState) -> bool:
-        if not state.enabled or not self._active or state.starts_left == 0:
+        if not state.enabled or not self._active or state.starts_left == 0 or not self._set_on(state):
             return False
         return state.memory_triggers is None or not state.memory_triggers.held_back()
 
@@ -214,8 +273,7 @@ class Scheduler:
         if state.starts_left is not None:
             state.starts_left -= 1
         state.waiting = True
-        block = state.block
-        heapq.heappush(self._lanes[block.channel].waiting, (now, -block.priority, block.number, state))
+        self.lanes[state.block.channel].push(state, now)
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -224,14 +282,17 @@ class Scheduler:
         """When `tick` has to be called next."""
         if self._fired:
             return 0
-        times = [self._timers[0][0]] if self._timers else []
-        times += [lane.free_from for lane in self._lanes.values() if lane.startable]
-        return min(times, default=NEVER)
+        deadline = self._timers[0][0] if self._timers else NEVER
+        for lane in self.lanes.values():
+            deadline = min(deadline, lane.deadline)
+        return deadline
 
     def tick(self, now: int) -> None:
         """Makes due what is due now, and starts what can start."""
         while self._timers and self._timers[0][0] <= now:
-            due, _, cycle, state = heapq.heappop(self._timers)
+            due, _, cycle, state, round_ = heapq.heappop(self._timers)
+            if round_ != state.round:
+                continue
             self._due(state, due)
             if cycle is not None:
                 missed = cycle.step(now)
@@ -241,17 +302,22 @@ class Scheduler:
         fired, self._fired = self._fired, []
         for state in fired:
             self._due(state, now)
-        for lane in self._lanes.values():
-            self._start_next(lane, now)
+        for lane in self.lanes.values():
+            if lane.deadline <= now:
+                self._start_next(lane, now)
 
-    def _start_next(self, lane: _Lane, now: int) -> None:
-        if not lane.startable or now < lane.free_from:
+    def _start_next(self, lane: Lane, now: int) -> None:
+        state = lane.take(now)
+        if state is None:
             return
-        *_, state = heapq.heappop(lane.waiting)
-        lane.busy = True
-        state.waiting = False
-        state.started_at = now
-        state.counters.started += 1
+        joins = self._joins
+        state.companions = ()
+        if joins is not None and not state.probing:
+            state.companions = tuple(lane.companions(lambda others: joins(state, others)))
+        for one in (state, *state.companions):
+            one.waiting = False
+            one.started_at = now
+            one.counters.started += 1
         self._start(state, now)
 
     def finished(self, number: int, failure: Failure | None, now: int) -> None:
@@ -262,13 +328,22 @@ class Scheduler:
         state = self.states[number]
         if not state.running:
             return
-        lane = self._lanes[state.block.channel]
-        lane.busy = False
-        lane.free_from = now + max(lane.pause, LEAST_TIME if now == state.started_at else 0)
+        channel = state.block.channel
+        lane = self.lanes[channel]
+        lane.ended(state, failure, now, LEAST_TIME if now == state.started_at else 0)
+        for station, dead in lane.changes():
+            self._mark(channel, lane, station, dead)
         self._ended(state, failure, now)
         if state.memory_triggers is not None and state.memory_triggers.level_holds():
             self._timer(now + LEAST_TIME, None, state)
         self._wake()
+
+    def _mark(self, channel: int, lane: Lane, station: Hashable, dead: bool) -> None:
+        """The blocks that talk to a station show whether it is dead."""
+        for state in self.states.values():
+            if state.block.channel == channel and lane.station_of(state) == station:
+                state.dead = dead
+        self._died(channel, station, dead)
 
     def takes(self, number: int) -> bool:
         """Whether a RECEIVE block takes its frame now. Raises KeyError for a number there is not."""
@@ -295,4 +370,4 @@ class Scheduler:
             state.last_outcome = str(failure)
         state.last_end = now
         self._tell_ended(state, ok, now)
-        self._fired.extend(self._after.get((state.block.number, ok), ()))
+        self._fired.extend(self._after.get((state.block.id, ok), ()))

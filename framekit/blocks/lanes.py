@@ -1,0 +1,208 @@
+"""The blocks of one channel that wait: one exchange at a time, silences between them, and stations that do not answer.
+
+A station that has failed often enough for long enough is dead: its blocks stand aside, and one of them asks now and then
+until it answers. It knows neither triggers nor what an exchange is.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from framekit.blocks.block_status import Failure
+from framekit.blocks.model import DeadRule, Silence
+from framekit.definition.times import NEVER
+
+if TYPE_CHECKING:
+    from framekit.blocks.scheduler import BlockState
+
+Entry = tuple[int, int, int, "BlockState"]
+"""When a block came due, its priority (less is sooner), its id, and the block."""
+
+ALIVE = frozenset({"refused", "damaged_reply", "unfit_reply", "cannot_store"})
+"""Failures after which a station is known to be there."""
+OWN = frozenset(
+    {
+        "closed", "cancelled", "cannot_send", "bad_setting", "abandoned", "no_sequence", "queue_full", "expression",
+        "circle", "interrupted",
+    }
+)  # fmt: skip
+"""Failures that say nothing about the station."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaneRules:
+    """How a channel treats the line and its stations. `stations`: rules of single ones, None for never dead."""
+
+    silence: Silence = Silence()
+    dead: DeadRule | None = None
+    stations: Mapping[Hashable, DeadRule | None] = field(default_factory=dict)
+
+    def dead_rule(self, station: Hashable) -> DeadRule | None:
+        return self.stations.get(station, self.dead)
+
+
+@dataclass(slots=True)
+class _Failing:
+    """A station that does not answer: how often and since when, and once it is dead, when it is asked next."""
+
+    failures: int = 0
+    since: int = 0
+    probe_at: int | None = None
+    parked: list[Entry] = field(default_factory=list)
+
+
+class Lane:
+    """One channel. `station_of` says which station a block talks to; None counts as no station."""
+
+    def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable]) -> None:
+        self.rules = rules
+        self.station_of = station_of
+        self.waiting: list[Entry] = []
+        self.running: dict[int, Hashable] = {}
+        self.open = True
+        self.held = False
+        self.free_from = 0
+        self._failing: dict[Hashable, _Failing] = {}
+        self._last: tuple[Hashable, int] | None = None
+        self._changed: list[tuple[Hashable, bool]] = []
+
+    @property
+    def busy(self) -> bool:
+        return bool(self.running)
+
+    # ---- waiting ------------------------------------------------------------------------------------------
+
+    def push(self, state: BlockState, due: int) -> None:
+        """A block waits for its turn from `due` on."""
+        block = state.block
+        heapq.heappush(self.waiting, (due, -block.priority, block.id, state))
+
+    def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
+        """Forgets blocks that wait."""
+        for entries in (self.waiting, *(failing.parked for failing in self._failing.values())):
+            kept = [entry for entry in entries if not which(entry[3])]
+            for *_, state in entries:
+                state.waiting = state.waiting and not which(state)
+            entries[:] = kept
+            heapq.heapify(entries)
+
+    @property
+    def deadline(self) -> int:
+        """When `take` may have something; NEVER when nothing waits or something runs."""
+        if self.busy or not self.open or self.held:
+            return NEVER
+        probes = [one.probe_at for one in self._failing.values() if one.parked and one.probe_at is not None]
+        due = min(probes, default=NEVER)
+        return max(self.free_from, 0 if self.waiting else due)
+
+    def take(self, now: int) -> BlockState | None:
+        """The next block that may start now; it counts as running from here on."""
+        if self.busy or not self.open or self.held or now < self.free_from:
+            return None
+        state = self._probe(now) or self._next(now)
+        if state is not None:
+            self.running[state.block.id] = self.station_of(state)
+        return state
+
+    def _probe(self, now: int) -> BlockState | None:
+        """A dead station whose time has come is asked once."""
+        for station, failing in self._failing.items():
+            rule = self.rules.dead_rule(station)
+            if failing.parked and rule is not None and failing.probe_at is not None and failing.probe_at <= now:
+                failing.probe_at = now + rule.every
+                state = heapq.heappop(failing.parked)[3]
+                state.probing = True
+                return state
+        return None
+
+    def _next(self, now: int) -> BlockState | None:
+        while self.waiting:
+            entry = heapq.heappop(self.waiting)
+            station = self.station_of(entry[3])
+            failing = self._failing.get(station)
+            if failing is not None and failing.probe_at is not None:
+                heapq.heappush(failing.parked, entry)
+                continue
+            if self._last is not None and station != self._last[0]:
+                ready = self._last[1] + self.rules.silence.station
+                if now < ready:
+                    heapq.heappush(self.waiting, entry)
+                    self.free_from = ready
+                    return None
+            return entry[3]
+        return None
+
+    def companions(self, wanted: Callable[[list[BlockState]], list[BlockState]]) -> list[BlockState]:
+        """Waiting blocks, of those that `wanted` picks, that run in the same exchange as the one just taken."""
+        chosen = wanted([entry[3] for entry in self.waiting])
+        if chosen:
+            ids = {state.block.id for state in chosen}
+            self.waiting = [entry for entry in self.waiting if entry[3].block.id not in ids]
+            heapq.heapify(self.waiting)
+            for state in chosen:
+                self.running[state.block.id] = self.station_of(state)
+        return chosen
+
+    # ---- what became of it --------------------------------------------------------------------------------
+
+    def ended(self, state: BlockState, failure: Failure | None, now: int, least: int) -> None:
+        """An exchange has ended; the channel is free after the silence, and after `least` at the earliest."""
+        station = self.running.pop(state.block.id)
+        state.probing = False
+        self._last = station, now
+        self.free_from = now + max(self.rules.silence.between, least)
+        if station is not None:
+            self._judge(station, failure, now)
+
+    def _judge(self, station: Hashable, failure: Failure | None, now: int) -> None:
+        if failure is not None and failure.outcome in OWN:
+            return
+        failing = self._failing.get(station)
+        if failure is None or failure.outcome in ALIVE:
+            if failing is not None:
+                del self._failing[station]
+                for entry in failing.parked:
+                    heapq.heappush(self.waiting, entry)
+                if failing.probe_at is not None:
+                    self._changed.append((station, False))
+            return
+        rule = self.rules.dead_rule(station)
+        if rule is None:
+            return
+        if failing is None:
+            failing = self._failing[station] = _Failing(since=now)
+        failing.failures += 1
+        if failing.probe_at is None and failing.failures >= rule.failures and now - failing.since >= rule.after:
+            failing.probe_at = now + rule.every
+            self._changed.append((station, True))
+
+    def is_dead(self, station: Hashable) -> bool:
+        failing = self._failing.get(station)
+        return failing is not None and failing.probe_at is not None
+
+    @property
+    def dead(self) -> tuple[Hashable, ...]:
+        """The stations that are dead now."""
+        return tuple(station for station in self._failing if self.is_dead(station))
+
+    def changes(self) -> list[tuple[Hashable, bool]]:
+        """Stations that have died (True) or come back (False) since this was asked last."""
+        found, self._changed = self._changed, []
+        return found
+
+    def opened(self, now: int) -> None:
+        """The port is open: nothing is sent before it has been silent, and every station gets a new chance."""
+        self.open = True
+        self.free_from = max(self.free_from, now + self.rules.silence.connect)
+        self.forget_failures()
+
+    def forget_failures(self) -> None:
+        for station, failing in self._failing.items():
+            for entry in failing.parked:
+                heapq.heappush(self.waiting, entry)
+            if failing.probe_at is not None:
+                self._changed.append((station, False))
+        self._failing.clear()
