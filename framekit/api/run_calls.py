@@ -106,7 +106,7 @@ class RunCalls:
     def block(self, number: int) -> BlockStatus:
         """How one block is doing now. Raises RequestError for a number there is not."""
         self._known(number)
-        return next(status for status in self.blocks if status.block == number)
+        return next(status for status in self.blocks if status.id == number)
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand, as a trigger would. Raises RequestError."""
@@ -122,13 +122,29 @@ class RunCalls:
         """Switches a block off: its triggers do nothing. Raises RequestError."""
         self.enable(number, False)
 
+    def enable_set(self, number: int, on: bool = True) -> None:
+        """Switches a parameter set on – its time triggers count from now – or off. Raises RequestError."""
+        if number not in self.run.sets:
+            raise RequestError(f"there is no set {number} – known: {', '.join(map(str, self.run.sets))}")
+        self._do(lambda: self._service.enable_set(number, on))
+
+    def enable_channel(self, number: int, on: bool = True) -> None:
+        """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises RequestError."""
+        if number not in self.run.channels:
+            raise RequestError(f"there is no channel {number} – known: {', '.join(map(str, self.run.channels))}")
+        self._do(lambda: self._service.enable_channel(number, on))
+
+    def reset(self) -> None:
+        """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
+        self._do(self._service.reset)
+
     # ---- waiting ------------------------------------------------------------------------------------------
 
     def _listen(self, number: int | None, told: Callable[[BlockStatus], None]) -> Callable[[], None]:
         """Tells of completions of a block, or of any; what is given ends that."""
 
         def listen(status: BlockStatus, ok: bool) -> None:
-            if number in (None, status.block):
+            if number in (None, status.id):
                 told(status)
 
         self._listeners.append(listen)
@@ -157,7 +173,7 @@ class RunCalls:
             raise RequestError(f"block {number} is switched off")
 
     def _known(self, number: int) -> None:
-        known = [block.number for block in self.run.blocks]
+        known = [block.id for block in self.run.blocks]
         if number not in known:
             raise RequestError(f"there is no block {number} – known: {', '.join(map(str, known))}")
 

@@ -83,6 +83,7 @@ def status_of(state: BlockState) -> BlockStatus:
         done=counters.done,
         failed=counters.failed,
         overruns=counters.overruns,
+        dead=state.dead,
         last_failure=state.last_failure,
         last_end=state.last_end,
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from framekit.blocks.error_codes import ErrorCode, error_code, status_word
+from framekit.blocks.model import BLOCKS_IN_SET
 
 EXPLAINED = ("cannot_store", "cannot_send", "bad_setting")
 """Outcomes that say little without their cause."""
@@ -68,6 +69,11 @@ class BlockStatus:
     dead: bool = False
     last_failure: Failure | None = None
     last_end: int | None = None
+
+    @property
+    def id(self) -> int:
+        """One number for set and block: that of the block in set 1, and 64 more for each further set."""
+        return BLOCKS_IN_SET * (self.set - 1) + self.block
 
     @property
     def running(self) -> bool:

@@ -172,7 +172,7 @@ def load_problems(loads: tuple[ChannelLoad, ...]) -> list[Problem]:
 
 def _what(load: ChannelLoad, one: BlockLoad) -> str:
     assert one.period is not None
-    number, wants = one.block.number, format_time(one.period)
+    number, wants = one.block.label, format_time(one.period)
     if len([block for block in load.blocks if block.period]) == 1 or one.cost.duration > one.period:
         needs = f"one exchange takes {milliseconds(one.cost.duration)}"
     else:

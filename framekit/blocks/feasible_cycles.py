@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from framekit.blocks.model import Block, BlockEnd, Every
+from framekit.blocks.model import BLOCKS_IN_SET, Block, BlockEnd, Every
 from framekit.blocks.scheduler import BlockState, Scheduler
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError
@@ -36,10 +36,10 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
     lasted = play.until((1 + ROUNDS) * once, MOST_EXCHANGES) - began
     found = {}
     for block, period, _ in cycles:
-        counters = play.scheduler.states[block.number].counters
-        started = counters.started - before[block.number].started
-        missed = counters.overruns - before[block.number].overruns
-        follows = not any(isinstance(trigger, Every) for trigger in play.scheduler.states[block.number].block.triggers)
+        counters = play.scheduler.states[block.id].counters
+        started = counters.started - before[block.id].started
+        missed = counters.overruns - before[block.id].overruns
+        follows = not any(isinstance(trigger, Every) for trigger in play.scheduler.states[block.id].block.triggers)
         reached = lasted / started if started and (missed or follows) else float(period)
         found[block.set, block.number] = (max(reached, float(period)), missed / max(1, started + missed))
     return found
@@ -49,8 +49,8 @@ class _Play:
     """Blocks that start in their cycles, or behind one that does, and do nothing but take their time."""
 
     def __init__(self, cycles: Sequence[Cycle]) -> None:
-        numbers = {block.number for block, _, _ in cycles}
-        self.durations = {block.number: duration for block, _, duration in cycles}
+        numbers = {block.id for block, _, _ in cycles}
+        self.durations = {block.id: duration for block, _, duration in cycles}
         self.running: int | None = None
         self.ends_at = NEVER
         self.started = 0
@@ -61,8 +61,8 @@ class _Play:
         self.scheduler.begin(0)
 
     def _start(self, state: BlockState, now: int) -> None:
-        self.running = state.block.number
-        self.ends_at = now + self.durations[state.block.number]
+        self.running = state.block.id
+        self.ends_at = now + self.durations[state.block.id]
         self.started += 1
 
     def until(self, end: int, most: int) -> int:
@@ -84,10 +84,16 @@ def _only_cycles(block: Block, period: int, others: set[int]) -> Block:
     kept = [
         trigger
         for trigger in block.triggers
-        if isinstance(trigger, Every) or (isinstance(trigger, BlockEnd) and trigger.ok and trigger.block in others)
+        if isinstance(trigger, Every)
+        or (isinstance(trigger, BlockEnd) and trigger.ok and _follows(block, trigger) in others)
     ]
     triggers = tuple(kept) or (Every(period=period, phase=period),)
     return replace(block, triggers=triggers, unless=None, repeat=None, enabled=True)
+
+
+def _follows(block: Block, trigger: BlockEnd) -> int:
+    """The id of the block whose end this one waits for: it is in the same set."""
+    return BLOCKS_IN_SET * (block.set - 1) + trigger.block
 
 
 def _no_place(text: str) -> Address:

@@ -1,7 +1,7 @@
-"""The blocks of one channel that wait: one exchange at a time, silences between them, and stations that do not answer.
+"""The blocks of one channel that wait: one exchange at a time, silences between them, stations that do not answer.
 
-A station that has failed often enough for long enough is dead: its blocks stand aside, and one of them asks now and then
-until it answers. It knows neither triggers nor what an exchange is.
+A station that has failed often enough for long enough is dead: its blocks stand aside, and one of them asks now and
+then until it answers. It knows neither triggers nor what an exchange is.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ OWN = frozenset(
 class LaneRules:
     """How a channel treats the line and its stations. `stations`: rules of single ones, None for never dead."""
 
-    silence: Silence = Silence()
+    silence: Silence = field(default_factory=Silence)
     dead: DeadRule | None = None
     stations: Mapping[Hashable, DeadRule | None] = field(default_factory=dict)
 

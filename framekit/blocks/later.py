@@ -7,26 +7,12 @@ from framekit.definition.nodes import Mapping, Node
 
 RUN = {
     "uses": "",
-    "sets": "write one file a set",
-    "merge": "",
-    "silence": "use pause in the channel",
-    "dead": "",
 }
 CHANNEL = {
-    "stations": "write station in the blocks",
-    "retries": "use params: {retries: N} where the protocol has it",
-    "timeout": "use params: {reply_timeout: TIME} where the protocol has it",
-    "silence": "use pause",
-    "merge": "",
-    "dead": "",
     "record": "",
-    "enabled": "leave the channel out",
 }
 BLOCK = {
     "variables": "list the addresses in read or write",
-    "retries": "use params: {retries: N} of the channel",
-    "timeout": "use params: {reply_timeout: TIME} of the channel",
-    "merge": "",
     "status": "",
 }
 

@@ -16,17 +16,15 @@ from framekit.blocks.kept_state import read_state
 from framekit.blocks.later import note_later
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
-from framekit.blocks.model import Block, Channel, Place, Run
+from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Mapping, Scalar
+from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.load import load_profile, load_profile_node
 from framekit.memory.profile import MemoryProfile
-
-MOST_BLOCKS, MOST_SETS = 64, 8
 
 
 def load_run(path: Path) -> Run:
@@ -51,7 +49,7 @@ class RunLoader:
         self.reader = reader
         self.path = path
         self.root = root
-        self.channels = ChannelLoader(reader, path.parent)
+        self.channels = ChannelLoader(reader, path.parent, root)
 
     def load(self) -> Run:
         """The run. Raises Broken when its memory is none; the channels are read before that."""
@@ -67,7 +65,7 @@ class RunLoader:
         grammar = addresses_of(profile)
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
-        blocks = BlockLoader(self.reader, grammar, channels, known)
+        blocks = BlockLoader(self.reader, grammar, channels, known, self.root)
         return Run(
             name=self._text("run"),
             about=self._text("about"),
@@ -75,6 +73,7 @@ class RunLoader:
             initial=self._initial(grammar),
             channels=channels,
             blocks=self._blocks(blocks),
+            sets=self._sets(),
             folder=str(self.path.parent),
             state=self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state")),
             status=self.reader.flag(self.root.get("status"), default=True),
@@ -129,19 +128,41 @@ class RunLoader:
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def _blocks(self, loader: BlockLoader) -> tuple[Block, ...]:
-        entries = self.reader.entries(self.root.get("blocks"))
-        found = []
-        numbers: set[int] = set()
-        for entry in entries:
+        """The blocks of all sets; `blocks` of the run itself are those of set 1."""
+        found = self._set(loader, 1, self.root.get("blocks"))
+        for entry in self.reader.entries(self.root.get("sets")):
             with self.reader.going_on():
                 number = self.reader.number(entry.key)
-                if not 0 <= number < MOST_BLOCKS:
+                if number == 1 and self.root.get("blocks") is not None:
+                    what = "the blocks of the run are set 1 already"
+                    raise self.reader.broken(entry.key.at, what, "number this set otherwise, or move them into it")
+                found += self._set(loader, number, self.reader.mapping(entry.value).get("blocks"))
+        return tuple(found)
+
+    def _set(self, loader: BlockLoader, set_number: int, node: Node | None) -> list[Block]:
+        """The blocks of one parameter set."""
+        found = []
+        numbers: set[int] = set()
+        for entry in self.reader.entries(node):
+            with self.reader.going_on():
+                number = self.reader.number(entry.key)
+                if not 0 <= number < BLOCKS_IN_SET:
                     raise self.reader.broken(
-                        entry.key.at, f"there is no block {number}", f"blocks are numbered 0 to {MOST_BLOCKS - 1}"
+                        entry.key.at, f"there is no block {number}", f"blocks are numbered 0 to {BLOCKS_IN_SET - 1}"
                     )
                 if number in numbers:
                     raise self.reader.broken(entry.key.at, f"there are two blocks {number}", "renumber one of them")
                 numbers.add(number)
-                found.append(loader.block(number, 1, entry))
+                found.append(loader.block(number, set_number, entry))
         loader.triggers.check_ends(numbers)
-        return tuple(found)
+        return found
+
+    def _sets(self) -> dict[int, bool]:
+        """Which parameter sets there are, and whether they are enabled from the start."""
+        found = {1: True} if self.root.get("blocks") is not None or self.root.get("sets") is None else {}
+        for entry in self.reader.entries(self.root.get("sets")):
+            keys = entry.value if isinstance(entry.value, Mapping) else None
+            if entry.key.text.isdigit():
+                on = keys is None or self.reader.flag(keys.get("enabled"), default=True)
+                found.setdefault(int(entry.key.text), on)
+        return found

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from framekit.blocks.given import read_station
 from framekit.blocks.load_channel import needs_station
 from framekit.blocks.load_frame_block import FrameBlockLoader
+from framekit.blocks.load_rules import RulesLoader
 from framekit.blocks.load_triggers import STARTS, TriggerLoader
 from framekit.blocks.model import Block, Channel, Instruction, Place
 from framekit.definition.check.addresses import is_unit
@@ -32,13 +33,19 @@ class BlockLoader:
     """Reads blocks; it knows the own memory's addresses and the run's channels."""
 
     def __init__(
-        self, reader: Reader, grammar: AddressGrammar, channels: Mapping[int, Channel], known: Collection[str]
+        self,
+        reader: Reader,
+        grammar: AddressGrammar,
+        channels: Mapping[int, Channel],
+        known: Collection[str],
+        root: MappingNode,
     ) -> None:
         self.reader = reader
         self.grammar = grammar
         self.channels = channels
         self.known = known
         self.spoilt = False
+        self.rules = RulesLoader(reader, root)
         self.triggers = TriggerLoader(reader, self.place, self.condition)
         self.frames = FrameBlockLoader(reader, self.place)
 
@@ -106,10 +113,12 @@ class BlockLoader:
             "repeat": self._maybe(reader.number, keys.get("repeat")),
             "priority": self._maybe(reader.number, keys.get("priority")) or 0,
             "enabled": reader.flag(keys.get("enabled"), default=True),
+            "merge": reader.flag(keys.get("merge"), default=True),
             "at": entry.key.at,
         }
         self._starts(instruction, keys, entry)
         channel = self._channel(keys, entry)
+        common["params"] = self.rules.params(keys, channel.protocol)
         common |= {"channel": channel.number, **self._station(instruction, keys, channel, entry)}
         found: dict[str, Any] | None
         if instruction in ("read", "write"):

@@ -8,9 +8,10 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from framekit.blocks.fault_plan import FaultPlan
-from framekit.blocks.given import read_params, read_station
+from framekit.blocks.given import read_station
 from framekit.blocks.load_fault_plan import read_fault_plan
 from framekit.blocks.load_line import LineLoader
+from framekit.blocks.load_rules import RulesLoader
 from framekit.blocks.model import Channel
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
@@ -32,8 +33,9 @@ _HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
 class ChannelLoader:
     """Reads channels of the run in `folder`. `protocols`: those loaded so far, None for one that is wrong."""
 
-    def __init__(self, reader: Reader, folder: Path) -> None:
+    def __init__(self, reader: Reader, folder: Path, root: Mapping) -> None:
         self.reader = reader
+        self.rules = RulesLoader(reader, root)
         self.folder = folder
         self.protocols: dict[str, Protocol | None] = {}
         self.spoilt = False
@@ -53,11 +55,11 @@ class ChannelLoader:
         port_node = keys.get("port") or entry.key
         number = self._maybe(reader.number, entry.key)
         port = self._maybe(self._port, keys.get("port"))
-        pause = self._maybe(reader.time, keys.get("pause"))
         answer = self._maybe(reader.time, keys.get("answer"))
         protocol = self._protocol(keys)
         line = self._line(keys, protocol)
         wires = LineLoader(reader, keys, protocol, port or "", line)
+        silence = self.rules.silence(keys, line)
         channel = Channel(
             number=number or 0,
             port=port or "",
@@ -67,8 +69,13 @@ class ChannelLoader:
             wiring=wires.settings(),
             own=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
             station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
-            params=wires.params(read_params(reader, reader.entries(keys.get("params")), protocol)),
-            pause=pause or 0,
+            params=self.rules.params(keys, protocol),
+            pause=silence.between,
+            silence=silence,
+            dead=self.rules.dead(keys),
+            merge=self.rules.merge(keys),
+            stations=self.rules.stations(keys, protocol),
+            enabled=reader.flag(keys.get("enabled"), default=True),
             answer=answer or 0,
             at=entry.key.at,
             port_at=port_node.at,

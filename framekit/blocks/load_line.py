@@ -5,20 +5,15 @@ What cannot be together is said here. What speed and format mean is read with th
 
 from __future__ import annotations
 
-from collections.abc import Mapping as MappingOf
-from typing import Any
-
 from framekit.definition.line_settings import FAST, SPEEDS, Direction, LineSettings, Modem
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node
-from framekit.definition.times import NEVER, LineFormat, format_time
+from framekit.definition.times import NEVER, LineFormat
 
 WIRES = ("type", "duplex", "direction", "echo", "handshake")
 """Keys that make sense only where there are wires."""
 
-TIMES = ("reply_timeout", "byte_timeout")
-"""Times of the protocol that a channel may set by a key of its own."""
 
 NETWORK = ("tcp:", "udp:", "udp-listen:")
 LONGEST_KEY = 1_000_000_000
@@ -64,25 +59,6 @@ class LineLoader:
         self._together(settings)
         self._format(settings)
         return settings
-
-    def params(self, given: MappingOf[str, Any]) -> dict[str, Any]:
-        """The protocol's parameters with the times that the channel sets by keys of its own."""
-        found = dict(given)
-        for name in TIMES:
-            node = self.keys.get(name)
-            if node is None:
-                continue
-            with self.reader.going_on():
-                time = self._time(name, node)
-                if name not in self.protocol.params:
-                    known = [one for one, parameter in self.protocol.params.items() if parameter.type == "time"]
-                    todo = f"set these by params: {', '.join(known)}" if known else "leave it out"
-                    self.reader.note(node.at, f"'{self.protocol.name}' has no parameter '{name}'", todo)
-                elif name in given:
-                    self.reader.note(node.at, f"'{name}' stands in params too", "leave one of them out")
-                else:
-                    found[name] = format_time(time or 0)
-        return found
 
     # ---- single keys --------------------------------------------------------------------------------------
 

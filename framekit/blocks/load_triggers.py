@@ -94,3 +94,4 @@ class TriggerLoader:
             if end.block not in numbers:
                 known = ", ".join(map(str, sorted(numbers)))
                 self.reader.note(node.at, f"there is no block {end.block} to wait for", f"known: {known}")
+        self.ends.clear()

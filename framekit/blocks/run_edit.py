@@ -54,7 +54,7 @@ def plan_edit(old: Run, new: Run) -> Edit:
     problems = list(_refusals(old, new))
     if problems:
         raise DefinitionError(problems)
-    old_blocks, new_blocks = ({block.number: block for block in run.blocks} for run in (old, new))
+    old_blocks, new_blocks = ({block.id: block for block in run.blocks} for run in (old, new))
     channels = _compared(old.channels, new.channels)
     blocks = _compared(old_blocks, new_blocks)
     touched = {*channels.gone, *channels.changed}
@@ -107,4 +107,4 @@ def _compared(old: Mapping[int, object], new: Mapping[int, object]) -> _Compared
 
 def added_blocks(edit: Edit) -> list[Block]:
     """The blocks that begin anew."""
-    return [block for block in edit.run.blocks if block.number in (*edit.blocks_changed, *edit.blocks_new)]
+    return [block for block in edit.run.blocks if block.id in (*edit.blocks_changed, *edit.blocks_new)]

@@ -30,8 +30,8 @@ so blocks that fail at once and start each other, or themselves, stop nobody."""
 class BlockState:
     """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
 
-    `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round` counts
-    how often it has been armed; timers of earlier rounds mean nothing.
+    `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
+    counts how often it has been armed; timers of earlier rounds mean nothing.
     """
 
     def __init__(self, block: Block) -> None:
@@ -63,11 +63,12 @@ Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
 class Scheduler:
     """Makes blocks due and starts them, channel by channel.
 
-    `channels`: how each treats its line, or just the silence between two exchanges (ns). `start(state, now)` begins the
-    exchange of a block and its companions; the end of each is told by `finished`. `wake()` asks the owner to call `tick`
-    soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has been
-    counted and before anything that waits for it comes due. `station_of` tells which station a block talks to, `joins`
-    which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled.
+    `channels`: how each treats its line, or just the silence between two exchanges (ns). `start(state, now)` begins
+    the exchange of a block and its companions; the end of each is told by `finished`. `wake()` asks the owner to call
+    `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
+    been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
+    `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
+    `died(channel, station, dead)` hears of stations that are given up or back.
     """
 
     def __init__(
@@ -194,10 +195,15 @@ class Scheduler:
             self._wake()
 
     def enable_set(self, number: int, on: bool, now: int) -> None:
-        """Switches a parameter set on – its time triggers count from now – or off. Raises KeyError for an unknown one."""
-        if number not in self.sets and all(state.block.set != number for state in self.states.values()):
+        """Switches a parameter set on, its time triggers count from now, or off. Raises KeyError for an unknown one."""
+        if number not in self.sets:
             raise KeyError(number)
+        self.set_enabled(number, on, now)
+
+    def set_enabled(self, number: int, on: bool, now: int) -> None:
+        """As `enable_set`; a set that is new is one from here on."""
         if self.sets.get(number, True) == on:
+            self.sets[number] = on
             return
         self.sets[number] = on
         for state in self.states.values():

@@ -6,16 +6,18 @@ which places of the own memory belong to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.fields import FramePart, fixed_bytes, from_memory, parts_of, takes_bytes, to_memory
+from framekit.blocks.merging import Read, joined
 from framekit.blocks.model import Block
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import StationType
+from framekit.link.addresses import AddressError
 from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS
@@ -85,6 +87,39 @@ class BlockTransfers:
             return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
         assert block.service is not None
         return self.client.call(block.service, dict(block.arguments), station=station, now=now, on_done=done)
+
+    def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
+        """One read for several blocks of one station; each gets its own part, and its own end."""
+        assert self.client is not None
+        address, count = joined(reads)
+
+        def done(result: TransferResult) -> None:
+            bits = address.unit_bits
+            for read in reads:
+                block, ended = read.key
+                part = result
+                if result.ok:
+                    data = cut_memory(result.data, (read.address.start - address.start) * bits, read.count * bits)
+                    part = TransferResult(True, data=data)
+                self._finisher(block, ended)(part)
+
+        try:
+            station = self.station_of(reads[0].key[0])
+            return self.client.read(address, station=station, count=count, now=now, on_done=done)
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            for read in reads:
+                read.key[1](Failure(outcome="cannot_send", cause=str(error)))
+            return []
+
+    def read_of(self, block: Block, ended: Ended) -> Read[tuple[Block, Ended]] | None:
+        """What a READ block with one place reads, as others may join it; None for every other block."""
+        if block.instruction != "read" or len(block.targets) != 1 or not block.merge or self.client is None:
+            return None
+        try:
+            address = self.client.grammar.parse(block.targets[0], block.unit)
+        except AddressError:
+            return None
+        return Read((block, ended), address, block.count)
 
     def station_of(self, block: Block) -> Any:
         """The other side's station: fixed, or from the own memory as it is now. Raises ValueError."""

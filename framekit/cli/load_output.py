@@ -56,7 +56,7 @@ def _row(one: BlockLoad) -> tuple[str, ...]:
     if one.missed:
         note = "; ".join(filter(None, (f"misses {percent(one.missed)}", note)))
     return (
-        str(one.block.number), what_of(one.block), starts, str(cost.frames), str(cost.bytes),
+        one.block.label, what_of(one.block), starts, str(cost.frames), str(cost.bytes),
         milliseconds(cost.duration), percent(one.busy) if one.period else "-", note,
     )  # fmt: skip
 

@@ -125,6 +125,7 @@ class JsonOutput(Output):
             counters = state.counters
             line = {
                 "event": "block",
+                "set": state.block.set,
                 "block": state.block.number,
                 "name": state.block.name,
                 "instruction": state.block.instruction,
@@ -134,6 +135,7 @@ class JsonOutput(Output):
                 "failed": counters.failed,
                 "running": counters.running,
                 "overruns": counters.overruns,
+                "dead": state.dead,
                 "last": state.last_outcome,
             }
             print(json.dumps(line, ensure_ascii=False), flush=True)
@@ -188,7 +190,7 @@ def _segments(service: RunService, state: BlockState) -> tuple[Segment, ...]:
 def _row(state: BlockState) -> tuple[str, ...]:
     block, counters = state.block, state.counters
     numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
-    return (str(block.number), what_of(block), *map(str, numbers), state.last_outcome or "-")
+    return (block.label, what_of(block), *map(str, numbers), state.last_outcome or "-")
 
 
 def measured_load(load: ChannelLoad, service: RunService) -> float | None:

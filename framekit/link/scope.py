@@ -174,6 +174,24 @@ class Scope(Names):
             check_value(parameter, value)
             self._put(name, fit_of(parameter.type)(value))
 
+    def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
+        """Gives parameters other values for a while; what it returns gives them back. Raises ParameterError."""
+        before = {name: self[name] for name in given if name in self.keys()}
+        for name, value in given.items():
+            taken = given_value(self.protocol.params[name], value)
+            self[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
+        self._changes += 1
+
+        def back() -> None:
+            for name in given:
+                if name in before:
+                    self[name] = before[name]
+                else:
+                    self.pop(name, None)
+            self._changes += 1
+
+        return back
+
     def set_entry(self, name: str, key: Any, value: Any) -> None:
         """Sets an entry of a table, an item of a list or a field of a record variable."""
         holder = self[name]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
 
 from framekit.blocks.block_status import Failure
+from framekit.blocks.merging import Read
 from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.link.client import Client
 from framekit.link.engine import Engine
-from framekit.link.events import Command
 from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor
 from framekit.link.serving import MemoryServer
@@ -21,6 +21,9 @@ from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
+
+REPEATS = "retries"
+"""The parameter that says how often an exchange is repeated, where a protocol has it."""
 
 
 class ChannelOwner(Protocol):
@@ -100,6 +103,10 @@ class ChannelService:
     def start(self) -> None:
         self.driver.start()
 
+    def switch_off(self) -> None:
+        """Closes the port until `start`; what runs ends as closed."""
+        self.driver.switch_off()
+
     def stop(self) -> None:
         self.driver.stop()
 
@@ -112,13 +119,38 @@ class ChannelService:
         """Takes leave of the other side as soon as nothing runs; `done` is called then."""
         self.driver.do(lambda now: self.engine.close_session(now, done))
 
-    def start_block(self, block: Block, ended: Ended) -> None:
-        """Begins the exchange of a block; `ended` is called exactly once."""
+    def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
+        """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
+        params = self._params_for(block, repeats)
+        back = self.engine.scope.override(params) if params else None
 
-        def begin(now: int) -> list[Command]:
-            return self.transfers.start(block, now, ended)
+        def done(failure: Failure | None) -> None:
+            if back is not None:
+                back()
+            ended(failure)
 
-        self.driver.do(begin)
+        self.driver.do(lambda now: self.transfers.start(block, now, done))
+
+    def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
+        """Begins one read for several blocks; each is told its own end."""
+        self.driver.do(lambda now: self.transfers.start_joined(reads, now))
+
+    def _params_for(self, block: Block, repeats: bool) -> dict[str, Any]:
+        """What the protocol's parameters are for this exchange alone: those of its station, then its own."""
+        rules = self.channel.stations.get(self.station_of(block)) if self.channel.stations else None
+        found = {**(rules.params if rules is not None else {}), **block.params}
+        if not repeats and REPEATS in self.channel.protocol.params:
+            found[REPEATS] = 0
+        return found
+
+    def station_of(self, block: Block) -> Any:
+        """The station a block talks to; None for none, and where its own memory names none."""
+        if block.instruction not in ("read", "write", "call"):
+            return None
+        try:
+            return self.transfers.station_of(block)
+        except (DeviceMemoryError, ValueError):
+            return None
 
     def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
         if self.client is not None:
@@ -127,12 +159,12 @@ class ChannelService:
     def _frame(self, frame: FrameValue) -> None:
         """A frame nobody waited for: the RECEIVE blocks that name it take it."""
         for block in self.receiving.get(frame.frame, ()):
-            taking = self.owner.takes(block.number)
+            taking = self.owner.takes(block.id)
             if taking is None:
                 continue
             try:
                 self.transfers.store_frame(taking, frame)
             except (DeviceMemoryError, ValueError) as error:
-                self.owner.arrived(block.number, Failure(outcome="cannot_store", cause=str(error)))
+                self.owner.arrived(block.id, Failure(outcome="cannot_store", cause=str(error)))
             else:
-                self.owner.arrived(block.number, None)
+                self.owner.arrived(block.id, None)

@@ -67,8 +67,9 @@ class Driver:
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Opens the port; it goes on trying until `stop`, unless the port is one that cannot be opened again."""
+        """Opens the port; it goes on trying until `stop` or `switch_off`, unless the port is one that cannot be opened again."""
         self._retry = min(FIRST_RETRY, self.longest_retry)
+        self.stopped = False
         self.port.open(self)
 
     def stop(self) -> None:
@@ -79,6 +80,14 @@ class Driver:
             if timer is not None:
                 timer.cancel()
         self.port.close()
+
+    def switch_off(self) -> None:
+        """Closes the port until `start`; the engine is told, so that what runs ends."""
+        if not self.stopped:
+            self.stop()
+            self.is_open = False
+            self.on_state("switched off")
+            self._carry_out(self.engine.closed(self.clock.now(), "switched off"))
 
     def do(self, action: Callable[[int], list[Command]]) -> None:
         """Runs something that talks to the engine (an exchange started, say) and carries out what comes of it."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from framekit.blocks.run_edit import Edit, added_blocks, plan_edit
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
+from framekit.service.exchanges import rules_of
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
@@ -72,9 +73,11 @@ class RunEditor:
         for number in edit.channels_gone:
             scheduler.remove_channel(number)
         for number, (channel, devices) in prepared.channels.items():
-            scheduler.add_channel(number, edit.run.channels[number].pause)
+            scheduler.add_channel(number, rules_of(edit.run.channels[number]))
             service.channels[number], service.devices_on[number] = channel, devices
         service.run = edit.run
+        for number, on in edit.run.sets.items():
+            scheduler.set_enabled(number, on, now)
         added = [scheduler.add(block) for block in added_blocks(edit)]
         for state in added:
             service.block_memory.add(state, edit.run.channels[state.block.channel].protocol)

@@ -5,7 +5,8 @@ Everything happens in callbacks of the clock and of ports. Nothing here prints; 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Hashable
 from pathlib import Path
 
 from framekit.blocks.block_memory import BlockMemory, status_of
@@ -25,11 +26,14 @@ from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.edit import Applied, RunEditor
 from framekit.service.ending import LONGEST_FAREWELL, Ending
+from framekit.service.exchanges import Exchanges, rules_of
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
 from framekit.service.state_file import StateFile
 from framekit.service.state_keeper import StateKeeper
 from framekit.transport.clock import Clock, Handle
+
+log = logging.getLogger(__name__)
 
 RunMonitor = Callable[[int, Seen], None]
 """Gets everything seen on the lines: the channel's number and what was seen."""
@@ -57,11 +61,9 @@ class RunService:
             self.channels[number], self.devices_on[number] = self.make_channel(run, number)
         self.editor = RunEditor(self)
         self.on_channel: OnChannel = lambda number, channel: None
-        pauses = {number: channel.pause for number, channel in run.channels.items()}
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
-        self.scheduler = Scheduler(
-            run.blocks, self.memory, self.resolve, pauses, self._start_block, self._wake, self._ended
-        )
+        self.exchanges = Exchanges(self.channels, self.block_memory, self._finished)
+        self.scheduler = self._scheduler()
         for state in self.scheduler.states.values():
             self.block_memory.add(state, run.channels[state.block.channel].protocol)
         put_values(self.memory, run.initial)
@@ -70,6 +72,22 @@ class RunService:
         self._timer: Handle | None = None
         self._woken = False
         self.running = False
+
+    def _scheduler(self) -> Scheduler:
+        run = self.run
+        return Scheduler(
+            run.blocks,
+            self.memory,
+            self.resolve,
+            {number: rules_of(channel) for number, channel in run.channels.items()},
+            self._start_block,
+            self._wake,
+            self._ended,
+            station_of=self.exchanges.station_of,
+            joins=self.exchanges.joins if any(channel.merge for channel in run.channels.values()) else None,
+            sets=run.sets,
+            died=self._died,
+        )
 
     def _keeper(self) -> StateKeeper | None:
         """What was kept is put back; words of blocks come from the run and its counters."""
@@ -162,10 +180,11 @@ class RunService:
         Ending(self.channels.values(), self.clock, within, end)
 
     def open_channel(self, number: int) -> None:
-        """Opens the port of a channel, and those of the simulated devices on its line."""
+        """Opens the port of a channel that is not switched off, and those of the simulated devices on its line."""
         for device in self.devices_on[number]:
             device.start()
-        self.channels[number].start()
+        if self.run.channels[number].enabled:
+            self.channels[number].start()
 
     def close_channel(self, number: int) -> None:
         """Closes them."""
@@ -199,6 +218,24 @@ class RunService:
         self.scheduler.fire(number, self.clock.now())
         self._arm()
 
+    def enable_set(self, number: int, on: bool = True) -> None:
+        """Switches a parameter set on or off. Raises KeyError for a number there is not."""
+        self.scheduler.enable_set(number, on, self.clock.now())
+
+    def enable_channel(self, number: int, on: bool = True) -> None:
+        """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises KeyError."""
+        channel = self.channels[number]
+        channel.start() if on else channel.switch_off()
+
+    def reset(self) -> None:
+        """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
+        now = self.clock.now()
+        self.system.start(now)
+        self.scheduler.reset(now)
+        for state in self.states.values():
+            self.block_memory.changed(state)
+        self._arm()
+
     def enable(self, number: int, on: bool = True) -> None:
         """Switches a block on or off. Raises KeyError for a number there is not."""
         self.scheduler.enable(number, on, self.clock.now())
@@ -206,7 +243,7 @@ class RunService:
 
     @property
     def states(self) -> dict[int, BlockState]:
-        """The blocks at work, with their counters, by number."""
+        """The blocks at work, with their counters, by their ids: numbers in set 1, 64 more for each further set."""
         return self.scheduler.states
 
     @property
@@ -221,20 +258,22 @@ class RunService:
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def _start_block(self, state: BlockState, now: int) -> None:
-        number = state.block.number
         self.refresh()
+        self.exchanges.start(state)
 
-        def ended(failure: Failure | None) -> None:
-            if self.states.get(number) is state:
-                self.scheduler.finished(number, failure, self.clock.now())
+    def _finished(self, number: int, failure: Failure | None) -> None:
+        if number in self.states:
+            self.scheduler.finished(number, failure, self.clock.now())
 
-        self.block_memory.started(state)
-        try:
-            block = self.block_memory.effective(state.block)
-        except SettingError as error:
-            ended(Failure(outcome="bad_setting", cause=str(error)))
-        else:
-            self.channels[block.channel].start_block(block, ended)
+    def _died(self, channel: int, station: Hashable, dead: bool) -> None:
+        """A station is given up for now, or back."""
+        log.log(
+            logging.WARNING if dead else logging.INFO,
+            "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
+        )  # fmt: skip
+        for state in self.states.values():
+            if state.block.channel == channel:
+                self.block_memory.changed(state)
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self.block_memory.ended(state, ok, now)
@@ -243,7 +282,7 @@ class RunService:
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
-        self.scheduler.set_open(channel, is_open)
+        self.scheduler.set_open(channel, is_open, self.clock.now())
 
     def takes(self, block: int) -> Block | None:
         """A RECEIVE block with its settings as they are now; None when it takes no frame now."""

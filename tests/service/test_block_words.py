@@ -16,6 +16,7 @@ RUN = """
 run: words
 memory: masterlogic
 status: STATUS
+dead: no
 channels:
   1: {port: "sim:one.device.yaml,two.device.yaml", protocol: modbus-rtu, params: {reply_timeout: 50 ms, retries: 0}}
 blocks:
@@ -140,6 +141,7 @@ memory:
   flags:
     mine: {area: S, first: 10, words: 4, sets: 1, blocks: 4, items: {
       running: {word: 0, bit: 0}, started_count: {word: 1}, reason: {word: 2}, done: {word: 3, bit: 7}}}
+dead: no
 channels:
   1: {port: "sim:one.device.yaml", protocol: modbus-rtu, params: {reply_timeout: 50 ms, retries: 0}}
 blocks:

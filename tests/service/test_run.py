@@ -79,6 +79,7 @@ def test_the_other_examples_have_no_failures(name: str) -> None:
 SILENT = """
 run: silent
 memory: masterlogic
+dead: no
 channels:
   1: {port: "sim:there.device.yaml", protocol: modbus-rtu, params: {reply_timeout: 100 ms, retries: 1}}
   2: {port: "sim:there.device.yaml", protocol: modbus-rtu}

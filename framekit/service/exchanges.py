@@ -1,0 +1,132 @@
+"""Between the scheduler and the channels: a block that may start becomes an exchange, or shares one with neighbours.
+
+It knows which station a block talks to now, and which waiting reads go together, but not when what starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+
+from framekit.blocks.block_memory import BlockMemory
+from framekit.blocks.block_settings import SettingError
+from framekit.blocks.block_status import Failure
+from framekit.blocks.lanes import LaneRules
+from framekit.blocks.merging import Read, neighbours
+from framekit.blocks.model import Block, Channel
+from framekit.blocks.scheduler import BlockState
+from framekit.blocks.transfer import Ended
+from framekit.service.channel import ChannelService
+
+
+class Exchanges:
+    """The exchanges of a run. `finished(id, failure)` is told the end of each block's."""
+
+    def __init__(
+        self,
+        channels: Mapping[int, ChannelService],
+        block_memory: BlockMemory,
+        finished: Callable[[int, Failure | None], None],
+    ) -> None:
+        self._channels = channels
+        self._block_memory = block_memory
+        self._finished = finished
+        self._alone: set[int] = set()
+
+    def station_of(self, state: BlockState) -> Hashable:
+        """The station a block talks to as its settings are now; None where there is none."""
+        try:
+            block = self._block_memory.effective(state.block)
+        except SettingError:
+            return None
+        station = self._channels[block.channel].station_of(block)
+        return station if isinstance(station, Hashable) else None
+
+    # ---- starting -----------------------------------------------------------------------------------------
+
+    def start(self, state: BlockState) -> None:
+        """Begins the exchange of a block, and of those that come with it."""
+        self._block_memory.started(state)
+        block = self._effective(state)
+        if block is None:
+            others: list[BlockState] = list(state.companions)
+            state.companions = ()
+            for other in others:
+                self.start(other)
+            return
+        channel = self._channels[block.channel]
+        if not state.companions:
+            channel.start_block(block, self._ending(state), repeats=not state.probing)
+            return
+        states = [state, *state.companions]
+        reads: list[Read[tuple[Block, Ended]]] = []
+        for one in states:
+            mine = self._effective(one)
+            read = None if mine is None else channel.transfers.read_of(mine, self._joined_ending(one, states))
+            if read is not None:
+                reads.append(read)
+        channel.start_joined(reads)
+
+    def _effective(self, state: BlockState) -> Block | None:
+        """The block with its settings; one that they spoil has ended."""
+        try:
+            return self._block_memory.effective(state.block)
+        except SettingError as error:
+            self._finished(state.block.id, Failure(outcome="bad_setting", cause=str(error)))
+            return None
+
+    def _ending(self, state: BlockState) -> Ended:
+        return lambda failure: self._finished(state.block.id, failure)
+
+    def _joined_ending(self, state: BlockState, states: list[BlockState]) -> Ended:
+        """A joined read that the device refuses is not joined again: each block asks for itself from then on."""
+
+        def ended(failure: Failure | None) -> None:
+            if failure is not None and failure.outcome == "refused":
+                self._alone |= {one.block.id for one in states}
+            self._finished(state.block.id, failure)
+
+        return ended
+
+    # ---- joined reads -------------------------------------------------------------------------------------
+
+    def joins(self, state: BlockState, others: list[BlockState]) -> list[BlockState]:
+        """The waiting reads of the same station that lie beside this one."""
+        channel = self._channels[state.block.channel]
+        merge = channel.channel.merge
+        if merge is None or channel.client is None:
+            return []
+        first = self._read_of(channel, state)
+        if first is None:
+            return []
+        station = self.station_of(state)
+        reads = [
+            read
+            for other in others
+            if other.block.params == state.block.params
+            and (read := self._read_of(channel, other)) is not None
+            and self.station_of(other) == station
+        ]
+        return [read.key for read in neighbours(first, reads, merge, channel.client.grammar)]
+
+    def _read_of(self, channel: ChannelService, state: BlockState) -> Read[BlockState] | None:
+        if state.block.id in self._alone:
+            return None
+        try:
+            block = self._block_memory.effective(state.block)
+        except SettingError:
+            return None
+        read = channel.transfers.read_of(block, _nobody)
+        return None if read is None else Read(state, read.address, read.count)
+
+
+def _nobody(failure: Failure | None) -> None:
+    return None
+
+
+def rules_of(channel: Channel) -> LaneRules:
+    """How the scheduler treats a channel."""
+    return LaneRules(
+        silence=channel.silence,
+        dead=channel.dead,
+        stations={station: rules.dead for station, rules in channel.stations.items() if rules.own_dead},
+    )
