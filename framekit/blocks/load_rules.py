@@ -14,7 +14,7 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.load.scalars import parse_flag
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node
-from framekit.definition.times import LineFormat
+from framekit.definition.times import NEVER, LineFormat
 from framekit.link.parameters import ParameterError, given_value
 from framekit.link.scope import LineTimes
 
@@ -118,7 +118,8 @@ class RulesLoader:
             with self.reader.going_on():
                 parameter = protocol.params.get(name)
                 if parameter is None:
-                    known = ", ".join(one for one, it in protocol.params.items() if it.type in ("time", "number"))
+                    kind = "number" if key == "retries" else "time"
+                    known = ", ".join(one for one, it in protocol.params.items() if it.type == kind)
                     what = f"'{protocol.name}' has no parameter '{name}'"
                     what += "" if key == name else f", which {key} stands for"
                     raise self.reader.broken(
@@ -127,6 +128,8 @@ class RulesLoader:
                 if name in found:
                     raise self.reader.broken(node.at, f"'{name}' stands in params too", "leave one of them out")
                 text = self.reader.text(node)
+                if parameter.type == "time" and not 0 < self.reader.time(node) < NEVER:
+                    raise self.reader.broken(node.at, f"'{text}' is no {key}", "give a time such as 500 ms")
                 try:
                     given_value(parameter, text)
                 except ParameterError as error:

@@ -67,7 +67,7 @@ class Driver:
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Opens the port; it goes on trying until `stop` or `switch_off`, unless the port is one that cannot be opened again."""
+        """Opens the port; it goes on trying until `stop` or `switch_off`, unless it is one that is opened only once."""
         self._retry = min(FIRST_RETRY, self.longest_retry)
         self.stopped = False
         self.port.open(self)
