@@ -1,4 +1,4 @@
-"""Our client against a server written by hand that is late, short, of another station, noisy: nothing wrong is taken."""
+"""Our client against a server that is late, short, of another station, noisy: nothing wrong is taken."""
 
 from __future__ import annotations
 
