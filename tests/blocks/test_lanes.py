@@ -1,0 +1,147 @@
+"""One channel: who is next, silences, and stations that are asked rarely while they do not answer."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from itertools import pairwise
+
+import pytest
+
+from framekit.blocks.block_status import Failure
+from framekit.blocks.lanes import LaneRules
+from framekit.blocks.model import Block, DeadRule, Every, Silence, While
+from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.definition.expression.parse import parse_expression
+from framekit.definition.problems import NOWHERE
+from framekit.link.addresses import Address
+from framekit.memory.area import Area
+from framekit.memory.memory import DeviceMemory
+
+MS = 1_000_000
+
+
+def block(number: int, period: int, station: int = 1, **keys: object) -> Block:
+    """Due every `period` ms from the start on."""
+    trigger = Every(period=period * MS, phase=0)
+    keys = {"triggers": (trigger,), **keys}
+    return Block(number=number, set=1, name="", instruction="read", channel=1, station=station, at=NOWHERE, **keys)  # type: ignore[arg-type]
+
+
+class Bench:
+    """A channel whose exchanges take `duration` ms; `outcomes` says how those with a station end, default: well."""
+
+    def __init__(self, *blocks: Block, duration: int = 10, **rules: object) -> None:
+        self.memory = DeviceMemory([Area("M", size=16)])
+        self.memory.write("M", "word", 1, [1])
+        self.duration = duration * MS
+        self.outcomes: dict[int, str] = {}
+        self.starts: list[tuple[int, int]] = []
+        self.died: list[tuple[int, Hashable, bool]] = []
+        self.end: tuple[int, BlockState] | None = None
+        self.now = 0
+        self.scheduler = Scheduler(
+            blocks, self.memory, lambda text: Address("M", "word", int(text[1:])),
+            {1: LaneRules(**rules)},  # type: ignore[arg-type]
+            self._start, lambda: None, station_of=lambda state: state.block.station,
+            died=lambda channel, station, dead: self.died.append((self.now // MS, station, dead)),
+        )  # fmt: skip
+        self.scheduler.begin(0)
+
+    def _start(self, state: BlockState, now: int) -> None:
+        self.starts.append((now // MS, state.block.number))
+        self.end = now + self.duration, state
+
+    def run_until(self, time: int) -> None:
+        while (due := min(self.scheduler.deadline, self.end[0] if self.end else 1 << 62)) <= time * MS:
+            self.now = now = max(self.now, due)
+            if self.end is not None and self.end[0] <= now:
+                state, self.end = self.end[1], None
+                outcome = self.outcomes.get(state.block.station)
+                self.scheduler.finished(state.block.id, Failure(outcome=outcome) if outcome else None, now)
+            self.scheduler.tick(now)
+        self.now = time * MS
+
+    def of(self, number: int) -> list[int]:
+        return [time for time, one in self.starts if one == number]
+
+
+def always(number: int, **keys: object) -> Block:
+    return block(number, 1, triggers=(While(condition=parse_expression("M1", NOWHERE)),), **keys)
+
+
+def test_a_write_that_is_due_is_not_starved_by_reads_that_go_on_and_on() -> None:
+    bench = Bench(always(0), always(1, priority=9), block(2, 1000))
+    bench.run_until(10_000)
+    starts = bench.of(2)
+    assert len(starts) in (10, 11) and max(time % 1000 for time in starts) <= 20, "after two exchanges at the latest"
+
+
+def test_a_write_that_is_due_is_not_starved_by_an_overloaded_channel() -> None:
+    bench = Bench(*(block(number, 20, priority=number) for number in range(8)), block(60, 500))
+    bench.run_until(10_000)
+    starts = bench.of(60)
+    assert 20 <= len(starts) <= 21 and max(time % 500 for time in starts) <= 90, "each of the others once, at most"
+    for number in range(8):
+        counters = bench.scheduler.states[number].counters
+        assert counters.overruns > 0 and counters.started + counters.overruns == pytest.approx(501, abs=1)
+
+
+def test_silence_when_the_station_changes_and_between_exchanges() -> None:
+    silence = Silence(between=5 * MS, station=20 * MS)
+    bench = Bench(block(0, 1000), block(1, 1000, station=2), block(2, 1000, station=2), silence=silence)
+    bench.run_until(500)
+    assert bench.starts == [(0, 0), (30, 1), (45, 2)]
+
+
+def test_silence_after_opening() -> None:
+    bench = Bench(block(0, 1000), silence=Silence(connect=200 * MS))
+    bench.run_until(500)
+    bench.scheduler.set_open(1, False)
+    bench.run_until(1600)
+    bench.scheduler.set_open(1, True, 1600 * MS)
+    bench.run_until(1900)
+    assert bench.of(0) == [0, 1800]
+
+
+DEAD = DeadRule(failures=3, after=1000 * MS, every=5000 * MS)
+
+
+def test_a_station_is_dead_after_failures_and_time_and_comes_back() -> None:
+    bench = Bench(block(0, 100), block(1, 100, station=2), duration=30, dead=DEAD)
+    bench.outcomes[2] = "no_reply"
+    bench.run_until(20_000)
+    assert len([time for time in bench.of(1) if time < 2000]) in (11, 12), "after 1 s, not after 3 failures"
+    probes = [time for time in bench.of(1) if time > 2000]
+    assert [later - earlier for earlier, later in pairwise(probes)] == [5000] * (len(probes) - 1)
+    assert [(station, dead) for _, station, dead in bench.died] == [(2, True)]
+    bench.outcomes.clear()
+    bench.run_until(30_000)
+    assert [(station, dead) for _, station, dead in bench.died] == [(2, True), (2, False)]
+    assert bench.of(1)[-1] >= 29_900
+    assert len(bench.of(0)) == 301, "nothing of the other station is lost"
+
+
+@pytest.mark.parametrize("outcome", ["refused", "cannot_send", "bad_setting", "unfit_reply"])
+def test_other_failures_are_no_silence(outcome: str) -> None:
+    bench = Bench(block(0, 100), dead=DEAD)
+    bench.outcomes[1] = outcome
+    bench.run_until(10_000)
+    assert bench.died == [] and len(bench.of(0)) == 101
+
+
+def test_an_answer_between_failures_counts_anew() -> None:
+    bench = Bench(block(0, 100), dead=DEAD)
+    for time in range(1, 21):
+        bench.outcomes[1] = "no_reply"
+        bench.run_until(500 * time - 50)
+        bench.outcomes.clear()
+        bench.run_until(500 * time + 50)
+    assert bench.died == []
+
+
+def test_a_single_station_may_have_its_own_rule() -> None:
+    bench = Bench(block(0, 100), block(1, 100, station=2), dead=DEAD, stations={2: None})
+    bench.outcomes |= {1: "no_reply", 2: "no_reply"}
+    bench.run_until(10_000)
+    assert [station for _, station, _ in bench.died] == [1]
+    assert len(bench.of(1)) >= 100

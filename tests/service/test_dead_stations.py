@@ -1,0 +1,98 @@
+"""Stations that do not answer: asked rarely after a while, back by themselves, and nobody else is held up by them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from framekit.blocks.load import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+
+SECOND = 1_000_000_000
+CHANNELS = BLOCKS = 8
+DEAD = 3
+"""Block 3 of every channel asks a station of its own; on channel 1 nobody is there."""
+
+
+def write_run(folder: Path) -> Path:
+    """64 blocks on eight channels with two stations each, all of them every second, a block of each to station 2."""
+    for station in (1, 2):
+        text = (
+            f"device: d{station}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{40001: [{station}]}}}}\n"
+        )
+        (folder / f"d{station}.device.yaml").write_text(text, encoding="utf-8")
+    lines = ["run: one-dead", "memory: masterlogic", "channels:"]
+    lines += [
+        f'  {number}: {{port: "sim:d1.device.yaml,d2.device.yaml", protocol: modbus-rtu, speed: 38400, '
+        "params: {reply_timeout: 300 ms, retries: 2}}"
+        for number in range(1, CHANNELS + 1)
+    ]
+    lines.append("blocks:")
+    for block in range(CHANNELS * BLOCKS):
+        channel, number = block // BLOCKS + 1, block % BLOCKS
+        station = 2 if number == DEAD else 1
+        lines.append(
+            f'  {block}: {{read: "40001", into: D{block:05}, station: {station}, channel: {channel}, every: 1 s}}'
+        )
+    path = folder / "r.run.yaml"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_with_one_dead_station_the_others_keep_their_rate(tmp_path: Path) -> None:
+    """It is dead from the start; its first failures, before it is known to be dead, count as well."""
+    seconds = 100
+    clock = VirtualClock()
+    service = RunService(load_run(write_run(tmp_path)), clock)
+    service.devices[1].start = lambda: None  # type: ignore[method-assign]
+    service.start()
+    clock.run_for(seconds * SECOND + SECOND // 2)
+    for number, state in service.states.items():
+        counters = state.counters
+        assert counters.started == counters.done + counters.failed + counters.running
+        if number == DEAD:
+            assert counters.done == 0 and counters.failed < 20, "it is asked rarely"
+        elif number < BLOCKS:
+            assert counters.done >= 0.99 * seconds, number
+        else:
+            assert counters.done == seconds, "other channels do not even notice"
+    assert [one.block for one in service.status() if one.dead] == [DEAD]
+
+
+RUN = """run: back
+memory: masterlogic
+channels:
+  1:
+    port: "sim:d1.device.yaml,d2.device.yaml"
+    protocol: modbus-rtu
+    params: {reply_timeout: 100 ms, retries: 0}
+    dead: {failures: 3, after: 2 s, every: 10 s}
+blocks:
+  0: {read: "40001", into: D00000, station: 1, every: 200 ms}
+  1: {read: "40001", into: D00001, station: 2, every: 200 ms}
+"""
+
+
+def test_it_comes_back_by_itself(tmp_path: Path) -> None:
+    write_run(tmp_path)
+    path = tmp_path / "back.run.yaml"
+    path.write_text(RUN, encoding="utf-8")
+    clock = VirtualClock()
+    service = RunService(load_run(path), clock)
+    service.start()
+    clock.run_for(5 * SECOND)
+    device = service.devices[1]
+    device.stop()
+    clock.run_for(SECOND)
+    assert not service.status()[1].dead, "failures alone are not enough, it takes time as well"
+    clock.run_for(4 * SECOND)
+    assert service.status()[1].dead
+    failed = service.states[1].counters.failed
+    clock.run_for(30 * SECOND)
+    assert 2 <= service.states[1].counters.failed - failed <= 4, "every 10 s"
+    device.start()
+    before = service.states[1].counters.done
+    clock.run_for(11 * SECOND)
+    assert not service.status()[1].dead
+    clock.run_for(10 * SECOND)
+    assert service.states[1].counters.done - before >= 50

@@ -1,0 +1,94 @@
+"""Parameter sets: blocks of one number in several sets, ends that count within a set, sets and channels on and off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from framekit.blocks.load import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+
+SECOND = 1_000_000_000
+RUN = """run: sets
+memory: masterlogic
+channels:
+  1: {port: "sim:there.device.yaml", protocol: modbus-rtu, station: 1}
+  2: {port: "sim:there.device.yaml", protocol: modbus-rtu, station: 1, enabled: no}
+sets:
+  1:
+    blocks:
+      0: {read: "40001", into: M100, channel: 1, every: 1 s}
+      1: {read: "40002", into: M101, channel: 1, when: block 0 done}
+  2:
+    blocks:
+      0: {read: "40003", into: M102, channel: 1, every: 500 ms}
+      1: {read: "40003", into: M103, channel: 2, every: 500 ms}
+  8:
+    enabled: no
+    blocks:
+      63: {write: "40009", values: [5], channel: 1, every: 1 s}
+"""
+DEVICE = "device: there\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [7, 8, 9]}}\n"
+LAST = 7 * 64 + 63
+
+
+@pytest.fixture
+def clock() -> VirtualClock:
+    return VirtualClock()
+
+
+@pytest.fixture
+def service(tmp_path: Path, clock: VirtualClock) -> RunService:
+    (tmp_path / "r.run.yaml").write_text(RUN, encoding="utf-8")
+    (tmp_path / "there.device.yaml").write_text(DEVICE, encoding="utf-8")
+    service = RunService(load_run(tmp_path / "r.run.yaml"), clock)
+    service.start()
+    return service
+
+
+def done(service: RunService) -> list[int]:
+    return [state.counters.done for state in service.states.values()]
+
+
+def test_blocks_of_several_sets_run_side_by_side(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(10 * SECOND + SECOND // 4)
+    assert done(service) == [10, 10, 20, 0, 0], "block 1 of set 1 follows block 0 of its own set only"
+    assert [(one.set, one.block) for one in service.status()] == [(1, 0), (1, 1), (2, 0), (2, 1), (8, 63)]
+    assert service.memory.read("M", "word", 100, 3) == [7, 8, 9]
+    assert service.memory.read("L", "dword", (625 + 6 * 64 + 2) // 2, 1) != [0], "words of set 2 stand behind set 1"
+
+
+def test_a_set_is_switched_on_and_off(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(10 * SECOND + SECOND // 4)
+    service.enable_set(8)
+    service.enable_set(2, False)
+    clock.run_for(10 * SECOND + SECOND // 4)
+    assert done(service) == [20, 20, 20, 0, 10], "its times count from when it was switched on"
+    assert service.devices[0].memory.read("holding", "word", 8, 1) == [5]
+    with pytest.raises(KeyError):
+        service.enable_set(3)
+
+
+def test_a_channel_is_opened_and_closed(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(SECOND // 4)
+    service.enable_channel(2)
+    clock.run_for(10 * SECOND)
+    assert done(service)[3] == 20
+    service.enable_channel(2, False)
+    clock.run_for(10 * SECOND)
+    assert done(service)[3] == 20 and done(service)[2] == 40
+    service.enable_channel(2)
+    clock.run_for(10 * SECOND)
+    assert 40 <= done(service)[3] <= 41, "what was due meanwhile runs once"
+
+
+def test_reset_begins_anew(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(10 * SECOND + SECOND // 4)
+    service.reset()
+    assert done(service) == [0, 0, 0, 0, 0]
+    clock.run_for(3 * SECOND + SECOND // 4)
+    assert done(service) == [3, 3, 6, 0, 0]
+    for state in service.states.values():
+        assert state.counters.started == state.counters.done + state.counters.failed + state.counters.running
