@@ -87,6 +87,8 @@ def _does(step: Step) -> str:
         words.append("for each piece")
     if step.hold_break is not None:
         words.append(f"break {step.hold_break.text}")
+    if step.flush:
+        words.append("flush")
     if step.wait is not None:
         words.append(f"wait {step.wait.text}")
     if step.call is not None:

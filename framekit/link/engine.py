@@ -92,6 +92,7 @@ class Engine:
         self.farewell = Farewell(machine, self.lanes, self.output)
         self.dispatcher = Dispatcher(machine, self.lanes)
         self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
+        machine.flush = lambda: self.reception.show_noise(self.receiver.flush())
         self._busy = False
 
     # ---- events -------------------------------------------------------------------------------------------

@@ -42,6 +42,7 @@ class Environment:
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
+        self.flush: Callable[[], None] | None = None
         self.delivered: deque[FrameValue] = deque()
         self.callbacks: deque[Callable[[], None]] = deque()
         self.ended: deque[Run] = deque()

@@ -176,6 +176,10 @@ def set_state(scope: Scope, state: Mapping[str, Any]) -> None:
         variable = scope.protocol.state.get(name)
         if variable is None:
             raise ValueError(f"there is no state variable '{name}'")
+        if isinstance(value, Mapping) and variable.keys is not None:
+            for key, item in value.items():
+                scope.set_entry(name, int(state_value("number", key)), state_value(variable.type, item))
+            continue
         if isinstance(value, Mapping) and isinstance(record := scope.get(name), Mapping):
             unknown = [key for key in value if key not in record]
             if unknown:

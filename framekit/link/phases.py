@@ -36,6 +36,8 @@ def phases_of(step: Step, compiled: CompiledStep, compiler: ProgramCompiler) -> 
         phases.append(_wait(step.wait))
     if step.hold_break is not None:
         phases.append(_break(step.hold_break))
+    if step.flush:
+        phases.append(_flush)
     phases.extend(effects.settings(step.set))
     if step.serve is not None:
         phases.append(_serve(step.serve))
@@ -104,6 +106,11 @@ def _break(time: Expression) -> Phase:
         machine.hold_break(run, compute(activation.names))
 
     return phase
+
+
+def _flush(machine: Machine, run: Run, activation: Activation) -> None:
+    if machine.flush is not None:
+        machine.flush()
 
 
 def _serve(serve: Serve) -> Phase:

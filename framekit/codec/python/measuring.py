@@ -82,14 +82,15 @@ class Measuring:
         return ExpressionWriter(self.module, scope, self.context).text(expression, level)
 
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
-        """Text of a size that is not negative."""
+        """Text of a size that is not negative. Below 0 without any field of the frame, the frame fits nothing."""
         text = self.text(expression, scope, level)
         if not may_be_negative(expression.root):
             return text
         local = self.names.fresh("length")
         self.add(f"{local} = {self.text(expression, scope)}")
+        by_fields = any(scope.find(name) is not None for name in names_in(expression.root))
         with self.out.block(f"if {local} < 0:"):
-            self.add("return LOST")
+            self.add("return LOST" if by_fields else "return 0")
         return local
 
     def set_value(self, name: str, scope: Scope, text: str) -> str:

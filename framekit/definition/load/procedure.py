@@ -127,6 +127,7 @@ class ProcedureLoader:
             parts=self._maybe(self._parts, keys.get("parts")),
             wait=self._maybe(reader.expression, keys.get("wait")),
             hold_break=self._maybe(reader.expression, keys.get("break")),
+            flush=reader.flag(keys.get("flush")),
             set=self._maybe(self.values.settings, keys.get("set")) or (),
             serve=self._maybe(self._serve, keys.get("serve")),
             call=self._maybe(lambda _: self._call(keys), keys.get("call")),

@@ -106,6 +106,7 @@ class Step:
     parts: Parts | None = None
     wait: Expression | None = None
     hold_break: Expression | None = None
+    flush: bool = False
     set: tuple[tuple[Target, Value], ...] = ()
     serve: Serve | None = None
     call: CallOf | None = None
