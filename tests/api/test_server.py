@@ -133,3 +133,17 @@ def test_asyncio(tmp_path: Path) -> None:
         assert [frame for frame in seen if frame] == ["request_adu", "reply_adu"]
 
     asyncio.run(asyncio.wait_for(scenario(), 20))
+
+
+def test_a_session_without_breaks_on_a_pseudo_terminal() -> None:
+    """A pseudo-terminal has no break and no parity, so the session begins with the bare message that opens it."""
+    params = {"use_break": "no"}
+    with (
+        framekit.serve("snp", "pty:", station="33101A", params=params) as device,
+        framekit.connect("snp", device.port, station="33101A", params={**params, "privilege": "2"}) as client,
+    ):
+        client.write("R1", list(range(600)))
+        assert client.read("R1", 600) == list(range(600))
+        client.write("Q19", [1, 0, 1])
+        assert device.memory["Q19"] == 1
+        assert client.call("controller_id")["controller"]["id"] == "33101A"

@@ -243,3 +243,13 @@ def test_frames_of_shipped_definitions(name: str, data: st.DataObject) -> None:
     assert covered == set(range(len(whole))), "every byte belongs to a segment"
     cut = data.draw(st.integers(0, len(whole)))
     assert codec.measure(frame, whole[:cut], 0, cut, ctx) < 0 or cut in (0, len(whole))
+
+
+def test_a_size_that_is_negative_without_any_field_fits_nothing() -> None:
+    codec = codec_of(
+        "[{const: 01}, {data: d, size: announced - 8}]",
+        "state: {announced: {type: u16}}",
+        keys="announces: {announced: 9}",
+    )
+    assert codec.measure("f", b"\x01\x02", 0, 2, {"announced": 9}) == 2
+    assert codec.measure("f", b"\x01\x02", 0, 2, {"announced": 0}) == 0

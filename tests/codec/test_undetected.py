@@ -43,6 +43,29 @@ def test_exclusive_or_of_all_bytes(flips: int, theory: float) -> None:
     assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
 
 
+@pytest.mark.parametrize(("flips", "theory"), [(1, 0.0), (2, 1 / 8), (3, 0.0), (4, 176 / 4096)])
+def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float) -> None:
+    """As without turning: each bit of a message still changes one bit of the code, an eighth of them the same one."""
+    codec = compile_protocol(load_protocol("snp"))
+    random = Random(flips)
+    data = random.randbytes(256)
+    names = Names({"announced": 264})
+    good = codec.encode("data_message", {"type": 0x54, "data": data}, names)
+    bits = [(place, bit) for place in range(2, 258) for bit in range(8)]
+    taken = 0
+    for _ in range(TRIES):
+        damaged = bytearray(good)
+        for place, bit in random.sample(bits, flips):
+            damaged[place] ^= 1 << bit
+        try:
+            codec.decode("data_message", bytes(damaged), names)
+        except FrameError:
+            continue
+        taken += 1
+    measured = taken / TRIES
+    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
+
+
 @pytest.mark.parametrize(("wrong", "theory"), [(1, 0.0), (2, 1 / 254), (3, 253 / 254**2)])
 def test_sum_of_all_bytes(wrong: int, theory: float) -> None:
     """Bytes that are replaced at random, none by a DLE: the last one has to undo the others."""

@@ -646,3 +646,31 @@ def test_nothing_is_shown_to_nobody() -> None:
     engine = Engine(protocol_, codec, "client")
     engine.opened(0)
     assert [type(command) for command in engine.start(Exchange(), 0)] == [Send]
+
+
+# ---- flush -------------------------------------------------------------------------------------------------
+
+FLUSHING = """
+main:
+  steps:
+    - step: pause
+      wait: 10 ms
+    - step: one
+      flush: {flush}
+      send: {{ask: {{x: 0}}}}
+      receive:
+        - {{frame: block, then: end}}
+      within: 100 ms
+      on_bad: {{fail: damaged}}
+"""
+
+
+def test_what_came_before_is_forgotten() -> None:
+    """Half a block stands before the one that answers: without flushing they are one damaged block."""
+    for flush, outcome in (("yes", ""), ("no", "damaged")):
+        side = run(FLUSHING.format(flush=flush))
+        side.gets(b"\x04\x04")
+        side.run(20 * MS)
+        side.gets(block(b"abc"))
+        side.run(SECOND)
+        assert [one.outcome for one in side.outcomes] == [outcome]
