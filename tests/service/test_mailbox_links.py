@@ -1,4 +1,4 @@
-"""Sessions with acknowledged messages, and the short ones without, on the bit-exact line at 19200, whole and damaged."""
+"""Sessions with acknowledged messages, and short ones without, on the bit-exact line at 19200, whole and damaged."""
 
 from __future__ import annotations
 
