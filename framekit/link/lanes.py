@@ -16,6 +16,9 @@ from framekit.link.runs import Activation, Dealing, Run, State
 HOLD = 100_000_000
 """A listener that goes round in circles is started again after this (ns)."""
 
+STALE = 1_000_000_000
+"""What has lain there incomplete for so long (ns) when an exchange begins has nothing to do with it."""
+
 
 class LaneState:
     """One lane. `waiting` are exchanges not yet begun, oldest first."""
@@ -92,7 +95,8 @@ class Lanes:
 
     def _begin_exchange(self, lane: LaneState, exchange: Exchange) -> None:
         machine = self.machine
-        if not self.listens:
+        old = machine.scope.now - machine.output.last_received >= STALE
+        if not self.listens or (old and machine.has_bytes()):
             machine.drop_stale()
         self._give_way(lane)
         run = Run(lane, "exchange")

@@ -21,12 +21,12 @@ SINGLE: dict[str, dict[str, Any]] = {
     "wrong_station": {},
     "error_reply": {},
     "truncate": {},
-    "extra": {"data": b"\x55\xaa\x7e"},
+    "extra": {},
     "glue": {},
     "split": {},
     "disconnect": {},
 }
-"""Faults that are done to one frame. Extra bytes that look like the begin of a frame are a matter of the receiver."""
+"""Faults that are done to one frame."""
 
 HARMLESS = ("delay", "jitter", "split")
 LASTING: dict[str, dict[str, Any]] = {"noise": {"rate": 1 / 2000}, "stray": {"time": 200 * MS}, "echo": {"every": 5}}

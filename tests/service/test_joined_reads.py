@@ -68,17 +68,12 @@ def test_reads_that_are_due_together(tmp_path: Path, more: str, requests: list[s
 
 
 def test_a_joined_read_that_is_refused_is_not_joined_again(tmp_path: Path) -> None:
-    text = (
-        READS.replace("MORE", ", merge: {gap: 50000}")
-        .replace("40008", "49999")
-        .replace("count: 2, into: M20", "into: M20")
-    )
-    bench = Bench(tmp_path, text.replace("station: 1,", "station: 1,"))
-    bench.clock.run_for(3 * SECOND)
-    first, second = (bench.service.states[number].counters for number in (0, 2))
-    assert first.done >= 2
-    assert first.started == first.done + first.failed + first.running
-    assert second.started == second.done + second.failed + second.running
+    more = ", merge: yes, faults: {rules: [{fault: error_reply, times: 1}]}"
+    bench = Bench(tmp_path, READS.replace("MORE", more))
+    bench.clock.run_for(SECOND + SECOND // 2)
+    assert bench.requests() == ["0+5", "7+2", "0+2", "2+3", "7+2"]
+    counters = [state.counters for state in bench.service.states.values()]
+    assert [(one.started, one.done, one.failed) for one in counters] == [(2, 1, 1), (2, 1, 1), (2, 2, 0)]
 
 
 def test_one_block_and_one_station_with_other_times(tmp_path: Path) -> None:
