@@ -13,7 +13,6 @@ from pathlib import Path
 from framekit.blocks.block_settings import check_items
 from framekit.blocks.device import read_mapping, start_value, without
 from framekit.blocks.kept_state import read_state
-from framekit.blocks.later import note_later
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
@@ -34,7 +33,6 @@ def load_run(path: Path) -> Run:
     run = None
     with suppress(Broken):
         root = documents.root(path, "run")
-        note_later(reader, root)
         run = RunLoader(reader, path, root).load()
     problems = documents.first_words(reader.problems)
     if run is None or any(not problem.warning for problem in problems):

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import re
 
+from framekit.blocks.model import BLOCKS_IN_SET
 from framekit.service.run import RunService
 
-COMMANDS = "fire N, enable N, disable N (a block, or SET.BLOCK) or stop"
-BLOCKS_IN_SET = 64
+COMMANDS = "fire N, enable N, disable N (a block, SET.BLOCK, set N or channel N), reset or stop"
 
-_LINE = re.compile(r"(fire|enable|disable)\s+(?:block\s+)?(?:([0-9]+)\.)?([0-9]+)")
+_BLOCK = re.compile(r"(fire|enable|disable)\s+(?:block\s+)?(?:([0-9]+)\.)?([0-9]+)")
+_WHOLE = re.compile(r"(enable|disable)\s+(set|channel)\s+([0-9]+)")
 
 
 class ControlError(ValueError):
@@ -24,7 +25,14 @@ def carry_out(service: RunService, line: str) -> None:
     words = line.split("#")[0].strip().lower()
     if not words:
         return
-    match = _LINE.fullmatch(words)
+    if words == "reset":
+        service.reset()
+        return
+    whole = _WHOLE.fullmatch(words)
+    if whole is not None:
+        _switch(service, whole[2], int(whole[3]), whole[1] == "enable")
+        return
+    match = _BLOCK.fullmatch(words)
     if match is None:
         raise ControlError(f"'{words}' is no command – write {COMMANDS}")
     verb, set_number, block = match[1], int("1" if match[2] is None else match[2]), int(match[3])
@@ -36,6 +44,17 @@ def carry_out(service: RunService, line: str) -> None:
         service.fire(number)
     else:
         service.enable(number, verb == "enable")
+
+
+def _switch(service: RunService, what: str, number: int, on: bool) -> None:
+    """A set or a channel on or off. Raises ControlError for one there is not."""
+    known = service.run.sets if what == "set" else service.channels
+    if number not in known:
+        raise ControlError(f"there is no {what} {number} – known: {', '.join(map(str, sorted(known)))}")
+    if what == "set":
+        service.enable_set(number, on)
+    else:
+        service.enable_channel(number, on)
 
 
 def _name(number: int) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from framekit.blocks.load import load_run
-from framekit.service.control import ControlError, carry_out
+from framekit.service.control import COMMANDS, ControlError, carry_out
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
@@ -68,16 +68,44 @@ def test_nothing_to_do(service: RunService, line: str) -> None:
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        ("fire", "'fire' is no command – write fire N, enable N, disable N (a block, or SET.BLOCK) or stop"),
+        (
+            "fire",
+            f"'fire' is no command – write {COMMANDS}",
+        ),
         ("fire 9", "there is no block 9 – known: 0, 3"),
         ("fire 2.3", "there is no block 2.3 – known: 0, 3"),
         ("fire 0.3", "there is no block 0.3 – known: 0, 3"),
         ("disable 1.67", "there is no block 1.67 – known: 0, 3"),
-        ("fire ٣", "'fire ٣' is no command – write fire N, enable N, disable N (a block, or SET.BLOCK) or stop"),
-        ("sing 3", "'sing 3' is no command – write fire N, enable N, disable N (a block, or SET.BLOCK) or stop"),
+        (
+            "fire ٣",
+            f"'fire ٣' is no command – write {COMMANDS}",
+        ),
+        ("disable set 3", "there is no set 3 – known: 1"),
+        ("enable channel 7", "there is no channel 7 – known: 1"),
+        (
+            "sing 3",
+            f"'sing 3' is no command – write {COMMANDS}",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_told(service: RunService, line: str, told: str) -> None:
     with pytest.raises(ControlError) as error:
         carry_out(service, line)
     assert str(error.value) == told
+
+
+def test_sets_channels_and_reset(service: RunService, clock: VirtualClock) -> None:
+    clock.run_for(SECOND)
+    carry_out(service, "disable set 1")
+    before = service.states[0].counters.started
+    clock.run_for(SECOND)
+    assert service.states[0].counters.started == before > 0
+    carry_out(service, "reset")
+    assert service.states[0].counters.started == 0
+    carry_out(service, "enable set 1")
+    carry_out(service, "disable channel 1")
+    clock.run_for(SECOND)
+    assert service.states[0].counters.done == 0
+    carry_out(service, "enable channel 1")
+    clock.run_for(SECOND)
+    assert service.states[0].counters.done >= 9
