@@ -28,8 +28,17 @@ def test_all_link_procedures_side_by_side() -> None:
         assert service.memory.read("M", "word", base, 4) == [channel + 2, 20, 30, 40]
     for slave, base in enumerate(range(140, 170, 10)):
         assert service.memory.read("M", "word", base, 4) == [slave + 1, 20, 30, 40]
+    for channel, base in ((6, 170), (7, 180)):
+        assert service.memory.read("M", "word", base, 4) == [channel + 1, 20, 30, 40]
     written = {device.device.name: device for device in service.devices}
-    for name, area, start in [("mldp", "D", 200), ("modbus", "holding", 10), ("ccm", "R", 10), ("df1", "file7", 10)]:
+    for name, area, start in [
+        ("mldp", "D", 200),
+        ("modbus", "holding", 10),
+        ("ccm", "R", 10),
+        ("snp", "R", 10),
+        ("snp-x", "R", 10),
+        ("df1", "file7", 10),
+    ]:
         assert written[name].memory.read(area, "word", start, 4) == [1, 2, 3, 4], name
     assert written["slave2"].memory.read("file7", "word", 10, 4) == [1, 2, 3, 4]
     service.stop()
