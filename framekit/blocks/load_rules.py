@@ -11,7 +11,6 @@ from typing import Any
 from framekit.blocks.given import parse_station, read_params
 from framekit.blocks.model import DeadRule, Merge, Silence, StationRules
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.scalars import parse_flag
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.times import NEVER, LineFormat
@@ -25,6 +24,8 @@ PARAMETERS = {
     "byte_timeout": "byte_timeout",
 }
 """Keys that are short for a parameter of the protocol, where it has one of this name."""
+
+OCCASIONS = ("between", "connect", "station")
 
 _LINE_TIME = re.compile(r"\s*(\d+)(?:\.(\d+))?\s*(char|bit)s?\s*")
 
@@ -48,7 +49,7 @@ class RulesLoader:
         pause, node = keys.get("pause"), self._node(keys, "silence")
         found = {"between": 0 if pause is None else self.time(pause, line)}
         if isinstance(node, Mapping):
-            found |= {entry.key.text: self.time(entry.value, line) for entry in node.entries}
+            found |= {name: self.time(value, line) for name in OCCASIONS if (value := node.get(name)) is not None}
         elif node is not None:
             found["between"] = self.time(node, line)
         if pause is not None and keys.get("silence") is not None:
@@ -69,6 +70,11 @@ class RulesLoader:
             return count(int(match[1] + digits), 10 ** len(digits))
         return 0
 
+    def _number(self, node: Node | None, usual: int) -> int:
+        with self.reader.going_on():
+            return usual if node is None else self.reader.number(node)
+        return usual
+
     # ---- stations -----------------------------------------------------------------------------------------
 
     def dead(self, keys: Mapping) -> DeadRule | None:
@@ -81,7 +87,7 @@ class RulesLoader:
             return usual if node is None else None
         failures, after, every = node.get("failures"), node.get("after"), node.get("every")
         rule = DeadRule(
-            failures=usual.failures if failures is None else self.reader.number(failures),
+            failures=self._number(failures, usual.failures),
             after=usual.after if after is None else self.time(after, None),
             every=usual.every if every is None else self.time(every, None),
         )
@@ -146,14 +152,9 @@ class RulesLoader:
         if node is None:
             return None
         if not isinstance(node, Mapping):
-            return Merge() if parse_flag(self.reader.text(node)) else None
+            return Merge() if self.reader.flag(node, default=False) else None
         gap, most = node.get("gap"), node.get("max")
-        with self.reader.going_on():
-            merge = Merge(
-                gap=0 if gap is None else self.reader.number(gap),
-                most=None if most is None else self.reader.number(most),
-            )
-            if merge.gap < 0 or (merge.most is not None and merge.most < 1):
-                raise self.reader.broken(node.at, "these limits join nothing", "give a gap of 0 and a max of 1 or more")
-            return merge
-        return None
+        merge = Merge(gap=self._number(gap, 0), most=None if most is None else self._number(most, 1))
+        if merge.gap < 0 or (merge.most is not None and merge.most < 1):
+            self.reader.note(node.at, "these limits join nothing", "give a gap of 0 or more, and a max of 1 or more")
+        return merge
