@@ -188,6 +188,16 @@ def test_layouts_are_codecs_of_their_own() -> None:
     assert "hanging" not in codec.layouts, "its check covers what is not in it"
 
 
+def test_many_bits_are_broken_too() -> None:
+    names = [f"a_rather_long_name_{number}" for number in range(11)]
+    bits = " | ".join(f"{name} << {place}" for place, name in enumerate(names))
+    lines = ["result = sum((", *broken(f"    {bits},"), "))"]
+    assert all(len(line) <= 160 for line in lines)
+    scope: dict[str, int] = dict.fromkeys(names, 1)
+    exec("\n".join(lines), scope)
+    assert scope["result"] == 0x7FF
+
+
 @pytest.mark.parametrize("word", ["and", "or"])
 @pytest.mark.parametrize("first", ["alpha", "(alpha)"])
 def test_long_conditions_are_broken_where_python_allows_it(first: str, word: str) -> None:

@@ -83,8 +83,12 @@ def broken(line: str) -> list[str]:
 
 
 def _weakest(text: str) -> str | None:
-    """The weakest operator between conditions that stands in no brackets; None when there is none."""
-    return next((word for word in (" or ", " and ") if len(_split(text, word)) > 1), None)
+    """The weakest operator between conditions, or between bits, that stands in no brackets; None if there is none."""
+    word = next((word for word in (" or ", " and ") if len(_split(text, word)) > 1), None)
+    bits = _split(text, " | ")
+    if word is None and len(bits) > 1 and all(re.fullmatch(r"\w+( << \d+)?", part) for part in bits):
+        return " | "
+    return word
 
 
 def _packed(items: list[str], indent: str) -> list[str]:
