@@ -190,7 +190,8 @@ def _segments(service: RunService, state: BlockState) -> tuple[Segment, ...]:
 def _row(state: BlockState) -> tuple[str, ...]:
     block, counters = state.block, state.counters
     numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
-    return (block.label, what_of(block), *map(str, numbers), state.last_outcome or "-")
+    last = state.last_outcome or "-"
+    return (block.label, what_of(block), *map(str, numbers), f"{last}, station is dead" if state.dead else last)
 
 
 def measured_load(load: ChannelLoad, service: RunService) -> float | None:

@@ -132,8 +132,26 @@ class ChannelService:
         self.driver.do(lambda now: self.transfers.start(block, now, done))
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
-        """Begins one read for several blocks; each is told its own end."""
-        self.driver.do(lambda now: self.transfers.start_joined(reads, now))
+        """Begins one read for several blocks without parameters of their own; each is told its own end."""
+        params = self._params_for(reads[0].key[0], True)
+        back = self.engine.scope.override(params) if params else None
+        left = len(reads)
+
+        def last() -> None:
+            nonlocal left
+            left -= 1
+            if left == 0 and back is not None:
+                back()
+
+        def telling(ended: Ended) -> Ended:
+            def done(failure: Failure | None) -> None:
+                last()
+                ended(failure)
+
+            return done
+
+        told = [Read((read.key[0], telling(read.key[1])), read.address, read.count) for read in reads]
+        self.driver.do(lambda now: self.transfers.start_joined(told, now))
 
     def _params_for(self, block: Block, repeats: bool) -> dict[str, Any]:
         """What the protocol's parameters are for this exchange alone: those of its station, then its own."""

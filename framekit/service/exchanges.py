@@ -64,7 +64,10 @@ class Exchanges:
             read = None if mine is None else channel.transfers.read_of(mine, self._joined_ending(one, states))
             if read is not None:
                 reads.append(read)
-        channel.start_joined(reads)
+            elif mine is not None:
+                channel.start_block(mine, self._ending(one))
+        if reads:
+            channel.start_joined(reads)
 
     def _effective(self, state: BlockState) -> Block | None:
         """The block with its settings; one that they spoil has ended."""
@@ -93,7 +96,7 @@ class Exchanges:
         """The waiting reads of the same station that lie beside this one."""
         channel = self._channels[state.block.channel]
         merge = channel.channel.merge
-        if merge is None or channel.client is None:
+        if merge is None or channel.client is None or state.block.params:
             return []
         first = self._read_of(channel, state)
         if first is None:
@@ -102,7 +105,7 @@ class Exchanges:
         reads = [
             read
             for other in others
-            if other.block.params == state.block.params
+            if not other.block.params
             and (read := self._read_of(channel, other)) is not None
             and self.station_of(other) == station
         ]

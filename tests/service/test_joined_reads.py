@@ -128,3 +128,15 @@ sets:
     assert bench.service.memory.read("M", "word", 0, 3) == [1, 2, 3]
     base = 625 + 6 * 64 * 7
     assert bench.service.memory.read("L", "word", base + 2, 1) == [3], "SVCCNT of set 8, block 0"
+
+
+def test_joined_reads_have_the_times_of_their_station(tmp_path: Path) -> None:
+    text = READS.replace(
+        "station: 1MORE", "station: 9, merge: yes, dead: no, stations: {9: {retries: 0, timeout: 100 ms}}"
+    )
+    bench = Bench(tmp_path, text)
+    bench.clock.run_for(SECOND // 2)
+    assert bench.requests() == ["0+5", "7+2"], "asked once each"
+    assert [state.counters.failed for state in bench.service.states.values()] == [1, 1, 1]
+    scope = bench.service.channels[1].engine.scope
+    assert (scope["retries"], scope["reply_timeout"]) == (2, SECOND), "and then as before"
