@@ -6,9 +6,9 @@ Brings status words and settings together with the scheduler's blocks. Sans-I/O:
 from __future__ import annotations
 
 from framekit.blocks.block_settings import BlockSettings, settings_sections
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.model import Block
-from framekit.blocks.scheduler import BlockState
 from framekit.blocks.status_words import StatusWords, status_sections
 from framekit.definition.model.protocol import Protocol
 from framekit.memory.memory import DeviceMemory

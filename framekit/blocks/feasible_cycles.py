@@ -9,8 +9,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.model import BLOCKS_IN_SET, Block, BlockEnd, Every
-from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.blocks.scheduler import Scheduler
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError
 from framekit.memory.memory import DeviceMemory

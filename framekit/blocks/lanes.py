@@ -16,7 +16,7 @@ from framekit.blocks.model import DeadRule, Silence
 from framekit.definition.times import NEVER
 
 if TYPE_CHECKING:
-    from framekit.blocks.scheduler import BlockState
+    from framekit.blocks.block_state import BlockState
 
 Entry = tuple[int, int, int, "BlockState"]
 """When a block came due, its priority (less is sooner), its id, and the block."""

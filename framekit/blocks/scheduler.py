@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from dataclasses import replace
 
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
 from framekit.blocks.conditions import Resolve
 from framekit.blocks.counters import Counters
@@ -25,35 +25,6 @@ from framekit.memory.memory import DeviceMemory
 LEAST_TIME = 1_000_000
 """One that ends at once holds its channel for 1 ms; a `while` block starts again 1 ms after its end at the earliest:
 so blocks that fail at once and start each other, or themselves, stop nobody."""
-
-
-class BlockState:
-    """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
-
-    `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
-    counts how often it has been armed; timers of earlier rounds mean nothing.
-    """
-
-    def __init__(self, block: Block) -> None:
-        self.block = block
-        self.counters = Counters()
-        self.enabled = block.enabled
-        self.waiting = False
-        self.starts_left = block.repeat
-        self.memory_triggers: MemoryTriggers | None = None
-        self.started_at = 0
-        self.last_failure: Failure | None = None
-        self.last_outcome = ""
-        self.reasons: Counter[str] = Counter()
-        self.last_end: int | None = None
-        self.companions: tuple[BlockState, ...] = ()
-        self.probing = False
-        self.dead = False
-        self.round = 0
-
-    @property
-    def running(self) -> bool:
-        return self.counters.running > 0
 
 
 Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]

@@ -6,7 +6,7 @@ looked up by its number. Nothing here starts an exchange.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from framekit.blocks.conditions import Condition, Resolve
 from framekit.blocks.model import Block, Changed, Rising, While
@@ -21,6 +21,21 @@ Fire = Callable[[Block], None]
 def bits_of(trigger: Changed) -> int:
     """How many bits from its address on an `on_change` looks at."""
     return trigger.address.unit_bits if trigger.words is None else 16 * trigger.words
+
+
+def awaited_bits(blocks: Iterable[Block], resolve: Resolve) -> set[tuple[str, int]]:
+    """The bits that triggers look at, by area and number: of a memory's own bits only these have to tick."""
+    found: set[tuple[str, int]] = set()
+    for block in blocks:
+        for trigger in block.triggers:
+            if isinstance(trigger, (Rising, While)):
+                places = [(one, one.unit_bits) for one in Condition(trigger.condition, resolve).addresses.values()]
+            elif isinstance(trigger, Changed):
+                places = [(trigger.address, bits_of(trigger))]
+            else:
+                continue
+            found |= {(place.area, place.first_bit + bit) for place, bits in places for bit in range(bits)}
+    return found
 
 
 class MemoryTriggers:

@@ -13,10 +13,10 @@ from framekit.cli.seen_output import seen_data, seen_text
 from framekit.memory.numbers import unit_bits
 
 if TYPE_CHECKING:
+    from framekit.blocks.block_state import BlockState
     from framekit.blocks.feasibility import ChannelLoad
     from framekit.blocks.model import Run
     from framekit.blocks.run_edit import Edit
-    from framekit.blocks.scheduler import BlockState
     from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
     from framekit.service.run import RunService

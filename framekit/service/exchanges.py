@@ -9,11 +9,11 @@ from collections.abc import Callable, Hashable, Mapping
 
 from framekit.blocks.block_memory import BlockMemory
 from framekit.blocks.block_settings import SettingError
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
 from framekit.blocks.lanes import LaneRules
 from framekit.blocks.merging import Read, neighbours
 from framekit.blocks.model import Block, Channel
-from framekit.blocks.scheduler import BlockState
 from framekit.blocks.transfer import Ended
 from framekit.service.channel import ChannelService
 

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from framekit.blocks.block_memory import BlockMemory, status_of
 from framekit.blocks.block_settings import SettingError
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import BlockStatus, Failure
-from framekit.blocks.conditions import Condition
 from framekit.blocks.device import put_values
-from framekit.blocks.model import Block, Changed, Rising, Run, While
+from framekit.blocks.model import Block, Run
 from framekit.blocks.own_memory import addresses_of
-from framekit.blocks.scheduler import BlockState, Scheduler
-from framekit.blocks.triggers import bits_of
+from framekit.blocks.scheduler import Scheduler
+from framekit.blocks.triggers import awaited_bits
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.link.observe import Seen
@@ -68,7 +68,7 @@ class RunService:
             self.block_memory.add(state, run.channels[state.block.channel].protocol)
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
-        self.system = SystemBits(self.memory, run.memory, self._bit, self._awaited_bits())
+        self.system = SystemBits(self.memory, run.memory, self._bit, awaited_bits(run.blocks, self.resolve))
         self._timer: Handle | None = None
         self._woken = False
         self.running = False
@@ -124,19 +124,6 @@ class RunService:
     def _bit(self, text: str) -> tuple[str, int]:
         address = self.grammar.parse(text)
         return address.area, address.first_bit
-
-    def _awaited_bits(self) -> set[tuple[str, int]]:
-        """The bits that triggers look at: only those clocks have to tick."""
-        found: set[tuple[str, int]] = set()
-        for block in self.run.blocks:
-            for trigger in block.triggers:
-                if isinstance(trigger, (Rising, While)):
-                    places = Condition(trigger.condition, self.resolve).addresses.values()
-                    found |= {(place.area, bit) for place in places for bit in range_of(place, place.unit_bits)}
-                elif isinstance(trigger, Changed):
-                    place = trigger.address
-                    found |= {(place.area, bit) for bit in range_of(place, bits_of(trigger))}
-        return found
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -211,7 +198,7 @@ class RunService:
         for number in self.channels.keys() - self.run.channels.keys():
             del self.channels[number], self.devices_on[number]
         self.refresh()
-        self.system.wait_for(self._awaited_bits())
+        self.system.wait_for(awaited_bits(self.run.blocks, self.resolve))
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""
@@ -336,8 +323,3 @@ class RunService:
 def receiving(run: Run, channel: int) -> list[Block]:
     """The RECEIVE blocks of a channel."""
     return [block for block in run.blocks if block.channel == channel and block.instruction == "receive"]
-
-
-def range_of(address: Address, bits: int) -> range:
-    """`bits` bits of its area from an address on."""
-    return range(address.first_bit, address.first_bit + bits)

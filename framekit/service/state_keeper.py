@@ -10,9 +10,9 @@ import logging
 from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
 from framekit.blocks.fingerprint import fingerprint
-from framekit.blocks.scheduler import BlockState
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 from framekit.service.state_file import Kept, KeptBlock, StateError, StateFile

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import pytest
 
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
 from framekit.blocks.lanes import LaneRules
 from framekit.blocks.model import Block, DeadRule, Every, Silence, While
-from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.blocks.scheduler import Scheduler
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address

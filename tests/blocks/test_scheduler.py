@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
 from framekit.blocks.model import After, Block, BlockEnd, Changed, Every, Rising, Trigger, While
-from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.blocks.scheduler import Scheduler
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import pytest
 
+from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
 from framekit.blocks.lanes import LaneRules
 from framekit.blocks.model import Block, BlockEnd, DeadRule, Every, Silence, Trigger
-from framekit.blocks.scheduler import BlockState, Scheduler
+from framekit.blocks.scheduler import Scheduler
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
 from framekit.memory.area import Area

@@ -235,7 +235,7 @@ blocks:
   3: {read: ["%MW1", "%MW2"], into: [M1, M2], every: 200 ms, phase: 0 ms, type: word, count: 1, priority: 2}
   4: {write: 40010, from: M1, on_change: M1, words: 2, repeat: 5, timeout: 2 s, enabled: no}
   5: {call: status, with: {level: 3}, once: yes, name: look}
-  6: {read: M1, variables: [M1, {read: M2, into: M3}], while: M00002, after: 3 s}
+  6: {read: [M1, M2], into: [M3, M4], while: M00002, after: 3 s}
 sets: {2: {blocks: {0: {send: A}}}}
 merge: {max: 100, gap: 4}
 silence: {between: 5 ms, station: 20 ms}
