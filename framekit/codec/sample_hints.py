@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from framekit.definition.expression.syntax import Compare, Index, Logic, Name, Node, Number
+from framekit.definition.expression.syntax import Call, Compare, Index, Logic, Name, Node, Number, Slice, Text
 from framekit.definition.model.segments import Require, Segment, Value
 
 Evaluate = Callable[[Node], Any]
@@ -20,13 +20,14 @@ _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 
 @dataclass(slots=True)
 class Hints:
-    """What is known about one field. `letters`: place in the text → what may stand there."""
+    """What is known about one field. `letters`: place in the text → what may stand there; `rest`: from a place on."""
 
     least: int | None = None
     most: int | None = None
     allowed: list[Any] | None = None
     denied: list[Any] = field(default_factory=list)
     letters: dict[int, list[str]] = field(default_factory=dict)
+    rest: tuple[int, str] | None = None
 
     def add(self, operator: str, value: Any) -> None:
         """Notes `field operator value`."""
@@ -56,6 +57,7 @@ def hints_of(segments: Iterable[Segment], evaluate: Evaluate) -> dict[str, Hints
     derived = {part.name: part.read.root for part in segments if isinstance(part, Value) and part.build is None}
     found: dict[str, Hints] = {}
     for node in _conditions(segments):
+        _note_rest(found, node)
         if not isinstance(node, Compare):
             continue
         left = node.first
@@ -73,6 +75,16 @@ def _conditions(segments: Iterable[Segment]) -> Iterator[Node]:
         if isinstance(segment, Require):
             root = segment.condition.root
             yield from root.operands if isinstance(root, Logic) and root.operator == "and" else (root,)
+
+
+def _note_rest(found: dict[str, Hints], node: Node) -> None:
+    """Notes `only(field[place:], letters)`."""
+    match node:
+        case Call(
+            function="only", arguments=(Slice(value=Name(name=name), start=start, stop=None), Text(value=letters))
+        ):
+            place = start.value if isinstance(start, Number) else 0
+            found.setdefault(name, Hints()).rest = place, letters
 
 
 def _note(

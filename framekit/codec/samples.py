@@ -273,7 +273,12 @@ class _Record:
         if hints.allowed:
             return str(self.random.choice(hints.allowed))
         size = max([size, *(place + 1 for place in hints.letters if isinstance(field.type.size, Expression))])
+        if hints.rest is not None and isinstance(field.type.size, Expression):
+            size = max(size, hints.rest[0] + 1)
         letters = [self.random.choice(LETTERS) for _ in range(size)]
+        if hints.rest is not None:
+            start, allowed_there = hints.rest
+            letters[start:] = [self.random.choice(allowed_there) for _ in letters[start:]]
         for place, allowed in hints.letters.items():
             if allowed and place < size:
                 letters[place] = self.random.choice(allowed)
