@@ -66,6 +66,7 @@ class Lane:
         self.held = False
         self.free_from = 0
         self._failing: dict[Hashable, _Failing] = {}
+        self._probed = False
         self._last: tuple[Hashable, int] | None = None
         self._changed: list[tuple[Hashable, bool]] = []
 
@@ -79,6 +80,15 @@ class Lane:
         """A block waits for its turn from `due` on."""
         block = state.block
         heapq.heappush(self.waiting, (due, -block.priority, block.id, state))
+
+    def look_again(self, state: BlockState) -> None:
+        """A block that stands aside may talk to another station by now: it waits among the others again."""
+        for failing in self._failing.values():
+            found = [entry for entry in failing.parked if entry[3] is state]
+            for entry in found:
+                failing.parked.remove(entry)
+                heapq.heapify(failing.parked)
+                heapq.heappush(self.waiting, entry)
 
     def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
         """Forgets blocks that wait."""
@@ -102,21 +112,41 @@ class Lane:
         """The next block that may start now; it counts as running from here on."""
         if self.busy or not self.open or self.held or now < self.free_from:
             return None
-        state = self._probe(now) or self._next(now)
+        turns = (self._next, self._probe) if self._probed else (self._probe, self._next)
+        state = turns[0](now) or (turns[1](now) if now >= self.free_from else None)
         if state is not None:
+            self._probed = state.probing
             self.running[state.block.id] = self.station_of(state)
         return state
 
     def _probe(self, now: int) -> BlockState | None:
-        """A dead station whose time has come is asked once."""
+        """A dead station whose time has come is asked once. A block that talks to another one now just waits again."""
         for station, failing in self._failing.items():
             rule = self.rules.dead_rule(station)
-            if failing.parked and rule is not None and failing.probe_at is not None and failing.probe_at <= now:
+            if rule is None or failing.probe_at is None or failing.probe_at > now:
+                continue
+            while failing.parked:
+                entry = heapq.heappop(failing.parked)
+                state = entry[3]
+                if self.station_of(state) != station:
+                    heapq.heappush(self.waiting, entry)
+                    continue
+                if not self._silent_for(station, now):
+                    heapq.heappush(failing.parked, entry)
+                    return None
                 failing.probe_at = now + rule.every
-                state = heapq.heappop(failing.parked)[3]
                 state.probing = True
                 return state
         return None
+
+    def _silent_for(self, station: Hashable, now: int) -> bool:
+        """Whether the line has been silent long enough for a station; else the channel is free when it has."""
+        if self._last is None or station == self._last[0]:
+            return True
+        ready = self._last[1] + self.rules.silence.station
+        if now < ready:
+            self.free_from = ready
+        return now >= ready
 
     def _next(self, now: int) -> BlockState | None:
         while self.waiting:
@@ -126,12 +156,9 @@ class Lane:
             if failing is not None and failing.probe_at is not None:
                 heapq.heappush(failing.parked, entry)
                 continue
-            if self._last is not None and station != self._last[0]:
-                ready = self._last[1] + self.rules.silence.station
-                if now < ready:
-                    heapq.heappush(self.waiting, entry)
-                    self.free_from = ready
-                    return None
+            if not self._silent_for(station, now):
+                heapq.heappush(self.waiting, entry)
+                return None
             return entry[3]
         return None
 
@@ -161,7 +188,7 @@ class Lane:
         if failure is not None and failure.outcome in OWN:
             return
         failing = self._failing.get(station)
-        if failure is None or failure.outcome in ALIVE:
+        if failure is None or failure.outcome in ALIVE or failure.device_code is not None:
             if failing is not None:
                 del self._failing[station]
                 for entry in failing.parked:

@@ -140,8 +140,9 @@ class Scheduler:
             state.enabled = state.block.enabled
             state.last_failure, state.last_outcome, state.last_end = None, "", None
             state.reasons.clear()
-        for lane in self.lanes.values():
+        for channel, lane in self.lanes.items():
             lane.forget_failures()
+            self._mark_changes(channel)
         self.begin(now)
 
     # ---- channels, sets and blocks, on and off ------------------------------------------------------------
@@ -153,6 +154,7 @@ class Scheduler:
             lane.open = False
         elif not lane.open:
             lane.opened(now)
+            self._mark_changes(channel)
             self._wake()
 
     def enable(self, number: int, on: bool, now: int) -> None:
@@ -246,6 +248,8 @@ class Scheduler:
             return
         if state.waiting or state.running:
             state.counters.overruns += 1
+            if state.waiting:
+                self.lanes[state.block.channel].look_again(state)
             return
         if state.starts_left is not None:
             state.starts_left -= 1
@@ -308,19 +312,22 @@ class Scheduler:
         channel = state.block.channel
         lane = self.lanes[channel]
         lane.ended(state, failure, now, LEAST_TIME if now == state.started_at else 0)
-        for station, dead in lane.changes():
-            self._mark(channel, lane, station, dead)
+        self._mark_changes(channel)
+        if state.dead:
+            state.dead = lane.is_dead(lane.station_of(state))
         self._ended(state, failure, now)
         if state.memory_triggers is not None and state.memory_triggers.level_holds():
             self._timer(now + LEAST_TIME, None, state)
         self._wake()
 
-    def _mark(self, channel: int, lane: Lane, station: Hashable, dead: bool) -> None:
-        """The blocks that talk to a station show whether it is dead."""
-        for state in self.states.values():
-            if state.block.channel == channel and lane.station_of(state) == station:
-                state.dead = dead
-        self._died(channel, station, dead)
+    def _mark_changes(self, channel: int) -> None:
+        """The blocks that talk to a station that has died, or is back, show it."""
+        lane = self.lanes[channel]
+        for station, dead in lane.changes():
+            for state in self.states.values():
+                if state.block.channel == channel and lane.station_of(state) == station:
+                    state.dead = dead
+            self._died(channel, station, dead)
 
     def takes(self, number: int) -> bool:
         """Whether a RECEIVE block takes its frame now. Raises KeyError for a number there is not."""

@@ -146,3 +146,57 @@ def test_a_single_station_may_have_its_own_rule() -> None:
     bench.run_until(10_000)
     assert [station for _, station, _ in bench.died] == [1]
     assert len(bench.of(1)) >= 100
+
+
+def test_a_probe_keeps_the_silence_before_another_station() -> None:
+    """Station 2 is dead; whenever the station changes, 5 ms of silence lie between two exchanges."""
+    bench = Bench(
+        block(0, 20, station=1), block(1, 20, station=2), duration=10,
+        silence=Silence(station=5 * MS), dead=DeadRule(failures=1, after=0, every=100 * MS),
+    )  # fmt: skip
+    bench.outcomes[2] = "no_reply"
+    bench.run_until(2_000)
+    changes = [(a, b) for a, b in pairwise(bench.starts) if a[1] != b[1]]
+    assert len(changes) > 10
+    assert all(b[0] - a[0] >= 15 for a, b in changes)
+
+
+def test_probes_of_many_dead_stations_leave_every_other_turn_to_the_living() -> None:
+    """Seven dead stations whose probes take longer than their period allows: block 0 still gets half of the line."""
+    dead = [block(number, 10, station=number + 1) for number in range(1, 8)]
+    bench = Bench(block(0, 20), *dead, duration=10, dead=DeadRule(failures=1, after=0, every=20 * MS))
+    for one in dead:
+        bench.outcomes[one.station] = "no_reply"
+    bench.run_until(4_000)
+    late = [number for time, number in bench.starts if time > 2_000]
+    assert late.count(0) >= 0.45 * len(late)
+    for state in bench.scheduler.states.values():
+        assert state.counters.started == state.counters.done + state.counters.failed + state.counters.running
+
+
+def test_a_block_that_is_redirected_leaves_its_dead_station_at_once() -> None:
+    """Its flag goes as well, and no probe of the dead station is spent on it."""
+    bench = Bench(block(0, 100, station=2), dead=DeadRule(failures=1, after=0, every=10_000 * MS))
+    bench.outcomes[2] = "no_reply"
+    bench.run_until(350)
+    state = bench.scheduler.states[0]
+    assert state.dead and state.counters.started == 1
+    state.block = block(0, 100, station=3)
+    bench.run_until(1_050)
+    assert not state.dead
+    assert state.counters.done == 7
+
+
+def test_a_reopened_port_and_a_reset_take_the_flag_of_dead_stations_away() -> None:
+    for again in ("reopened", "reset"):
+        bench = Bench(block(0, 100, station=2), dead=DeadRule(failures=1, after=0, every=10_000 * MS))
+        bench.outcomes[2] = "no_reply"
+        bench.run_until(50)
+        assert bench.scheduler.states[0].dead
+        if again == "reset":
+            bench.scheduler.reset(bench.now)
+        else:
+            bench.scheduler.set_open(1, False)
+            bench.scheduler.set_open(1, True, bench.now)
+        assert not bench.scheduler.states[0].dead
+        assert bench.died[-1][1:] == (2, False)
