@@ -11,10 +11,10 @@ demo: $(STAMP)
 	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
 
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -q -n auto --dist worksteal
 
 test-long: $(STAMP)
-	$(BIN)/python -m pytest -m long
+	$(BIN)/python -m pytest -q -m long
 
 check: lint test
 
