@@ -14,7 +14,7 @@ from typing import Any
 
 from framekit.api.errors import RequestError
 from framekit.blocks.given import parse_station
-from framekit.blocks.load_channel import CLIENT_ROLES, needs_station
+from framekit.blocks.load_channel import CLIENT_ROLES, needs_own, needs_station
 from framekit.blocks.model import Channel
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
@@ -63,6 +63,8 @@ class LineSettings:
 
     def station_for(self, given: Any, *, needed: bool = True) -> Any:
         """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
+        if needed and self.own is None and needs_own(self.protocol):
+            raise RequestError(f"requests of '{self.protocol.name}' name the asking side – say its number as own")
         if given is not None:
             return checked_station(self.protocol, given)
         if self.station is None and needed and needs_station(self.protocol):

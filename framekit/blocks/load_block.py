@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeVar
 
 from framekit.blocks.given import read_station
-from framekit.blocks.load_channel import needs_station
+from framekit.blocks.load_channel import needs_own, needs_station
 from framekit.blocks.load_frame_block import FrameBlockLoader
 from framekit.blocks.load_rules import RulesLoader
 from framekit.blocks.load_triggers import STARTS, TriggerLoader
@@ -45,6 +45,7 @@ class BlockLoader:
         self.channels = channels
         self.known = known
         self.spoilt = False
+        self.without_own: set[int] = set()
         self.rules = RulesLoader(reader, root)
         self.triggers = TriggerLoader(reader, self.place, self.condition)
         self.frames = FrameBlockLoader(reader, self.place)
@@ -166,8 +167,12 @@ class BlockLoader:
 
     def _station(self, instruction: str, keys: MappingNode, channel: Channel, entry: Entry) -> dict[str, Any]:
         node = keys.get("station")
+        asks = instruction in ("read", "write", "call")
+        if asks and channel.own is None and channel.number not in self.without_own and needs_own(channel.protocol):
+            self.without_own.add(channel.number)
+            what = f"requests of '{channel.protocol.name}' name the asking side, and this channel has no number"
+            self.reader.note(channel.at, what, "add own: to the channel")
         if node is None:
-            asks = instruction in ("read", "write", "call")
             if asks and channel.station is None and needs_station(channel.protocol):
                 what = f"block {entry.key.text} does not say which station it talks to"
                 self.reader.note(entry.key.at, what, "add station: to the block or to its channel")

@@ -189,3 +189,11 @@ def needs_station(protocol: Protocol) -> bool:
     sequences = [protocol.sequences[name] for name in exchanges if name in protocol.sequences]
     expressions = (*expressions_of(holders), *expressions_of(sequences))
     return any("station" in names_in(expression.root) for expression in expressions)
+
+
+def needs_own(protocol: Protocol) -> bool:
+    """Whether requests of a protocol name the side that asks, and nothing says which it is by itself."""
+    if protocol.station.type == "none" or protocol.station.default is not None:
+        return False
+    requests = [row.request for rows in protocol.services.values() for row in rows]
+    return any("own" in names_in(expression.root) for expression in expressions_of(requests))
