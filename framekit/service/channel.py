@@ -157,8 +157,9 @@ class ChannelService:
         """What the protocol's parameters are for this exchange alone: those of its station, then its own."""
         rules = self.channel.stations.get(self.station_of(block)) if self.channel.stations else None
         found = {**(rules.params if rules is not None else {}), **block.params}
-        if not repeats and REPEATS in self.channel.protocol.params:
-            found[REPEATS] = 0
+        repeated = self.channel.protocol.params.get(REPEATS)
+        if not repeats and repeated is not None and repeated.is_ is None and repeated.type == "number":
+            found[REPEATS] = 0 if repeated.limits is None else max(0, repeated.limits[0])
         return found
 
     def station_of(self, block: Block) -> Any:

@@ -55,30 +55,39 @@ class Driver:
         self.on_state = on_state or (lambda text: None)
         self.is_open = False
         self.stopped = False
+        self._started = False
         self.reopenings = 0
         self.load = LineLoad(port.settings, clock.now())
         self._pending: deque[Command] = deque()
         self._timer: Handle | None = None
         self._timer_at = NEVER
         self._send_timer: Handle | None = None
+        self._reopen_timer: Handle | None = None
         self.longest_retry = LONGEST_RETRY
         self._retry = FIRST_RETRY
 
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Opens the port; it goes on trying until `stop` or `switch_off`, unless it is one that is opened only once."""
+        """Opens the port; it goes on trying until `stop` or `switch_off`, unless it is one that is opened only once.
+
+        A second call changes nothing.
+        """
+        if self._started:
+            return
+        self._started = True
         self._retry = min(FIRST_RETRY, self.longest_retry)
         self.stopped = False
         self.port.open(self)
 
     def stop(self) -> None:
         """Closes the port and forgets what was to be sent."""
-        self.stopped = True
+        self.stopped, self._started = True, False
         self._pending.clear()
-        for timer in (self._timer, self._send_timer):
+        for timer in (self._timer, self._send_timer, self._reopen_timer):
             if timer is not None:
                 timer.cancel()
+        self._timer = self._send_timer = self._reopen_timer = None
         self.port.close()
 
     def switch_off(self) -> None:
@@ -125,7 +134,7 @@ class Driver:
         self.on_state(reason)
         self._carry_out(self.engine.closed(now, reason))
         if self.port.opens_again:
-            self.clock.call_at(now + self._retry, self._reopen)
+            self._reopen_timer = self.clock.call_at(now + self._retry, self._reopen)
             self._retry = min(2 * self._retry, self.longest_retry)
 
     def _reopen(self) -> None:

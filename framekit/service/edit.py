@@ -75,9 +75,10 @@ class RunEditor:
         for number, (channel, devices) in prepared.channels.items():
             scheduler.add_channel(number, rules_of(edit.run.channels[number]))
             service.channels[number], service.devices_on[number] = channel, devices
-        service.run = edit.run
+        before, service.run = service.run.sets, edit.run
         for number, on in edit.run.sets.items():
-            scheduler.set_enabled(number, on, now)
+            if before.get(number) != on:  # one that somebody has switched by hand stays so
+                scheduler.set_enabled(number, on, now)
         added = [scheduler.add(block) for block in added_blocks(edit)]
         for state in added:
             service.block_memory.add(state, edit.run.channels[state.block.channel].protocol)

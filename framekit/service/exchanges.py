@@ -84,7 +84,7 @@ class Exchanges:
         """A joined read that the device refuses is not joined again: each block asks for itself from then on."""
 
         def ended(failure: Failure | None) -> None:
-            if failure is not None and failure.outcome == "refused":
+            if failure is not None and (failure.outcome == "refused" or failure.device_code is not None):
                 self._alone |= {one.block.id for one in states}
             self._finished(state.block.id, failure)
 
@@ -102,10 +102,13 @@ class Exchanges:
         if first is None:
             return []
         station = self.station_of(state)
+        if station is None and state.block.station_from is not None:
+            return []  # its memory names no station: it fails by itself
         reads = [
             read
             for other in others
             if not other.block.params
+            and not (station is None and other.block.station_from is not None)
             and (read := self._read_of(channel, other)) is not None
             and self.station_of(other) == station
         ]

@@ -84,7 +84,7 @@ class RunService:
             self._wake,
             self._ended,
             station_of=self.exchanges.station_of,
-            joins=self.exchanges.joins if any(channel.merge for channel in run.channels.values()) else None,
+            joins=self.exchanges.joins,
             sets=run.sets,
             died=self._died,
         )
@@ -106,7 +106,7 @@ class RunService:
         """A channel of a run with the simulated devices on it, not open yet. Raises DefinitionError, ValueError."""
         channel, monitor = run.channels[number], self.monitor
         port, devices = port_for(channel, devices_of(channel, Path(run.folder)), self.clock)
-        watcher = None if monitor is None else lambda seen: monitor(number, seen)
+        watcher = None if monitor is None else lambda seen: undisturbed(monitor, number, seen)
         made = ChannelService(channel, port, self.clock, self.access, receiving(run, number), self, watcher)
         return made, devices
 
@@ -265,7 +265,7 @@ class RunService:
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self.block_memory.ended(state, ok, now)
         if self.on_end is not None:
-            self.on_end(status_of(state), ok)
+            undisturbed(self.on_end, status_of(state), ok)
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
@@ -318,6 +318,19 @@ class RunService:
         due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
         if self.running and due < NEVER:
             self._timer = self.clock.call_at(max(due, now), self._tick)
+
+
+def undisturbed(watcher: Callable[..., None], *what: object) -> None:
+    """Tells a watcher; what it raises goes to the log, since no exchange may end otherwise because it is watched.
+
+    Only an output that nobody reads any more is the end of the run.
+    """
+    try:
+        watcher(*what)
+    except BrokenPipeError:
+        raise
+    except Exception:
+        log.exception("a watcher of the run failed")
 
 
 def receiving(run: Run, channel: int) -> list[Block]:
