@@ -132,7 +132,7 @@ class Scheduler:
             self._disarm(state)
 
     def reset(self, now: int) -> None:
-        """As at the start: counters at zero, repetitions afresh, time triggers from now. What runs ends uncounted."""
+        """As at the start: counters at zero, repetitions afresh, time triggers from now. What runs is still counted."""
         self.end()
         for state in self.states.values():
             state.counters = Counters(started=1) if state.running else Counters()
@@ -251,8 +251,6 @@ class Scheduler:
             if state.waiting:
                 self.lanes[state.block.channel].look_again(state)
             return
-        if state.starts_left is not None:
-            state.starts_left -= 1
         state.waiting = True
         self.lanes[state.block.channel].push(state, now)
 
@@ -283,7 +281,7 @@ class Scheduler:
         fired, self._fired = self._fired, []
         for state in fired:
             self._due(state, now)
-        for lane in self.lanes.values():
+        for lane in list(self.lanes.values()):
             if lane.deadline <= now:
                 self._start_next(lane, now)
 
@@ -297,6 +295,8 @@ class Scheduler:
             state.companions = tuple(lane.companions(lambda others: joins(state, others)))
         for one in (state, *state.companions):
             one.waiting = False
+            if one.starts_left is not None:
+                one.starts_left -= 1
             one.started_at = now
             one.counters.started += 1
         self._start(state, now)

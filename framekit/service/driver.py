@@ -105,6 +105,9 @@ class Driver:
     # ---- events of the port -------------------------------------------------------------------------------
 
     def opened(self, now: int) -> None:
+        if self.stopped:  # it took so long that nobody wants it any more
+            self.port.close()
+            return
         self.is_open = True
         self._retry = min(FIRST_RETRY, self.longest_retry)
         self.on_state("open")

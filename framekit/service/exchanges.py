@@ -32,6 +32,10 @@ class Exchanges:
         self._finished = finished
         self._alone: set[int] = set()
 
+    def reset(self) -> None:
+        """Reads that were refused together may be tried together again."""
+        self._alone.clear()
+
     def station_of(self, state: BlockState) -> Hashable:
         """The station a block talks to as its settings are now; None where there is none."""
         try:

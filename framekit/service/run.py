@@ -218,6 +218,7 @@ class RunService:
         """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
         now = self.clock.now()
         self.system.start(now)
+        self.exchanges.reset()
         self.scheduler.reset(now)
         for state in self.states.values():
             self.block_memory.changed(state)
