@@ -151,7 +151,7 @@ class Client:
             cause = result.cause or result.meaning
             done(Outcome(result.ok, result.outcome, cause, results=result.gives, raw=result.raw))
 
-        self._call(service, arguments, station, (), None, 1, None, ended, done, self.engine.scope.now)
+        self._call(service, arguments, station, (), None, 1, done.params, ended, done, self.engine.scope.now)
 
     def _call(
         self, service: str, arguments: Mapping[str, Any], station: Any, addresses: Sequence[str | Address],
@@ -169,7 +169,9 @@ class Client:
             facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
         )
         job = self._job(plan, tuple(pieces), offered)
-        job.exchange.inside = inside
+        exchange = job.exchange
+        exchange.inside, exchange.params = inside, params or {}
+        exchange.arguments = {argument.name: offered[argument.name] for argument in facts.row.takes}
         return self._begin([job], lambda data: TransferResult(True), now, on_done)
 
     def _row_for(
@@ -257,7 +259,8 @@ class Client:
         """What an exchange brought; anything but a fitting reply is a failure."""
         reply = outcome.reply
         try:
-            refusal = None if reply is None else self.errors.refusal(reply, names)
+            asked = Names({"request": exchange.request}, names)
+            refusal = None if reply is None else self.errors.refusal(reply, asked)
             if refusal is not None:
                 word = outcome.outcome or "refused"
                 code, meaning = refusal
@@ -278,5 +281,6 @@ class Client:
     def _gives(self, row: CompiledRow, exchange: Exchange, names: Names, outcome: Outcome) -> dict[str, Any]:
         if not row.gives:
             return {}
-        known = Names({"request": exchange.request, "reply": outcome.reply, "buffer": outcome.buffer}, names)
+        known = Names(outcome.results, names)
+        known.update(request=exchange.request, reply=outcome.reply, buffer=outcome.buffer)
         return {name: compute(known) for name, compute in row.gives}

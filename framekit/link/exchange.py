@@ -5,7 +5,7 @@ Plain values and small interfaces; nothing here does anything.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -33,8 +33,10 @@ class Outcome:
 class Exchange:
     """One run of an `exchange` sequence: `run` names it (None: the role's first).
 
-    `expected` are the reply frames the service named, the error frame included. `inside` marks an exchange that an
-    `ask` step has asked for: what the callback got as `done`. `on_done` is called exactly once.
+    `arguments` are what the service's call gave, for sequences that take them; `params` are names for this exchange
+    alone, and for what its sequences ask. `expected` are the reply frames the service named, the error frame included.
+    `inside` marks an exchange that an `ask` step has asked for: what the callback got as `done`. `on_done` is called
+    exactly once.
     """
 
     run: str | None = None
@@ -45,6 +47,8 @@ class Exchange:
     outside_session: bool = False
     on_done: Callable[[Outcome], None] = lambda outcome: None
     inside: Any = None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -71,7 +75,12 @@ class MemoryAccess(Protocol):
 
 
 class Asked(Protocol):
-    """What the callback of an `ask` step calls when the service is done; it also marks the exchanges made for it."""
+    """What the callback of an `ask` step calls when the service is done; it also marks the exchanges made for it.
+
+    `params` are the names that the exchange with this step brought along.
+    """
+
+    params: Mapping[str, Any]
 
     def __call__(self, outcome: Outcome) -> None: ...
 

@@ -116,7 +116,10 @@ class Machine(Steps):
         if run.state is not State.ASKING or not run.stack or run.top is not activation:
             return
         self._going(run)
-        if not outcome.ok:
+        if outcome.ok:
+            for variable, result in activation.step.into:
+                activation.names[variable] = outcome.results[result]
+        else:
             run.cause = outcome.cause
             name = outcome.outcome or "refused"
             self.handle(run, "on_fail", name, {"outcome": name})
@@ -127,6 +130,8 @@ class _Asked(Asked):
 
     def __init__(self, machine: Machine, run: Run, activation: Activation) -> None:
         self.machine, self.run, self.activation = machine, run, activation
+        exchange = activation.dealing.exchange
+        self.params = {} if exchange is None else exchange.params
 
     def __call__(self, outcome: Outcome) -> None:
         machine = self.machine

@@ -56,8 +56,8 @@ class CompiledStep:
     """A step. `phases` are what it does before it waits; `piece_start` is where each piece of `parts` begins anew."""
 
     __slots__ = (
-        "_matching", "branch", "call_into", "complete", "gap", "handlers", "interests", "name", "phases",
-        "piece_start", "queue_rows", "retries", "rows", "then", "within",
+        "_matching", "branch", "complete", "gap", "handlers", "interests", "into", "name", "phases", "piece_start",
+        "queue_rows", "retries", "rows", "then", "within",
     )  # fmt: skip
 
     def __init__(self, step: Step, compiler: ProgramCompiler) -> None:
@@ -70,7 +70,7 @@ class CompiledStep:
         self.gap = compiler.maybe(step.gap)
         self.retries = compiler.maybe(step.retries)
         self.then = step.then
-        self.call_into: tuple[tuple[str, str], ...] = tuple(step.call.into.items()) if step.call else ()
+        self.into: tuple[tuple[str, str], ...] = tuple((step.call.into if step.call else step.ask_into).items())
         self.queue_rows = tuple(row for row in self.rows if row.queue or row.room)
         self.phases: tuple[Phase, ...] = ()
         self.phases, self.piece_start = phases_of(step, self, compiler)

@@ -38,8 +38,12 @@ class ErrorReader:
         self.frames = shared.error_frames
         self.when: Evaluate | None = None
         self.code: Evaluate | None = None
-        names = () if errors is None else errors.names
-        self.names = [shared.protocol.tables[name].entries for name in names if name in shared.protocol.tables]
+        tables = shared.protocol.tables
+        self.names = [
+            (None if names.when is None else compile_expression(names.when), tables[names.table].entries)
+            for names in (() if errors is None else errors.names)
+            if names.table in tables
+        ]
         if errors is not None and self.frames:
             self.when = None if errors.when is None else compile_expression(errors.when)
             self.code = None if errors.code is None else compile_expression(errors.code)
@@ -52,11 +56,12 @@ class ErrorReader:
         if self.when is not None and not self.when(fields):
             return None
         code = 0 if self.code is None else int(self.code(fields))
-        return code, self.meaning(code)
+        return code, self.meaning(code, Names({"code": code}, fields))
 
-    def meaning(self, code: int) -> str:
-        """The name of a code, '' if the protocol has none for it."""
-        return next((str(table[code]) for table in self.names if code in table), "")
+    def meaning(self, code: int, names: Names) -> str:
+        """The name of a code, '' if the protocol has none for it. Raises EVALUATION_ERRORS."""
+        found = (table[code] for when, table in self.names if code in table and (when is None or when(names)))
+        return str(next(found, ""))
 
 
 class ReplyReader:

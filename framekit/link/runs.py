@@ -56,6 +56,8 @@ class Dealing:
             self.expected = exchange.expected
             if exchange.request is not None:
                 self.request = exchange.request.copy()
+            self.names.update(exchange.params)
+            self.names.update(exchange.arguments)
             self.names.update(buffer=exchange.buffer, expected=exchange.expected, request=self.request)
             if exchange.station is not None:
                 self.names["station"] = exchange.station

@@ -186,7 +186,7 @@ class Steps(Environment):
             self._end_nested(run, activation.dealing, self._outcome(activation.dealing, results))
         elif run.stack:
             caller = run.stack[-1]
-            for variable, result in caller.step.call_into:
+            for variable, result in caller.step.into:
                 caller.names[variable] = results[result]
             self._going(run)
         else:

@@ -46,6 +46,7 @@ class CountingServer:
 def refusal_text(protocol: Protocol, code: int) -> str:
     """A refusal with its code in the protocol's way and what that means, where the protocol says it."""
     names = () if protocol.errors is None else protocol.errors.names
-    tables = (protocol.tables[name].entries for name in names if name in protocol.tables)
+    ordered = sorted(names, key=lambda item: item.when is not None)  # which side it was does not show here
+    tables = (protocol.tables[item.table].entries for item in ordered if item.table in protocol.tables)
     meaning = next((str(table[code]) for table in tables if code in table), "")
     return f"refused {code:#06x}" + (f" {meaning}" if meaning else "")

@@ -11,7 +11,7 @@ from link.service_loop import Loop
 
 from framekit.link.addresses import AddressError
 from framekit.link.client import ServiceError
-from framekit.link.exchange import Outcome
+from framekit.link.exchange import Asked, Outcome
 from framekit.link.packing import PackingError
 from framekit.link.values import FrameValue
 
@@ -386,11 +386,22 @@ def test_monitors_are_registered_by_address_and_run() -> None:
         loop.do("call", "register_monitor", {"register": 1}, addresses=["M0"] * 17)
 
 
+class Noted(Asked):
+    """What an `ask` step would get told."""
+
+    def __init__(self) -> None:
+        self.params: dict[str, Any] = {}
+        self.outcomes: list[Outcome] = []
+
+    def __call__(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+
 def test_asked_for_by_a_sequence_a_refusal_is_a_failure() -> None:
     loop = Loop("mldp")
-    outcomes: list[Outcome] = []
-    loop.client.ask("run_monitor", {"register": 4}, 1, outcomes.append)
-    assert [(outcome.ok, outcome.outcome, outcome.cause) for outcome in outcomes] == [
+    noted = Noted()
+    loop.client.ask("run_monitor", {"register": 4}, 1, noted)
+    assert [(outcome.ok, outcome.outcome, outcome.cause) for outcome in noted.outcomes] == [
         (False, "refused", "run of an unregistered monitor")
     ]
 

@@ -199,6 +199,9 @@ class NameChecker:
                 if isinstance(alias, Expression):
                     local.add(alias.text)
         run = None if row.run is None else row.run.root
+        if run is not None:
+            sequences = (self.protocol.sequences.get(node.value) for node in walk(run) if isinstance(node, Text))
+            local |= {name for sequence in sequences if sequence is not None for name in sequence.gives}
         if isinstance(run, Name) and run.name not in self.globally | local:
             hint = did_you_mean(run.name, self.protocol.sequences)
             self._note(run.at, f"there is no sequence '{run.name}' to run", hint)

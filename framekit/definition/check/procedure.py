@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 
 from framekit.definition.check.actions import WAITING, actions_of, check_actions, shared_actions
 from framekit.definition.check.roles import check_roles, exchanged
 from framekit.definition.model.procedure import Action, CallOf, Sequence, Step
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.values import FrameOf
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 WORDS = ("next", "end", *WAITING)
@@ -62,9 +63,10 @@ class _SequenceChecker:
             self._note(step.at, what, "put send, receive and branch into a step of their own")
         if step.call is not None:
             self._call(step, step.call)
-        if step.ask is not None and step.ask.frame not in self.protocol.services:
-            hint = did_you_mean(step.ask.frame, self.protocol.services)
-            self._note(step.ask.at, f"there is no service '{step.ask.frame}' to ask", hint)
+        if step.ask is not None:
+            self._ask(step, step.ask)
+        if "into" in step.places and not alone:
+            self._note(step.places["into"], "nothing here has results", "into: stands in a step with call: or ask:")
         for action in actions_of(step):
             self._word(action.then, action.places.get("then", action.at))
         if self.sequence.name not in self.broken:
@@ -85,11 +87,24 @@ class _SequenceChecker:
         for name in called.takes:
             if name not in call.arguments:
                 self._note(at, f"'{called.name}' is called without '{name}'", f"add {name}: to with")
-        for variable, name in call.into.items():
-            at = step.places.get("into", step.at)
-            if name not in called.gives:
-                self._note(at, f"'{called.name}' gives no '{name}'", did_you_mean(name, called.gives))
-            known = [*self.sequence.local, *self.sequence.takes, *self.protocol.state]
+        self._into(step, call.into, called.name, called.gives)
+
+    def _ask(self, step: Step, ask: FrameOf) -> None:
+        rows = self.protocol.services.get(ask.frame)
+        if rows is None:
+            hint = did_you_mean(ask.frame, self.protocol.services)
+            self._note(ask.at, f"there is no service '{ask.frame}' to ask", hint)
+            return
+        given = [name for name in rows[0].gives if all(name in row.gives for row in rows)] if rows else []
+        self._into(step, step.ask_into, ask.frame, given)
+
+    def _into(self, step: Step, into: Mapping[str, str], giver: str, given: Collection[str]) -> None:
+        """Results of a call, or of a service, that go into variables."""
+        at = step.places.get("into", step.at)
+        known = [*self.sequence.local, *self.sequence.takes, *self.protocol.state]
+        for variable, name in into.items():
+            if name not in given:
+                self._note(at, f"'{giver}' gives no '{name}'", did_you_mean(name, given))
             if variable not in known and variable not in self.broken:
                 self._note(at, f"there is no variable '{variable}' to set", did_you_mean(variable, known))
 

@@ -71,10 +71,11 @@ def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
         yield Problem(lane.at, what, "add exchange: or listen: with a sequence")
     for name in lane.exchange:
         sequence = protocol.sequences.get(name)
+        known = OF_EXCHANGES | _given_by_services(protocol, name)
         for argument in sequence.takes if sequence is not None else ():
-            if argument not in OF_EXCHANGES:
+            if argument not in known:
                 what = f"an exchange has no '{argument}' for '{name}'"
-                yield Problem(lane.places.get("exchange", lane.at), what, "known: " + ", ".join(sorted(OF_EXCHANGES)))
+                yield Problem(lane.places.get("exchange", lane.at), what, "known: " + ", ".join(sorted(known)))
     if lane.listen is not None and lane.listen in lane.exchange:
         what = f"lane '{lane.name}' listens with '{lane.listen}' and runs it for exchanges too"
         yield Problem(lane.places.get("listen", lane.at), what, "make two sequences of it")
@@ -82,6 +83,17 @@ def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
     listening = protocol.sequences.get(lane.listen or "")
     if listening is not None:
         yield from _listening(lane, listening)
+
+
+def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
+    """The arguments that every service which runs a sequence takes, and so hands to it."""
+    given = [
+        {argument.name for argument in row.takes}
+        for rows in protocol.services.values()
+        for row in rows
+        if row.run is not None and any(isinstance(node, Text) and node.value == sequence for node in walk(row.run.root))
+    ]
+    return set.intersection(*given) if given else set()
 
 
 def _listening(lane: Lane, sequence: Sequence) -> Iterator[Problem]:

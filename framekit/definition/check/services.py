@@ -156,7 +156,7 @@ def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
     errors = protocol.errors
     if errors is None:
         return
-    for name in errors.names:
+    for name in dict.fromkeys(names.table for names in errors.names):
         if name not in protocol.tables and name not in broken:
             hint = did_you_mean(name, protocol.tables) or "add it to tables:"
             yield Problem(errors.at, f"there is no table '{name}'", hint)

@@ -132,6 +132,7 @@ class ProcedureLoader:
             serve=self._maybe(self._serve, keys.get("serve")),
             call=self._maybe(lambda _: self._call(keys), keys.get("call")),
             ask=self._maybe(self._ask, ask),
+            ask_into={} if ask is None else self._maybe(lambda _: self._into(keys), ask) or {},
             put=self._maybe(self._put, keys.get("put")) or (),
             deliver=self._maybe(self.values.sent, deliver),
             send=self._maybe(self.values.sent, send),
@@ -166,8 +167,10 @@ class ProcedureLoader:
         node = keys.get("call")
         if node is None:
             return None
-        into = {entry.key.text: self.reader.text(entry.value) for entry in self.reader.entries(keys.get("into"))}
-        return CallOf(self.reader.text(node), self.values.fields(keys.get("with")), into)
+        return CallOf(self.reader.text(node), self.values.fields(keys.get("with")), self._into(keys))
+
+    def _into(self, keys: Mapping) -> dict[str, str]:
+        return {entry.key.text: self.reader.text(entry.value) for entry in self.reader.entries(keys.get("into"))}
 
     def _ask(self, node: Node) -> FrameOf:
         """`{service: {argument: value}}`: the service's name stands where a constructor has its frame."""

@@ -12,6 +12,7 @@ from framekit.definition.model.services import (
     Argument,
     Errors,
     Limit,
+    NameTable,
     Packing,
     Refusal,
     ReplyRow,
@@ -210,11 +211,18 @@ class ServiceLoader:
             frame=reader.maybe(reader.text, frame),
             when=reader.maybe(reader.expression, keys.get("when")),
             code=reader.maybe(reader.expression, keys.get("code")),
-            names=reader.texts(keys.get("names")),
+            names=tuple(self._name_table(item) for item in reader.items(keys.get("names"))),
             answer=None if answer is None else self.values.frame_of(answer),
             memory=self.values.expressions(keys.get("memory")),
             at=keys.at,
         )
+
+    def _name_table(self, node: Node) -> NameTable:
+        """A table's name, or `{table, when}`. Raises Broken."""
+        if isinstance(node, Scalar):
+            return NameTable(self.reader.text(node))
+        keys = self.reader.mapping(node)
+        return NameTable(self.reader.text(keys.get("table")), self.reader.expression(keys.get("when")))
 
 
 def load_argument(reader: Reader, entry: Entry) -> Argument:

@@ -111,6 +111,7 @@ class Step:
     serve: Serve | None = None
     call: CallOf | None = None
     ask: FrameOf | None = None
+    ask_into: Mapping[str, str] = field(default_factory=dict)
     put: tuple[tuple[str, Mapping[str, Value]], ...] = ()
     deliver: Value | None = None
     send: Value | None = None

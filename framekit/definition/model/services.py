@@ -170,6 +170,14 @@ class ServiceRow:
     outside_session: bool
 
 
+@dataclass(frozen=True, slots=True)
+class NameTable:
+    """A table with names of codes, and when it counts: always without `when`."""
+
+    table: str
+    when: Expression | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
     """How a device says no. `memory`: unknown, range, access, no_service → code. `answer` builds the error frame."""
@@ -177,7 +185,7 @@ class Errors:
     frame: str | None
     when: Expression | None
     code: Expression | None
-    names: tuple[str, ...]
+    names: tuple[NameTable, ...]
     answer: FrameOf | None
     memory: Mapping[str, Expression]
     at: Position
