@@ -65,7 +65,10 @@ services:
       serve: {set: {"cells[request.cell]": request.value}}
       reply: {kept: {}}
   swap:
-    - {takes: {one: {type: number}, two: {type: number, default: 1}}, run: swap, client_only: yes, gives: {before: before, steps: moved}}
+    - takes: {one: {type: number}, two: {type: number, default: 1}}
+      run: swap
+      client_only: yes
+      gives: {before: before, steps: moved}
 """
 
 
