@@ -62,6 +62,10 @@ class ServeOutput:
     def summary(self, serving: Serving) -> None:
         raise NotImplementedError
 
+    def status(self, serving: Serving, now: int) -> None:
+        """The same while it goes on."""
+        raise NotImplementedError
+
     def reasons(self, serving: Serving, number: int) -> dict[str, int]:
         """Why a device has refused requests, and how often."""
         from framekit.service.service_counters import refusal_text
@@ -101,6 +105,11 @@ class TextServeOutput(ServeOutput):
         if status:
             self.line("\n" + table(status, ("station", "status", "value")))
 
+    def status(self, serving: Serving, now: int) -> None:
+        self.line(f"\nstatus at {(now - self.began) / 1e9:.3f} s")
+        self.summary(serving)
+        self.line("")
+
 
 class JsonServeOutput(ServeOutput):
     """One JSON object a line."""
@@ -135,6 +144,10 @@ class JsonServeOutput(ServeOutput):
             }
             self.data({key: value for key, value in line.items() if value not in ({}, None)})
         self.data({"event": "line", "connections": serving.connections, "reasons": dict(serving.line_errors)})
+
+    def status(self, serving: Serving, now: int) -> None:
+        self.data({"event": "status", "time": (now - self.began) / 1e9})
+        self.summary(serving)
 
 
 def _plain(value: Any) -> Any:

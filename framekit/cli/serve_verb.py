@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from framekit.cli.common import add_json, duration_of, told
 from framekit.cli.main import Failure
-from framekit.cli.watch_options import add_capture, add_log, begin_log
+from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log, period_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from framekit.blocks.device_settings import DeviceSettings
     from framekit.cli.serve_output import ServeOutput
     from framekit.definition.times import LineFormat
-    from framekit.service.serving import Serving
+    from framekit.service.serving import Serving, ServingMonitor
     from framekit.transport.clock import AsyncioClock
     from framekit.transport.port import Port
 
@@ -55,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
     parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
     parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
+    add_screen(parser)
+    parser.add_argument(
+        "--status-every", metavar="TIME", help="show what was served and refused so often; SIGUSR1 shows it once"
+    )
     add_capture(parser)
     add_log(parser)
     add_json(parser)
@@ -65,6 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     duration = duration_of(arguments.duration)
     devices = _devices(arguments.devices, _settings(arguments), arguments.faults)
     line = _line(arguments, devices[0])
+    if arguments.screen:
+        return _live(arguments, devices, line, duration)
     with contextlib.suppress(asyncio.CancelledError):
         asyncio.run(_serve(arguments, devices, line, duration))
     return 0
@@ -121,14 +127,22 @@ def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
 # ---- serving ----------------------------------------------------------------------------------------------
 
 
+def _live(arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None) -> int:
+    """The devices in the live display."""
+    from framekit.cli.screen.serve_session import ServeSession
+    from framekit.cli.screen.show import show
+
+    return show(ServeSession(arguments, devices, line, duration))
+
+
 async def _serve(
     arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None
 ) -> None:
     """Serves until the time is over, or SIGINT or SIGTERM asks to stop. Raises Failure when the port can't be had."""
     from framekit.cli.serve_output import JsonServeOutput, TextServeOutput
-    from framekit.service.serving import Serving
     from framekit.transport.clock import AsyncioClock
 
+    every = period_of(arguments.status_every)
     loop = asyncio.get_running_loop()
     clock = AsyncioClock(loop)
     ended = asyncio.Event()
@@ -136,27 +150,63 @@ async def _serve(
         loop.add_signal_handler(number, ended.set)
     output = (JsonServeOutput if arguments.json else TextServeOutput)(devices, clock.now(), ended.set)
     for device in devices:
-        for text in _warnings(device):
+        for text in warnings_of(device):
             output.warning(text)
-    first_state: asyncio.Future[str] = loop.create_future()
+    with contextlib.ExitStack() as stack:
+        monitor = None if arguments.quiet else output.seen
+        serving, name = await begin(arguments, devices, line, clock, monitor, output.warning, stack)
+        output.ready(name)
+        _show_status(output, serving, clock, every, ended)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
+        ended.set()
+        output.summary(serving)
+    output.check()
+
+
+def _show_status(output: ServeOutput, serving: Serving, clock: AsyncioClock, every: int, ended: asyncio.Event) -> None:
+    """Shows the status every `every` ns (0: never), and when SIGUSR1 asks for it."""
+
+    def show() -> None:
+        output.status(serving, clock.now())
+
+    def go_on() -> None:
+        if not ended.is_set():
+            show()
+            clock.call_at(clock.now() + every, go_on)
+
+    if every:
+        clock.call_at(clock.now() + every, go_on)
+    if hasattr(signal, "SIGUSR1"):
+        asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, show)
+
+
+async def begin(
+    arguments: argparse.Namespace,
+    devices: Sequence[Device],
+    line: LineFormat | None,
+    clock: AsyncioClock,
+    monitor: ServingMonitor | None,
+    warn: Callable[[str], None],
+    stack: contextlib.ExitStack,
+) -> tuple[Serving, str]:
+    """Serves on the port that is asked for, until `stack` ends; also what to call the port. Raises Failure."""
+    from framekit.service.serving import Serving
+
+    first_state: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
     def state(port: str, text: str) -> None:
         if not first_state.done():
             first_state.set_result(text)
 
-    with contextlib.ExitStack() as stack:
-        wrap = _captured(arguments.capture, clock, stack, output)
-        serving = Serving(devices, clock, line, None if arguments.quiet else output.seen, on_state=state, wrap=wrap)
-        stack.callback(serving.stop)
-        output.ready(await _open(arguments.port, serving, clock, first_state, stack))
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
-        output.summary(serving)
-    output.check()
+    wrap = _captured(arguments.capture, clock, stack, warn)
+    serving = Serving(devices, clock, line, monitor, on_state=state, wrap=wrap)
+    stack.callback(serving.stop)
+    return serving, await _open(arguments.port, serving, clock, first_state, stack)
 
 
 def _captured(
-    path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, output: ServeOutput
+    path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, warn: Callable[[str], None]
 ) -> Callable[[Port], Port] | None:
     """Puts a capture around every port, all of them as channel 1; it ends with `stack`. Raises Failure."""
     from framekit.service.capture import Capture
@@ -171,7 +221,7 @@ def _captured(
     def close() -> None:
         capture.close()
         for trouble in capture.troubles:
-            output.warning(trouble)
+            warn(trouble)
 
     stack.callback(close)
     return lambda port: capture.around(1, port)
@@ -191,7 +241,8 @@ async def _open(
         raise Failure(str(error)) from None
 
 
-def _warnings(device: Device) -> list[str]:
+def warnings_of(device: Device) -> list[str]:
+    """What users should know of a device before it serves."""
     missing = device.areas_without_memory()
     found = [told(problem) for problem in device.protocol.warnings]
     if missing:

@@ -26,9 +26,10 @@ def status_text(status: RunStatus) -> str:
 
 def channel_row(one: ChannelStatus) -> tuple[str, ...]:
     driver = one.driver if one.role is None else f"{one.driver} {one.role}"
+    line = f"{one.line} {one.line_type}".strip() or "-"
     why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
     return (
-        str(one.number), driver, "-" if one.station is None else str(one.station), one.line or "-", one.mode, one.state,
+        str(one.number), driver, "-" if one.station is None else str(one.station), line, one.mode, one.state,
         str(one.services), str(one.errors), str(one.frames_in), str(one.bad),
         "-" if one.load is None else percent(one.load), why or "-",
     )  # fmt: skip

@@ -60,13 +60,26 @@ def begin_log(level: str | None) -> None:
         logger.setLevel(level.upper())
 
 
+def period_of(text: str | None) -> int:
+    """The time of --status-every (ns); 0 without one. Raises Failure."""
+    from framekit.definition.times import parse_time
+
+    if text is None:
+        return 0
+    try:
+        period = parse_time(text)
+    except ValueError as error:
+        raise Failure(f"--status-every: {error}") from None
+    if not period:
+        raise Failure("--status-every: write a time above 0")
+    return period
+
+
 class Watch:
     """Watches one run as the command line asks: `begin` before it starts, `end` when it has stopped."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         """Raises Failure."""
-        from framekit.definition.times import parse_time
-
         self._path: Path | None = arguments.capture
         self._json: bool = arguments.json
         self._capture: Capture | None = None
@@ -74,15 +87,8 @@ class Watch:
         self._captured: set[int] = set()
         self._missing: list[str] = []
         self._began = 0
-        self._every = 0
+        self._every = period_of(arguments.status_every)
         self._at_end: bool = arguments.status or arguments.status_every is not None
-        if arguments.status_every is not None:
-            try:
-                self._every = parse_time(arguments.status_every)
-            except ValueError as error:
-                raise Failure(f"--status-every: {error}") from None
-            if not self._every:
-                raise Failure("--status-every: write a time above 0")
         begin_log(arguments.log)
 
     def begin(self, service: RunService, clock: Clock, silent: bool = False) -> None:

@@ -14,6 +14,7 @@ from framekit.blocks.block_status import BlockStatus
 from framekit.service.frame_log import USER_DEFINED
 
 if TYPE_CHECKING:
+    from framekit.definition.line_settings import LineSettings
     from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 class ChannelStatus:
     """A channel: what it is (module information), and what it has done (service status).
 
-    `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `mode`: run or stop;
+    `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `line_type`:
+    kind of interface and half duplex, '' where nothing is said of it; `mode`: run or stop;
     `state`: open, or why not. `services` and `errors` count exchanges that ended, `reasons` the errors by outcome.
     `frames_in` are good frames by themselves, `bad` and `noise_bytes` what was none. `load`: the part of the time that
     the line was busy, None without a speed.
@@ -34,6 +36,7 @@ class ChannelStatus:
     role: str | None
     station: Any
     line: str
+    line_type: str
     mode: str
     state: str
     blocks: int
@@ -86,6 +89,7 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         role=channel.role,
         station=channel.own,
         line="" if channel.line is None else str(channel.line),
+        line_type=line_type(channel.wiring),
         mode="run" if service.running else "stop",
         state=at_work.state,
         blocks=len(states),
@@ -100,3 +104,9 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         load=load.share(now),
         reopenings=at_work.driver.reopenings,
     )
+
+
+def line_type(wiring: LineSettings) -> str:
+    """What is said of the wiring, in words; '' for a plain port."""
+    kind = {"rs232": "RS-232", "rs422": "RS-422", "rs485": "RS-485"}.get(wiring.type or "", "")
+    return f"{kind} half duplex".lstrip() if wiring.half_duplex else kind

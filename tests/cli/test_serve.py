@@ -66,6 +66,19 @@ def opened(path: str) -> Iterator[int]:
         os.close(descriptor)
 
 
+def test_the_status_is_shown_when_it_is_asked_for() -> None:
+    words = ("mldp", "--station", "1", "--json", "--quiet", "--status-every", "1 h")
+    with PtyPair() as pair, serving(*words, "--port", pair.first) as process:
+        assert json.loads(line_of(process))["event"] == "ready"
+        with opened(pair.second) as descriptor:
+            assert len(ask(descriptor, READ_M100, len(M100_IS_1234))) == len(M100_IS_1234)
+        process.send_signal(signal.SIGUSR1)
+        assert json.loads(line_of(process))["event"] == "status"
+        assert json.loads(line_of(process))["services"] == 1
+        assert json.loads(line_of(process))["event"] == "line"
+        assert json.loads(ended(process).splitlines()[0])["services"] == 1
+
+
 def test_a_pseudo_terminal_and_sigterm() -> None:
     words = ("mldp", "--station", "1", "--set", "M100=0x1234", "--param", "answer_delay=1 ms")
     with PtyPair() as pair, serving(*words, "--port", pair.first) as process:

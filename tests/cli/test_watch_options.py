@@ -49,7 +49,7 @@ def test_errors_by_reason(tmp_path: Path) -> None:
     (tmp_path / "d.device.yaml").write_text("device: d\nprotocol: modbus-rtu\nstation: 1\n")
     (tmp_path / "r.run.yaml").write_text(
         "run: r\nmemory: masterlogic\nchannels:\n"
-        "  1: {port: 'sim:d.device.yaml', protocol: modbus-rtu, station: 9}\n"
+        "  1: {port: 'sim:d.device.yaml', protocol: modbus-rtu, station: 9, type: rs485}\n"
         "blocks:\n  0: {read: '40001', into: M0, every: 5 s}\n"
     )
     clock = VirtualClock()
@@ -57,6 +57,7 @@ def test_errors_by_reason(tmp_path: Path) -> None:
     service.start()
     clock.run_for(60 * SECOND)
     (channel,) = run_status(service).channels
+    assert channel.line_type == "RS-485 half duplex"
     assert list(channel.reasons) == ["no_reply"]
     assert channel.errors == channel.reasons["no_reply"] > 1
 

@@ -29,6 +29,10 @@ class Session:
     """Something that can be watched. `begin` is called inside the loop and gives what is to be shown."""
 
     title = ""
+    problems: list[str]
+    """What is told when it is over."""
+    failure: Exception | None = None
+    """Why it could not go on."""
 
     def begin(self) -> LiveView:
         raise NotImplementedError

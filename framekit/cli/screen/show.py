@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
-    from framekit.cli.screen.session import MonitorSession, RunSession
+    from framekit.cli.screen.session import Session
 
 MISSING = "the live display needs textual – install framekit with the extra 'screen'"
 
 
-def show(session: RunSession | MonitorSession) -> int:
+def show(session: Session) -> int:
     """Until its time is over or somebody quits. Raises Failure, DefinitionError."""
     try:
         from framekit.cli.screen.app import MonitorApp
@@ -23,12 +23,13 @@ def show(session: RunSession | MonitorSession) -> int:
         raise Failure(MISSING) from None
     app = MonitorApp(session)
     app.run()
-    if app.failure is not None:
+    failure = app.failure or session.failure
+    if failure is not None:
         from framekit.definition.problems import DefinitionError
 
-        if isinstance(app.failure, DefinitionError):
-            raise app.failure
-        raise Failure(str(app.failure))
+        if isinstance(failure, DefinitionError):
+            raise failure
+        raise Failure(str(failure))
     for problem in session.problems:
         print(problem, file=sys.stderr)
     return 0

@@ -13,12 +13,17 @@ from typing import Any
 
 import pytest
 
+from framekit.blocks.device import load_devices
+from framekit.blocks.device_settings import DeviceSettings
 from framekit.blocks.load import load_run
 from framekit.cli.main import build_parser, main
 from framekit.cli.screen.cells import parse_filter
+from framekit.cli.screen.serve_session import ServeSession
 from framekit.cli.screen.session import RunSession
 from framekit.cli.watch_options import Watch
 from framekit.service.frame_log import FrameFilter
+from framekit.service.serving_ports import line_of
+from framekit.transport.pty_pair import PtyPair
 
 pytest.importorskip("textual")
 
@@ -214,3 +219,46 @@ def test_in_a_terminal(tmp_path: Path) -> None:
     finally:
         subprocess.run(["tmux", "-S", socket, "kill-server"], capture_output=True, check=False)
     assert (tmp_path / "end").read_text() == "ended 0\n"
+
+
+def test_served_devices_are_shown_with_what_they_answer() -> None:
+    async def drive(session: ServeSession, pair: PtyPair) -> None:
+        app = MonitorApp(session)
+        async with app.run_test(size=(140, 45)) as pilot:
+            while session.serving is None:
+                await pilot.pause()
+            with open(pair.second, "r+b", buffering=0) as client:
+                client.write(b"\x0501rSB06%MW10001\x0492")
+                while app.frames.row_count < 3:  # the opening is the first
+                    await pilot.pause()
+            app.draw_status()
+            assert column(app, 6)[:3] == ["open", "read_continuous", "read_continuous_reply"]
+            assert "mldp server" in column(app, 5)
+            assert "ch 1 mldp station 1" in text_of(app, "#channels")
+
+    with PtyPair() as pair:
+        words = ["serve", "mldp", "--station", "1", "--port", pair.first, "--screen"]
+        given = build_parser("serve").parse_args(words)
+        devices = [
+            device for name in given.devices for device in load_devices(name, Path(), DeviceSettings(stations=("1",)))
+        ]
+        session = ServeSession(given, devices, line_of(devices[0], None, None), None)
+        asyncio.run(drive(session, pair))
+    assert session.serving is not None
+    assert session.serving.stores[0].counters.done == 1
+    assert session.problems == []
+
+
+def test_a_port_that_cannot_be_had_ends_the_display() -> None:
+    given = build_parser("serve").parse_args(["serve", "mldp", "--station", "1", "--port", "/dev/none", "--screen"])
+    devices = load_devices("mldp", Path(), DeviceSettings(stations=("1",)))
+    session = ServeSession(given, devices, line_of(devices[0], None, None), None)
+
+    async def drive() -> None:
+        app = MonitorApp(session)
+        async with app.run_test() as pilot:
+            while not session.is_over:
+                await pilot.pause()
+
+    asyncio.run(drive())
+    assert "/dev/none" in str(session.failure)
