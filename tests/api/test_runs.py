@@ -19,7 +19,7 @@ RUN = """
 run: plant
 memory: masterlogic
 channels:
-  1: {{port: "{port}", protocol: modbus-rtu, params: {{reply_timeout: 100 ms, retries: 0}}}}
+  1: {{port: "{port}", protocol: modbus-rtu, params: {{reply_timeout: {timeout}, retries: 0}}}}
 blocks:
   0: {{read: "40001", count: 3, station: 7, into: M0100, when: M00000}}
   1: {{write: "40011", station: 7, from: M0200, on_change: M0200}}
@@ -32,7 +32,7 @@ blocks:
 def plant(tmp_path: Path) -> Path:
     device_file(tmp_path)
     path = tmp_path / "plant.run.yaml"
-    path.write_text(RUN.format(port="sim:bench.device.yaml"), encoding="utf-8")
+    path.write_text(RUN.format(port="sim:bench.device.yaml", timeout="100 ms"), encoding="utf-8")
     return path
 
 
@@ -130,17 +130,17 @@ def test_what_cannot_be_asked(stopped: framekit.VirtualRun, call: object, messag
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> framekit.VirtualRun:
     folder = tmp_path_factory.mktemp("stopped")
     device_file(folder)
-    (folder / "plant.run.yaml").write_text(RUN.format(port="sim:bench.device.yaml"), encoding="utf-8")
+    (folder / "plant.run.yaml").write_text(RUN.format(port="sim:bench.device.yaml", timeout="100 ms"), encoding="utf-8")
     return framekit.VirtualRun(folder / "plant.run.yaml")
 
 
 def test_wrong_files_and_ports(tmp_path: Path, plant: Path) -> None:
     with pytest.raises(framekit.DefinitionError, match=r"none\.run\.yaml"):
         framekit.VirtualRun(tmp_path / "none.run.yaml")
-    plant.write_text(RUN.format(port="/dev/ttyS0"), encoding="utf-8")
+    plant.write_text(RUN.format(port="/dev/ttyS0", timeout="1 s"), encoding="utf-8")
     with pytest.raises(framekit.RequestError, match="is a real port and needs real time"):
         framekit.VirtualRun(plant)
-    plant.write_text(RUN.format(port="what://x"), encoding="utf-8")
+    plant.write_text(RUN.format(port="what://x", timeout="1 s"), encoding="utf-8")
     with pytest.raises(ValueError, match="is no port"):
         framekit.Run(plant)
 
@@ -168,7 +168,7 @@ def terminal(tmp_path: Path) -> Iterator[tuple[Path, framekit.Server]]:
     """The run on a pseudo-terminal with a device at its other end."""
     with PtyPair() as pair, framekit.serve(device_file(tmp_path), pair.first) as device:
         path = tmp_path / "plant.run.yaml"
-        path.write_text(RUN.format(port=pair.second), encoding="utf-8")
+        path.write_text(RUN.format(port=pair.second, timeout="2 s"), encoding="utf-8")
         yield path, device
 
 
