@@ -1,4 +1,4 @@
-"""`framekit check FILE …`: every problem of definitions, devices, runs, vectors, profiles, fault plans, all at once.
+"""`framekit check FILE …`: every problem of definitions, devices, runs, vectors, profiles, fault plans, jobs, at once.
 
 For a run it also says how much of their time its channels need.
 """
@@ -177,6 +177,14 @@ def _faults(path: Path) -> Checked:
     return Checked(f"faults {plan.name}, {plural(len(plan.rules), 'rule')}", [])
 
 
+def _jobs(path: Path) -> Checked:
+    from framekit.blocks.jobs.load import load_job_profile
+
+    profile = load_job_profile(path)
+    return Checked(f"jobs {profile.name}, {len(profile.slots)} slots, {profile.bits.size} status bits", [])
+
+
 CHECKS = {
     "protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory, "faults": _faults,
+    "jobs": _jobs,
 }  # fmt: skip

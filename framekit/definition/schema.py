@@ -18,7 +18,7 @@ from framekit.definition.schema_messages import OWN_KEYS, Messages
 from framekit.definition.shipped import shipped_folder
 from framekit.definition.tree import Mapping, Node, Scalar
 
-Kind = Literal["protocol", "device", "run", "vectors", "memory", "faults"]
+Kind = Literal["protocol", "device", "run", "vectors", "memory", "faults", "jobs"]
 
 FIRST_KEYS: dict[str, Kind] = {
     "protocol": "protocol",
@@ -28,6 +28,7 @@ FIRST_KEYS: dict[str, Kind] = {
     "vectors": "vectors",
     "memory": "memory",
     "faults": "faults",
+    "jobs": "jobs",
 }
 """What a file is, by its first key."""
 

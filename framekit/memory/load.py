@@ -6,14 +6,14 @@ Problems are collected and raised together. What an address means is not known h
 from __future__ import annotations
 
 from contextlib import suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from framekit.definition.check.addresses import check_forms
 from framekit.definition.load.documents import Documents, merged
+from framekit.definition.load.profile_files import find_profile
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Scalar
-from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.problems import NOWHERE, DefinitionError, Position
 from framekit.memory.profile import MemoryProfile
 from framekit.memory.profile_loader import ProfileLoader
 
@@ -63,14 +63,4 @@ def _profile(root: Mapping, documents: Documents) -> MemoryProfile:
 
 
 def _find(name: str, folder: Path | None, at: Position) -> Path:
-    if not name or name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
-        what = f"'{name}' leaves the folder of the file that names it"
-        raise DefinitionError([Problem(at, what, "name a profile beside it or a shipped one")])
-    places = [place for place in (folder, shipped_folder("frames")) if place is not None]
-    for place in places:
-        for candidate in (place / name, place / f"{name}{SUFFIX}"):
-            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
-                return candidate
-    known = {path.name.removesuffix(SUFFIX) for place in places for path in place.glob(f"*{SUFFIX}")}
-    todo = did_you_mean(name, known) or f"write {name}{SUFFIX}"
-    raise DefinitionError([Problem(at, f"there is no memory profile '{name}'", todo)])
+    return find_profile(name, folder, at, kind="memory profile", suffix=SUFFIX)

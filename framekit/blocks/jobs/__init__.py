@@ -1,0 +1,1 @@
+"""Jobs: numbered slots in which a transfer repeats by itself, with their status words and status bits."""

@@ -1,0 +1,135 @@
+"""A job table with nobody behind it: connections and transfers end when a test says so; all that happens is noted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from framekit.blocks.block_status import Failure
+from framekit.blocks.jobs.load import load_job_profile
+from framekit.blocks.jobs.order import Command, Order
+from framekit.blocks.jobs.profile import JobProfile
+from framekit.blocks.jobs.slot import Attempt
+from framekit.blocks.jobs.table import JobTable
+from framekit.blocks.model import Place
+from framekit.blocks.own_memory import addresses_of
+from framekit.definition.times import NEVER
+from framekit.link.addresses import Address
+from framekit.memory.load import load_profile
+
+MS = 1_000_000
+SECOND = 1_000_000_000
+GRAMMAR = addresses_of(load_profile("masterlogic"))
+
+
+def place(text: str) -> Place:
+    return Place(address=GRAMMAR.parse(text), text=text)
+
+
+class JobWorld:
+    """`notes`: what was written, in order. `takes`: how long (ns) a transfer takes; None: until the test ends it."""
+
+    def __init__(self, profile: JobProfile | None = None, takes: int | None = None) -> None:
+        self.table = JobTable(profile or load_job_profile("ge-channels"), self)
+        self.now = 0
+        self.takes = takes
+        self.notes: list[tuple[Any, ...]] = []
+        self.answers: list[tuple[int, int | None]] = []
+        self.connecting: list[Attempt] = []
+        self.running: list[tuple[int, Attempt]] = []
+        self.starts: list[tuple[int, int]] = []
+        self.ends: list[tuple[int, Attempt]] = []
+        self.refuse_words = False
+        self.connects = True
+        self.next_failure: Failure | None = None
+        self.ids = 0
+        self.table.start(0)
+
+    # ---- what the table wants -----------------------------------------------------------------------------
+
+    def connect(self, attempt: Attempt) -> None:
+        self.connecting.append(attempt)
+        if self.connects:
+            self.table.connected(attempt, self.now)
+
+    def begin(self, attempt: Attempt) -> None:
+        self.starts.append((self.now, attempt.slot))
+        self.running.append((self.now, attempt))
+        if self.takes is not None:
+            self.ends.append((self.now + self.takes, attempt))
+
+    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
+        if not self.refuse_words:
+            self.notes.append(("words", self.now, place.text, *words))
+        return not self.refuse_words
+
+    def write_bits(self, bits: tuple[int, ...]) -> None:
+        self.notes.append(("bits", self.now, tuple(number for number, bit in enumerate(bits, 1) if bit)))
+
+    def answered(self, command: Command, word: int | None) -> None:
+        self.answers.append((command.id, word))
+
+    # ---- what tests do ------------------------------------------------------------------------------------
+
+    def command(self, kind: str, slot: int | None, **more: Any) -> int:
+        self.ids += 1
+        status = more.pop("status", f"D{slot or 0}")
+        command = Command(kind=kind, slot=slot, status=None if status is None else place(status), id=self.ids, **more)  # type: ignore[arg-type]
+        self.table.take(command, self.now)
+        return self.ids
+
+    def job(self, slot: int, *, status: str | None = "", kind: str = "read", **more: Any) -> int:
+        order = Order(slot=slot, kind=kind, place=place("M0"), remote="R1", **more)  # type: ignore[arg-type]
+        return self.command("job", slot, order=order, **({} if status == "" else {"status": status}))
+
+    def end(self, slot: int, failure: Failure | None = None) -> None:
+        """The transfer of a slot ends now."""
+        at = next(index for index, (_, attempt) in enumerate(self.running) if attempt.slot == slot)
+        _, attempt = self.running.pop(at)
+        self.finish(attempt, failure)
+
+    def finish(self, attempt: Attempt, failure: Failure | None = None) -> None:
+        def store() -> None:
+            self.notes.append(("data", self.now, attempt.slot))
+
+        self.table.ended(attempt, failure, self.now, store)
+
+    def run(self, until: int) -> None:
+        """Time goes on to `until`; transfers of a fixed length end by themselves."""
+        while True:
+            ending = min((at for at, _ in self.ends), default=NEVER)
+            due = min(self.table.deadline, ending)
+            if due > until:
+                break
+            self.now = max(self.now, due)
+            if ending <= self.now:
+                index = next(index for index, (at, _) in enumerate(self.ends) if at == ending)
+                _, attempt = self.ends.pop(index)
+                self.running = [one for one in self.running if one[1] is not attempt]
+                failure, self.next_failure = self.next_failure, None
+                self.finish(attempt, failure)
+            self.table.tick(self.now)
+        self.now = until
+
+    def bits(self) -> tuple[int, ...]:
+        """The bits that are on."""
+        shown = [note[2] for note in self.notes if note[0] == "bits"]
+        return shown[-1] if shown else ()
+
+    def words(self, text: str) -> list[int]:
+        """Everything that was written to a word, in order."""
+        return [note[3] for note in self.notes if note[0] == "words" and note[2] == text]
+
+
+def profile_with(folder: Path, old: str, new: str) -> JobProfile:
+    """The shipped profile with something else in it."""
+    shipped = Path(__file__).parents[1] / "frames" / "ge-channels.jobs.yaml"
+    text = shipped.read_text(encoding="utf-8")
+    assert old in text
+    path = folder / "changed.jobs.yaml"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return load_job_profile(path)
+
+
+def address(text: str) -> Address:
+    return GRAMMAR.parse(text)
