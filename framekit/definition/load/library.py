@@ -58,8 +58,8 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
     if found is None:
         folders = (folder or Path.cwd(), shipped_folder("frames"))
         files = [file for one in folders for file in one.glob("*.yaml")]
-        known = {file.stem for file in files if not file.name.endswith(".vectors.yaml")}
-        raise DefinitionError(
-            [Problem(Position(str(name), 1, 1), f"there is no definition '{name}'", did_you_mean(str(name), known))]
-        )
+        known = {file.stem for file in files if "." not in file.stem}
+        shipped = ", ".join(sorted(file.stem for file in files if file.stem in known and file.parent == folders[1]))
+        hint = did_you_mean(str(name), known) or f"name a YAML file, or one that comes with framekit: {shipped}"
+        raise DefinitionError([Problem(Position(str(name), 1, 1), f"there is no definition '{name}'", hint)])
     return found
