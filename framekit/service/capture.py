@@ -42,10 +42,16 @@ class _Sink:
         if self.trouble or self._file.closed:
             return
         try:
-            self._file.write(record)
+            written = self._file.write(record)
         except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}; nothing is captured any more"
-            log.error("%s", self.trouble)
+            self._give_up(error.strerror or str(error))
+        else:
+            if written < len(record):
+                self._give_up("there was no place for the whole record")
+
+    def _give_up(self, why: str) -> None:
+        self.trouble = f"{self.path}: {why}; nothing is captured any more"
+        log.error("%s", self.trouble)
 
     def close(self) -> None:
         self._file.close()
