@@ -104,7 +104,7 @@ class ChannelLoader:
     def _faults(self, node: Node | None, port: str | None, protocol: Protocol) -> FaultPlan | None:
         if node is not None and port is not None and not port.startswith("sim:"):
             self.reader.note(node.at, f"'{port}' is no simulated line", "faults are for sim: ports")
-        return read_fault_plan(self.reader, node, self.folder, protocol)
+        return read_fault_plan(self.reader, node, self.folder, protocol, line=True)
 
     # ---- protocol and role --------------------------------------------------------------------------------
 

@@ -59,13 +59,18 @@ def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position =
     return plan
 
 
-def read_fault_plan(reader: Reader, node: Node | None, folder: Path, protocol: Protocol) -> FaultPlan | None:
-    """The plan that `faults:` of another file names or is; what is wrong is noted. None for none."""
+def read_fault_plan(
+    reader: Reader, node: Node | None, folder: Path, protocol: Protocol, *, line: bool = False
+) -> FaultPlan | None:
+    """The plan that `faults:` of another file names or is; what is wrong is noted. None for none.
+
+    `line`: it is about a whole line, not about what one device sends.
+    """
     if node is None:
         return None
     if isinstance(node, Mapping):
         plan = _PlanLoader(reader).plan(node, "faults")
-        reader.problems.extend(misfits(plan, protocol))
+        reader.problems.extend(misfits(plan, protocol, line=line))
         return plan
     with reader.going_on():
         name = reader.text(node)
@@ -76,7 +81,9 @@ def read_fault_plan(reader: Reader, node: Node | None, folder: Path, protocol: P
         except DefinitionError as error:
             reader.problems.extend(error.problems)
             return None
-        reader.problems.extend(Problem(node.at, problem.what, problem.todo) for problem in misfits(plan, protocol))
+        reader.problems.extend(
+            Problem(node.at, problem.what, problem.todo) for problem in misfits(plan, protocol, line=line)
+        )
         return plan
     return None
 
@@ -193,14 +200,20 @@ def with_faults(devices: Sequence[Device], name: str | None, folder: Path) -> li
     if name is None:
         return list(devices)
     plan = load_fault_plan(name, folder)
-    if problems := [problem for device in devices for problem in misfits(plan, device.protocol)]:
+    if problems := [problem for device in devices for problem in misfits(plan, device.protocol, line=False)]:
         raise DefinitionError(problems)
     return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 
 
-def misfits(plan: FaultPlan, protocol: Protocol) -> Iterator[Problem]:
-    """What of a plan a protocol cannot do: a wrong check where there is none, an error reply that nothing defines."""
+def misfits(plan: FaultPlan, protocol: Protocol, *, line: bool) -> Iterator[Problem]:
+    """What of a plan cannot be done: a wrong check where there is none, an error reply that nothing defines.
+
+    `line`: a whole line carries it out; a device alone sends no requests.
+    """
     for rule in plan.rules:
+        if rule.of == "requests" and not line:
+            what = "a device sends replies only, and this rule is about requests"
+            yield Problem(rule.at, what, "put the plan on the channel of a run, or leave this rule out")
         if rule.frame is not None and rule.frame not in protocol.frames:
             hint = did_you_mean(rule.frame, protocol.frames)
             yield Problem(rule.at, f"'{protocol.name}' has no frame '{rule.frame}'", hint)

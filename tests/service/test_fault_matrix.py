@@ -37,7 +37,7 @@ NEVER_SENT = {("wrong_station", "ccm-peer")}
 def fits(kind: str, link: Link) -> bool:
     world_rule = FaultRule(kind=kind)  # type: ignore[arg-type]
     plan = FaultWorld(link, world_rule).plan
-    return not list(misfits(plan, FaultWorld(link).protocol)) and (kind, str(link)) not in NEVER_SENT
+    return not list(misfits(plan, FaultWorld(link).protocol, line=True)) and (kind, str(link)) not in NEVER_SENT
 
 
 @pytest.mark.parametrize("link", LINKS, ids=str)
