@@ -56,12 +56,15 @@ class _Sent:
 
 @dataclass(slots=True)
 class _Line:
-    """What is on the wire: what has been sent and not yet compared, and what waits to be sent."""
+    """What is on the wire: what has been sent and not yet compared, and what waits to be sent.
+
+    `closed_at`: when the tested side has closed its connection, until the script says so.
+    """
 
     sent: deque[_Sent] = field(default_factory=deque)
     waiting: deque[Command] = field(default_factory=deque)
     outgoing: _Sent | None = None
-    reopened: bool = False
+    closed_at: int | None = None
 
 
 def run_conversation(
@@ -136,7 +139,14 @@ class _Player:
             elif isinstance(command, Break):
                 line.outgoing = _Sent(b"", self.now, self.now + command.duration)
             elif isinstance(command, Reopen):
-                line.reopened = True
+                line.closed_at = self.now
+                self._disconnected(command.reason)
+
+    def _disconnected(self, reason: str) -> None:
+        """What was on its way is gone, and the engine is told."""
+        self.line.waiting.clear()
+        self.line.outgoing = None
+        self._do(self.engine.closed(self.now, reason))
 
     def _next_time(self) -> int:
         line = self.line
@@ -184,14 +194,17 @@ class _Player:
         sent = self.line.sent.popleft()
         if not script.wire.matches(sent.data):
             self._note(script, f"sent {sent.data.hex(' ').upper()}, expected {script.wire}")
-        after = sent.started - self.before
-        if script.not_before is not None and after < (least := self._time(script.not_before)):
-            self._note(script, f"sent after {format_time(after)}, not before {format_time(least)}")
-        if script.within is not None and after > (most := self._time(script.within)):
-            self._note(script, f"sent after {format_time(after)}, not within {format_time(most)}")
+        self._check_times(script, "sent", sent.started)
         self._go_to(sent.ended)
         self._go_to(NEVER, lambda: self.line.outgoing is not sent)
         self.before = self.now
+
+    def _check_times(self, script: ScriptLine, what: str, at: int) -> None:
+        after = at - self.before
+        if script.not_before is not None and after < (least := self._time(script.not_before)):
+            self._note(script, f"{what} after {format_time(after)}, not before {format_time(least)}")
+        if script.within is not None and after > (most := self._time(script.within)):
+            self._note(script, f"{what} after {format_time(after)}, not within {format_time(most)}")
 
     def _receive(self, script: ScriptLine) -> None:
         """The bytes arrive one by one, as on a wire; on a stream all at once."""
@@ -227,7 +240,23 @@ class _Player:
         self.before = self.now
 
     def _line(self, script: ScriptLine) -> None:
-        self.fault = LineFault(script.fault)
+        self.fault = LineFault(script.word)
+
+    def _connection(self, script: ScriptLine) -> None:
+        """The other side closes it, the tested side has to, or it is open again."""
+        line = self.line
+        if script.word == "opened":
+            self._do(self.engine.opened(self.now))
+        elif script.word == "closed":
+            self._go_to(self.now + PATIENCE, lambda: line.closed_at is not None)
+            if line.closed_at is None:
+                self._note(script, "the connection was not closed")
+                return
+            self._check_times(script, "closed", line.closed_at)
+            line.closed_at = None
+        elif not self._something_sent(script):
+            self._disconnected("the other side has closed the connection")
+        self.before = self.now
 
     def _something_sent(self, script: ScriptLine | None) -> bool:
         """Notes what was sent although the script says nothing of it."""
@@ -244,6 +273,8 @@ class _Player:
             if not self.results:
                 self._note(None, "what was asked for has not ended")
         self._something_sent(None)
+        if self.line.closed_at is not None:
+            self._note(None, f"the connection was closed at {format_time(self.line.closed_at)}, which nobody expected")
         if self.results:
             self._judge(self.results[0])
         self._compare_afterwards()

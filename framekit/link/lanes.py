@@ -9,6 +9,7 @@ from typing import Any
 from framekit.definition.model.procedure import Lane
 from framekit.definition.times import NEVER
 from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
+from framekit.link.events import Reopen
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.machine import Machine, arguments_of
 from framekit.link.runs import Activation, Dealing, Run, State
@@ -181,10 +182,13 @@ class Lanes:
 
     def _failed(self, run: Run, outcome: Outcome) -> None:
         session = self.machine.session
+        lost = True
         if run.doing == "open":
             session.end()
         else:
-            session.failed(outcome.outcome)
+            lost = session.failed(outcome.outcome)
+        if lost and session.reconnects and self.is_open:
+            self.machine.output.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
         if run.lane.listener is run and outcome.outcome == "circle":
             run.lane.held_until = self.machine.scope.now + HOLD
 

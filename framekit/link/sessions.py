@@ -50,11 +50,18 @@ class SessionState:
         self.is_open = False
         self.scope.reset_session()
 
-    def failed(self, outcome: str) -> None:
-        """A failure of the procedure ends an open session if the definition says so."""
+    def failed(self, outcome: str) -> bool:
+        """A failure of the procedure ends an open session if the definition says so. Tells whether it did."""
         session = self.session
-        if session is not None and self.is_open and (session.lost_by is None or outcome in session.lost_by):
+        lost = session is not None and self.is_open and (session.lost_by is None or outcome in session.lost_by)
+        if lost:
             self.end()
+        return lost
+
+    @property
+    def reconnects(self) -> bool:
+        """Whether a connection is of no use any more without its session."""
+        return self.session is not None and self.session.reconnect
 
     def keep_alive_at(self, quiet_since: int) -> int:
         """When the line will have been quiet so long that the session has to be kept alive."""

@@ -38,6 +38,23 @@ def test_an_application_is_carried_by_its_links() -> None:
     assert inner.frames[-1] == "other_request", "frames that exist to be refused are tried last"
 
 
+def test_a_protocol_adds_frames_to_groups_of_its_application(tmp_path: Path) -> None:
+    (tmp_path / "boxes.yaml").write_text(
+        "application: boxes\ngroups: {box: {from: client, head: [{field: kind, type: u8}]}}\n"
+        "frames: {small: {group: box, where: {kind: 1}}, other: {group: box, body: [], refuse: 5}}\n"
+    )
+    (tmp_path / "link.yaml").write_text(
+        "protocol: link\napplication: boxes\n"
+        "frames:\n  large: {group: box, where: {kind: 2}, body: [{field: x, type: u16}]}\n"
+        "  message: {from: client, body: [{const: STX}, {inner: box, of: boxes.box}]}\n"
+    )
+    protocol = load_protocol(tmp_path / "link.yaml")
+    assert [name for name, frame in protocol.frames.items() if not frame.inner] == ["message"]
+    inner = protocol.frames["message"].body[1]
+    assert isinstance(inner, Inner)
+    assert inner.frames == ("large", "small", "other")
+
+
 def test_extends_takes_over_what_is_not_given_again() -> None:
     protocol = load_protocol("mldp")
     assert set(protocol.roles) == {"client", "server"}

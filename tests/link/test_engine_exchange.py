@@ -414,3 +414,38 @@ def test_a_stream_out_of_step_is_opened_again() -> None:
     assert [type(command) for command in side.commands] == [Send, Reopen]
     side.gets(answer(1, b"A"), whole=True)
     assert not side.outcomes
+
+
+def connected(session: str) -> Side:
+    """A client whose session begins with one question of its own."""
+    opening = (
+        "  hello:\n    steps:\n      - step: ask\n        send: {ask: {number: 0, data: h'21'}}\n"
+        "        receive: [{frame: answer, then: end}]\n        within: 1 s\n        on_timeout: {fail: nobody}\n"
+    )
+    text = STREAM.replace("sequences:\n", f"sessions: {{s: {{open: [hello], {session}}}}}\nsequences:\n{opening}")
+    return Side(text.replace("client: {lanes", "client: {session: s, lanes"), "client")
+
+
+def test_a_connection_whose_session_is_lost_is_opened_again() -> None:
+    side = connected("lost_by: [no_reply], reconnect: yes")
+    side.ask(FrameValue("ask", {"data": b"a"}), expected=("answer",))
+    side.run(0)
+    side.gets(answer(0, b"!"), whole=True)
+    side.run(2 * SECOND)
+    assert [outcome.outcome for outcome in side.outcomes] == ["no_reply"]
+    assert side.commands[-1] == Reopen("the session is lost: no_reply")
+
+
+def test_a_connection_whose_session_cannot_be_opened_is_opened_again() -> None:
+    side = connected("lost_by: [no_reply], reconnect: yes")
+    side.ask(FrameValue("ask", {"data": b"a"}), expected=("answer",))
+    side.run(2 * SECOND)
+    assert [outcome.outcome for outcome in side.outcomes] == ["nobody"]
+    assert side.commands[-1] == Reopen("the session is lost: nobody")
+
+
+def test_a_connection_stays_where_only_its_session_is_lost() -> None:
+    side = connected("lost_by: [no_reply]")
+    side.ask(FrameValue("ask", {"data": b"a"}), expected=("answer",))
+    side.run(2 * SECOND)
+    assert [type(command) for command in side.commands] == [Send]

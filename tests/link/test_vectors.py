@@ -196,6 +196,53 @@ def test_conversations(tmp_path: Path, script: list[str], more: str, words: str)
     assert problems == [] if not words else len(problems) >= 1 and words in problems[0], problems
 
 
+CALLED = """
+protocol: called
+line: {kind: stream, tcp: 1}
+state: {n: {type: u8, scope: session, initial: 1}}
+frames:
+  ask: {from: client, body: [{const: 01}, {field: x, type: u8}]}
+  good: {from: server, body: [{const: 02}, {field: x, type: u8}]}
+receiver: {resync: never}
+sequences:
+  main:
+    takes: [request]
+    steps:
+      - {step: one, send: request, receive: [{frame: good, then: end}], within: 100 ms}
+roles: {client: {lanes: {main: {exchange: main}}}}
+"""
+ASKED = "{send: 01 05, within: 0 ms}"
+
+
+@pytest.mark.parametrize(
+    ("script", "more", "words"),
+    [
+        ([ASKED, "{receive: 03}", "{connection: closed, within: 0 ms}"], "result: {outcome: closed}", ""),
+        ([ASKED, "{receive: 03}"], "result: {outcome: closed}", "the connection was closed at 0 ms, which nobody"),
+        ([ASKED, "{receive: 02 05}", "{connection: closed}"], "", "the connection was not closed"),
+        (
+            [ASKED, "{wait: 5 ms}", "{receive: 03}", "{connection: closed, not_before: 6 ms}"],
+            "result: {outcome: closed}",
+            "closed after 0 ms, not before 6 ms",
+        ),
+        ([ASKED, "{receive: 02}", "{connection: lost}"], "result: {outcome: closed}", ""),
+        (["{connection: lost}"], "result: {outcome: closed}", "sent 01 05 at 0 ms, which nobody expected"),
+        ([ASKED, "{connection: lost}", "{connection: opened}", "{silence: 1 s}"], "result: {outcome: closed}", ""),
+    ],
+)
+def test_conversations_on_a_connection(tmp_path: Path, script: list[str], more: str, words: str) -> None:
+    protocol, codec = compiled(CALLED)
+    lines = "\n".join(f"      - {line}" for line in script)
+    text = (
+        "vectors: called\nconversations:\n  - name: one\n    role: client\n"
+        "    do: {exchange: {ask: {x: 5}}, expected: [good]}\n"
+        f"    script:\n{lines}\n    {more}\n"
+    )
+    (case,) = read(tmp_path, text).conversations
+    problems = run_conversation(case, protocol, codec, make_tested_side)
+    assert problems == [] if not words else len(problems) >= 1 and words in problems[0], problems
+
+
 def test_a_side_that_runs_nothing(tmp_path: Path) -> None:
     protocol, codec = compiled(MADE_UP)
     text = "vectors: made_up\nconversations:\n  - {name: one, role: client, do: {read: M1}, script: [{wait: 1 s}]}\n"

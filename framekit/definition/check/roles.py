@@ -111,6 +111,9 @@ def _pauses(step: Step) -> bool:
 
 
 def _session(protocol: Protocol, session: Session) -> Iterator[Problem]:
+    if session.reconnect and protocol.line.kind != "stream":
+        what = f"session '{session.name}' cannot be connected again on a serial line"
+        yield Problem(session.at, what, "leave reconnect out, or write line: {kind: stream}")
     for name in (*session.open, *session.close, session.keep_alive_run):
         sequence = protocol.sequences.get(name or "")
         if sequence is not None and set(sequence.takes) - OF_EXCHANGES:

@@ -55,13 +55,15 @@ class FrameLoader:
                 continue
             with self.reader.going_on():
                 keys = self.reader.mapping(owned.entry.value)
+                groups = tuple(self._chain(space, keys))
+                carried = bool(groups) and space.section("groups")[groups[0]].inner
                 self.outlines[name] = Outline(
                     name,
                     space,
                     owned,
-                    tuple(self._chain(space, keys)),
+                    groups,
                     keys.get("refuse") is not None,
-                    owned.inner or inner_only,
+                    owned.inner or inner_only or carried,
                 )
 
     def _chain(self, space: Namespace, keys: Mapping) -> Iterator[str]:

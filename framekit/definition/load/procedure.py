@@ -247,6 +247,7 @@ class ProcedureLoader:
             keep_alive_after=None if keep_alive is None else reader.expression(keep_alive.get("after")),
             keep_alive_run=None if run is None else self.named_sequence(run, sequences),
             lost_by=None if lost_by is None or reader.texts(lost_by) == ("any",) else reader.texts(lost_by),
+            reconnect=reader.flag(keys.get("reconnect")),
             at=entry.key.at,
         )
 

@@ -14,8 +14,11 @@ from framekit.definition.model.vectors import Conversation, FrameVector, Result,
 from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import DefinitionError, Position
 
-KINDS = ("send", "receive", "break", "silence", "wait", "line")
-FAULTS = {"parity": "parity", "framing": "framing", "overrun": "overrun"}
+KINDS = ("send", "receive", "break", "silence", "wait", "line", "connection")
+WORDS = {
+    "line": ({word: word for word in ("parity", "framing", "overrun")}, "a fault of the line"),
+    "connection": ({word: word for word in ("lost", "closed", "opened")}, "what becomes of a connection"),
+}
 _WORD = re.compile(r"(?P<what>[0-9A-Za-z]+)(?:\*(?P<times>\d+))?")
 _MOST_REPEATED = 65_536
 
@@ -174,7 +177,7 @@ class _VectorsLoader:
             kind=cast(Any, kind),
             wire=self._wire(node) if kind in ("send", "receive") else None,
             time=reader.expression(node) if kind in ("break", "silence", "wait") else None,
-            fault=reader.one_of(node, FAULTS, "a fault of the line") if kind == "line" else "",
+            word=reader.one_of(node, *WORDS[kind]) if kind in WORDS else "",
             not_before=reader.maybe(reader.expression, keys.get("not_before")),
             within=reader.maybe(reader.expression, keys.get("within")),
         )

@@ -163,7 +163,10 @@ class Role:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
-    """What has to be open before an exchange runs. `lost_by` is None for any failure, else the outcomes that end it."""
+    """What has to be open before an exchange runs. `lost_by` is None for any failure, else the outcomes that end it.
+
+    `reconnect`: a connection whose session is lost, or cannot be opened, is closed and opened again.
+    """
 
     name: str
     open: tuple[str, ...]
@@ -172,4 +175,5 @@ class Session:
     keep_alive_after: Expression | None
     keep_alive_run: str | None
     lost_by: tuple[str, ...] | None
+    reconnect: bool
     at: Position

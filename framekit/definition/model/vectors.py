@@ -71,13 +71,13 @@ class FrameVector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptLine:
-    """One line of a script. `wire` is for send and receive, `time` for break, silence and wait, `fault` for line."""
+    """One line of a script. `wire` is for send and receive, `time` for break, silence and wait, else `word`."""
 
     at: Position
-    kind: Literal["send", "receive", "break", "silence", "wait", "line"]
+    kind: Literal["send", "receive", "break", "silence", "wait", "line", "connection"]
     wire: Wire | None = None
     time: Expression | None = None
-    fault: str = ""
+    word: str = ""
     not_before: Expression | None = None
     within: Expression | None = None
 
