@@ -20,6 +20,9 @@ from framekit.transport.serial_threads import ThreadConnection
 SHORTEST_LOOK = 500_000
 """Between two looks at a driver's queue that is not empty yet, at least (ns)."""
 
+LONGEST_HOLD = 30_000_000_000
+"""How long the other side may hold back what is to be sent (CTS off, XOFF) before the port counts as lost (ns)."""
+
 
 class SerialPort(Port):
     """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none)."""
@@ -92,6 +95,7 @@ class _Use:
         self._free = 0
         self._in_break = False
         self._looking = False
+        self._held = (0, 0)
 
     # ---- events of the device -----------------------------------------------------------------------------
 
@@ -154,7 +158,9 @@ class _Use:
         if self._over or connection is None:
             return
         now, waiting = self.clock.now(), connection.waiting
-        if self._free > now or waiting:
+        if self._is_held(waiting, now):
+            self.lost(f"nothing has been taken for {LONGEST_HOLD / 1e9:g} s – is the other side ready?")
+        elif self._free > now or waiting:
             self._looking = True
             rest = max(SHORTEST_LOOK, waiting * self._character_time) if waiting else 0
             self.clock.call_at(max(self._free, now + rest), self._look)
@@ -162,6 +168,12 @@ class _Use:
             self._begin_break(now)
         else:
             self.events.sent(now)
+
+    def _is_held(self, waiting: int, now: int) -> bool:
+        """Whether the same bytes have been waiting for too long: an exchange must not wait for ever."""
+        if not waiting or waiting != self._held[0]:
+            self._held = waiting, now
+        return bool(waiting) and now - self._held[1] > LONGEST_HOLD
 
     def _begin_break(self, now: int) -> None:
         duration = self._queue.popleft()

@@ -10,6 +10,7 @@ from transport.real_world import Waiting, opened, run
 
 from framekit.definition.line_settings import LineSettings
 from framekit.definition.times import LineFormat
+from framekit.transport import serial_port
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.open_port import host_and_port, open_port
 from framekit.transport.port import Port
@@ -70,6 +71,22 @@ def test_a_pty_that_is_pulled() -> None:
         events = await opened(port)
         master.close()
         assert await events.until("closed") == f"{path}: the device is gone"
+
+    run(check())
+
+
+def test_a_port_whose_other_side_takes_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As with CTS off: what waits to be sent must not hold a channel up for ever."""
+    monkeypatch.setattr(serial_port, "LONGEST_HOLD", 20_000_000)
+
+    async def check() -> None:
+        path, master = open_pty()
+        port = open_port(path, None, real_clock())
+        events = await opened(port)
+        port.write(bytes(200_000))
+        assert "nothing has been taken for 0.02 s" in await events.until("closed")
+        assert "sent" not in events.seen
+        master.close()
 
     run(check())
 
