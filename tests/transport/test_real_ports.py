@@ -81,9 +81,9 @@ def test_a_port_whose_other_side_takes_nothing_is_lost(monkeypatch: pytest.Monke
 
     async def check() -> None:
         path, master = open_pty()
-        port = open_port(path, None, real_clock())
+        port = open_port(path, LineFormat(921600), real_clock())
         events = await opened(port)
-        port.write(bytes(200_000))
+        port.write(bytes(20_000))
         assert "nothing has been taken for 0.02 s" in await events.until("closed")
         assert "sent" not in events.seen
         master.close()
