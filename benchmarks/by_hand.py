@@ -47,7 +47,7 @@ def encode_registers(fields: Fields) -> bytes:
         raise BadFrameError("fields")
     if len(values) > 255 or not 0 <= fields["station"] <= 255:
         raise BadFrameError("range")
-    data = REPLY_HEAD.pack(fields["station"], 3, len(values)) + values
+    data: bytes = REPLY_HEAD.pack(fields["station"], 3, len(values)) + values
     return data + crc16_reflected(data, PAIRS, 0xFFFF).to_bytes(2, "little")
 
 
@@ -117,7 +117,7 @@ def encode_write(fields: Fields) -> bytes:
     payload = fields["payload"]
     if len(fields) != 1 or len(payload) != 44:
         raise BadFrameError("fields")
-    data = b"\x05WR44" + payload + b"\x04"
+    data: bytes = b"\x05WR44" + payload + b"\x04"
     return data + b"%02X" % (sum(data) & 0xFF)
 
 

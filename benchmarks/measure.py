@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import gc
-import platform
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 
 ROUND = 0.02
 """Seconds one function runs in one round, about."""
@@ -16,33 +14,76 @@ ROUND = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Seconds a call: the median of the rounds, and the spread between their quartiles."""
+    """Seconds a call, round by round."""
 
-    median: float
-    spread: float
+    rounds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        return statistics.median(self.rounds)
+
+    def ratio(self, other: Timing) -> Ratio:
+        """How many times as long as `other` this takes, round by round: the median and the quartiles."""
+        found = [mine / its for mine, its in zip(self.rounds, other.rounds, strict=True)]
+        return Ratio(statistics.median(found), *quartiles(found))
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """The median of the ratios of all rounds, and their quartiles: what disturbs a whole round falls out."""
+
+    value: float
+    low: float
+    high: float
+
+
+def quartiles(figures: Sequence[float]) -> tuple[float, float]:
+    """The lower and upper quartile; of a single figure that figure itself."""
+    if len(figures) < 2:
+        return figures[0], figures[0]
+    low, _, high = statistics.quantiles(figures, n=4, method="inclusive")
+    return low, high
 
 
 def compare(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Timing]:
-    """Times of all functions, measured in turn, `rounds` times."""
+    """Processor times of short functions, each called for about `ROUND` seconds in turn, `rounds` times."""
     counts = {name: _calls_a_round(function) for name, function in functions.items()}
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    gc.collect()
-    gc.disable()
+    return interleave({name: _timed(function, counts[name]) for name, function in functions.items()}, rounds)
+
+
+def compare_once(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Timing]:
+    """Processor times of long functions, each called once a round in turn."""
+    return interleave({name: _timed(function, 1) for name, function in functions.items()}, rounds)
+
+
+def interleave(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, Timing]:
+    """As `compare`, for functions that measure themselves: each gives the seconds (or whatever) of one round.
+
+    The garbage collector runs between rounds only.
+    """
+    found: dict[str, list[float]] = {name: [] for name in measures}
     try:
         for _ in range(rounds):
-            for name, function in functions.items():
-                times[name].append(_time(function, counts[name]))
+            for name, measure in measures.items():
+                gc.collect()
+                gc.disable()
+                found[name].append(measure())
+                gc.enable()
     finally:
         gc.enable()
-    return {name: Timing(statistics.median(found), _spread(found)) for name, found in times.items()}
+    return {name: Timing(tuple(figures)) for name, figures in found.items()}
+
+
+def _timed(function: Callable[[], object], count: int) -> Callable[[], float]:
+    return lambda: _time(function, count)
 
 
 def _time(function: Callable[[], object], count: int) -> float:
     calls = range(count)
-    begin = time.perf_counter()
+    begin = time.process_time()
     for _ in calls:
         function()
-    return (time.perf_counter() - begin) / count
+    return (time.process_time() - begin) / count
 
 
 def _calls_a_round(function: Callable[[], object]) -> int:
@@ -50,15 +91,3 @@ def _calls_a_round(function: Callable[[], object]) -> int:
     while _time(function, count) * count < ROUND / 4:
         count *= 4
     return max(1, round(ROUND / _time(function, count)))
-
-
-def _spread(times: list[float]) -> float:
-    low, _, high = statistics.quantiles(times, n=4)
-    return high - low
-
-
-def machine() -> str:
-    """What was measured on, in a line."""
-    parts = [f"Python {platform.python_version()}", platform.machine(), platform.system()]
-    parts += [f"{name} {version(name)}" for name in ("construct", "pymodbus")]
-    return ", ".join(parts)

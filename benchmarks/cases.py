@@ -1,0 +1,70 @@
+"""The benchmarked frames: values, and what encodes and decodes them by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from benchmarks.by_hand import (
+    decode_individual,
+    decode_registers,
+    decode_request,
+    decode_write,
+    encode_individual,
+    encode_registers,
+    encode_request,
+    encode_write,
+)
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.load import load_protocol
+
+Fields = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A frame with its values, and what encodes and decodes it by hand."""
+
+    name: str
+    protocol: str
+    frame: str
+    values: Fields
+    encode: Callable[[Fields], bytes]
+    decode: Callable[[bytes], Fields]
+
+    @property
+    def codec(self) -> Codec:
+        return _codec(self.protocol)
+
+    def checked(self) -> tuple[bytes, Fields]:
+        """The frame's bytes and everything read from them; by hand they are the same, or this raises."""
+        data = self.codec.encode(self.frame, self.values)
+        fields = self.codec.decode(self.frame, data)
+        assert self.encode(self.values) == data, self.name
+        assert self.decode(data) == fields, self.name
+        return data, fields
+
+
+@cache
+def _codec(protocol: str) -> Codec:
+    return compile_protocol(load_protocol(protocol))
+
+
+def registers(count: int) -> Fields:
+    return {"station": 17, "pdu": {"read_holding_reply": {"values": bytes(range(2 * count))}}}
+
+
+VARIABLES = [{"data": bytes([number, 0x34])} for number in range(4)]
+REQUEST = {"station": 17, "pdu": {"read_holding": {"address": 107, "count": 3}}}
+INDIVIDUAL = {"station": 32, "command": "r", "values": VARIABLES}
+WRITE = {"payload": bytes(range(44))}
+
+CASES = (
+    Case("Modbus read request", "modbus-rtu", "request_adu", REQUEST, encode_request, decode_request),
+    Case("Modbus reply, 10 registers", "modbus-rtu", "reply_adu", registers(10), encode_registers, decode_registers),
+    Case("Modbus reply, 125 registers", "modbus-rtu", "reply_adu", registers(125), encode_registers, decode_registers),
+    Case("MLDP reply, 4 blocks", "mldp", "read_individual_reply", INDIVIDUAL, encode_individual, decode_individual),
+    Case("WR.REQ", "third-party-plc", "WR.REQ", WRITE, encode_write, decode_write),
+)

@@ -1,0 +1,93 @@
+"""What every benchmark gives: rows of a figure, what it is held against, and the target it is to reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, Protocol
+
+from benchmarks.measure import Ratio, Timing
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """The bound of a figure: `at most` or `at least`."""
+
+    sense: Literal["at most", "at least"]
+    bound: float
+
+    def reached(self, figure: float) -> bool:
+        return figure <= self.bound if self.sense == "at most" else figure >= self.bound
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table. `low` and `high`: the quartiles of the rounds. `details`: medians and whatever else tells
+    how the figure came about, with its unit in its name (`by hand µs`)."""
+
+    what: str
+    against: str
+    figure: float
+    low: float
+    high: float
+    target: Target | None = None
+    unit: str = "×"
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def reached(self) -> bool:
+        return self.target is None or self.target.reached(self.figure)
+
+    def as_json(self) -> dict[str, Any]:
+        return {**asdict(self), "reached": self.reached}
+
+
+class RowModule(Protocol):
+    """A module of `benchmarks.rows`: what is measured, the target of the issue in words, and what measures it."""
+
+    NAME: str
+    TARGET: str
+    run: Callable[[int], list[Row]]
+
+
+def slower(what: str, against: str, ours: Timing, other: Timing, target: Target | None, scale: float = 1e6) -> Row:
+    """How many times as long as the other we take: 1.2 means a fifth longer."""
+    return _row(what, against, ours.ratio(other), target, _medians(against, ours, other, scale))
+
+
+def faster(what: str, against: str, ours: Timing, other: Timing, target: Target | None, scale: float = 1e6) -> Row:
+    """How many times as long as we the other takes: 8 means we need an eighth of its time."""
+    return _row(what, against, other.ratio(ours), target, _medians(against, ours, other, scale))
+
+
+def _row(what: str, against: str, ratio: Ratio, target: Target | None, details: Mapping[str, Any]) -> Row:
+    return Row(what, against, ratio.value, ratio.low, ratio.high, target, details=details)
+
+
+UNITS = {1e6: "µs", 1e3: "ms", 1.0: "s"}
+
+
+def _medians(against: str, ours: Timing, other: Timing, scale: float) -> dict[str, float]:
+    unit = UNITS[scale]
+    return {f"framekit {unit}": round(ours.median * scale, 3), f"{against} {unit}": round(other.median * scale, 3)}
+
+
+def as_table(rows: Iterable[Row]) -> str:
+    """The rows for people."""
+    lines = [f"{'':<44}{'against':<26}{'figure':>10}{'quartiles':>17}{'target':>9}"]
+    return "\n".join(lines + [_line(row) for row in rows])
+
+
+def _line(row: Row) -> str:
+    target, mark = "", ""
+    if row.target is not None:
+        target = f"{'≤' if row.target.sense == 'at most' else '≥'} {row.target.bound:g}"
+        mark = "" if row.reached else "  missed"
+    quartiles = f"{_number(row.low)} – {_number(row.high)}"
+    details = ", ".join(f"{name} {value}" for name, value in row.details.items())
+    figure = f"{_number(row.figure)} {row.unit}"
+    return f"{row.what:<44}{row.against:<26}{figure:>10}{quartiles:>17}{target:>9}  {details}{mark}"
+
+
+def _number(figure: float) -> str:
+    return f"{figure:.2f}" if abs(figure) < 100 else f"{figure:.0f}"

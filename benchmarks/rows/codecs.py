@@ -1,0 +1,28 @@
+"""Decode and encode in generated Python, against code by hand that makes the same checks and gives the same values."""
+
+from __future__ import annotations
+
+from benchmarks.cases import CASES, Case
+from benchmarks.measure import compare
+from benchmarks.row import Row, Target, slower
+
+NAME = "Generated codecs against code by hand"
+TARGET = "≤ 1.3 × the time of struct/bytes code with the same checks and values"
+AT_MOST = Target("at most", 1.3)
+
+
+def run(rounds: int) -> list[Row]:
+    return [row for case in CASES for row in _measure(case, rounds)]
+
+
+def _measure(case: Case, rounds: int) -> list[Row]:
+    data, _ = case.checked()
+    encode, decode = case.codec.encoders[case.frame], case.codec.decoders[case.frame]
+    rows = []
+    for direction, functions in (
+        ("decode", {"framekit": lambda: decode(data), "by hand": lambda: case.decode(data)}),
+        ("encode", {"framekit": lambda: encode(case.values), "by hand": lambda: case.encode(case.values)}),
+    ):
+        found = compare(functions, rounds)
+        rows.append(slower(f"{case.name}: {direction}", "by hand", found["framekit"], found["by hand"], AT_MOST))
+    return rows
