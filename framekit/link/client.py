@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from framekit.definition.model import protocol as model
 from framekit.link.addresses import Address
 from framekit.link.construct_values import EACH, Compute, compile_value
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
 from framekit.link.frame_table import Codec
@@ -187,10 +187,14 @@ class Client:
             if len(pieces) > 1 and len(pieces) > facts.row.most_variables:
                 problem = ServiceError(f"'{facts.row.service}' takes at most {facts.row.most_variables} addresses")
                 continue
-            offered = Names(arguments_of(facts, arguments, names), names)
+            if not _may_hold(facts.when, names):
+                continue
             try:
+                offered = Names(arguments_of(facts, arguments, names), names)
                 if facts.when is None or facts.when(offered):
                     return facts, offered
+            except ServiceError as error:
+                problem = problem or error
             except EVALUATION_ERRORS as error:
                 problem = ServiceError(f"the condition of row '{facts.row.name}' cannot be worked out: {error!r}")
         kind = f"{len(pieces)} addresses" if pieces else "no address"
@@ -284,3 +288,11 @@ class Client:
         known = Names(outcome.results, names)
         known.update(request=exchange.request, reply=outcome.reply, buffer=outcome.buffer)
         return {name: compute(known) for name, compute in row.gives}
+
+
+def _may_hold(when: Evaluate | None, names: Names) -> bool:
+    """Whether a row's condition may hold: False only where that is sure without the arguments of the call."""
+    try:
+        return when is None or bool(when(names))
+    except EVALUATION_ERRORS:
+        return True
