@@ -23,9 +23,10 @@ class BlockMemory:
         self.words = StatusWords(memory, status_sections(sections), profile.scan)
         self.settings = BlockSettings(memory, settings_sections(sections))
 
-    def add(self, state: BlockState, protocol: Protocol) -> None:
-        """A block of the run: its settings and its state are put into its words."""
-        self.settings.show(state.block, protocol)
+    def add(self, state: BlockState, protocol: Protocol | None) -> None:
+        """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
+        if protocol is not None:
+            self.settings.show(state.block, protocol)
         self.words.show(status_of(state))
 
     def remove(self, block: Block) -> None:

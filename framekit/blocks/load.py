@@ -9,12 +9,15 @@ import difflib
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from framekit.blocks.block_settings import check_items
 from framekit.blocks.device import read_mapping, start_value, without
+from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.kept_state import read_state
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
+from framekit.blocks.load_jobs import read_jobs
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.definition.load.documents import Documents
@@ -63,7 +66,8 @@ class RunLoader:
         grammar = addresses_of(profile)
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
-        blocks = BlockLoader(self.reader, grammar, channels, known, self.root)
+        jobs = self._jobs(grammar)
+        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs)
         return Run(
             name=self._text("run"),
             about=self._text("about"),
@@ -75,6 +79,7 @@ class RunLoader:
             folder=str(self.path.parent),
             state=self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state")),
             status=self.reader.flag(self.root.get("status"), default=True),
+            jobs=None if jobs == "wrong" else jobs,
             warnings=tuple(self._warnings()),
             at=self.root.at,
         )
@@ -116,6 +121,13 @@ class RunLoader:
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
             raise Broken("memory") from None
+
+    def _jobs(self, grammar: AddressGrammar) -> JobsSection | Literal["wrong"] | None:
+        """The jobs section; when it is wrong, what blocks say of jobs means nothing."""
+        node = self.root.get("jobs")
+        with self.reader.going_on():
+            return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar)
+        return "wrong"
 
     def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
         memory = self.root.get("memory")

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+from framekit.blocks.device import without
 from framekit.blocks.given import read_station
+from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.load_channel import needs_own, needs_station
 from framekit.blocks.load_frame_block import FrameBlockLoader
+from framekit.blocks.load_jobs import COMMANDS, JobBlockLoader
 from framekit.blocks.load_rules import RulesLoader
 from framekit.blocks.load_triggers import STARTS, TriggerLoader
-from framekit.blocks.model import Block, Channel, Instruction, Place
+from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Instruction, Place
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load.reader import Broken, Reader
@@ -39,6 +42,7 @@ class BlockLoader:
         channels: Mapping[int, Channel],
         known: Collection[str],
         root: MappingNode,
+        jobs: JobsSection | Literal["wrong"] | None = None,
     ) -> None:
         self.reader = reader
         self.grammar = grammar
@@ -49,6 +53,7 @@ class BlockLoader:
         self.rules = RulesLoader(reader, root)
         self.triggers = TriggerLoader(reader, self.place, self.condition)
         self.frames = FrameBlockLoader(reader, self.place)
+        self.jobs = JobBlockLoader(reader, grammar, channels, jobs)
 
     def _try(self, read: Callable[[], T]) -> T | None:
         """What can be read; None for something broken: the rest of the block is read all the same."""
@@ -98,25 +103,15 @@ class BlockLoader:
 
     def block(self, number: int, set_number: int, entry: Entry) -> Block:
         """Raises Broken when anything of it is wrong, after all of it has been looked at."""
-        reader, keys = self.reader, self.reader.mapping(entry.value)
+        keys = self.reader.mapping(entry.value)
+        if any(name in keys for name in COMMANDS):
+            return self._command(number, set_number, keys, entry)
         kinds = [name for name in INSTRUCTIONS if name in keys]
         if len(kinds) != 1:
             raise Broken("the schema has told what is wrong with the instruction")
         instruction = kinds[0]
         self.spoilt = False
-        common: dict[str, Any] = {
-            "number": number,
-            "set": set_number,
-            "name": self._maybe(reader.text, keys.get("name")) or f"block {number}",
-            "instruction": instruction,
-            "triggers": self._try(lambda: self.triggers.triggers(keys)) or (),
-            "unless": self._maybe(self.condition, keys.get("unless")),
-            "repeat": self._maybe(reader.number, keys.get("repeat")),
-            "priority": self._maybe(reader.number, keys.get("priority")) or 0,
-            "enabled": reader.flag(keys.get("enabled"), default=True),
-            "merge": reader.flag(keys.get("merge"), default=True),
-            "at": entry.key.at,
-        }
+        common = self._common(number, set_number, instruction, keys, entry)
         self._starts(instruction, keys, entry)
         channel = self._channel(keys, entry)
         common["params"] = self.rules.params(keys, channel.protocol)
@@ -132,6 +127,38 @@ class BlockLoader:
         if self.spoilt or found is None:
             raise Broken(entry.key.text)
         return Block(**common, **found)
+
+    def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
+        """A block that establishes, aborts or inspects a job; what it says of its cycle is the job's."""
+        instruction = next(name for name in COMMANDS if name in keys)
+        self.spoilt = False
+        started = without(keys, "every")
+        common = self._common(number, set_number, instruction, started, entry)
+        self._starts(instruction, started, entry)
+        command = self.jobs.command(keys, entry, BLOCKS_IN_SET * (set_number - 1) + number)
+        if self.spoilt:
+            raise Broken(entry.key.text)
+        targets = () if command.order is None else (command.order.remote,)
+        return Block(**common, channel=0, job=command, targets=targets)
+
+    def _common(
+        self, number: int, set_number: int, instruction: str, keys: MappingNode, entry: Entry
+    ) -> dict[str, Any]:
+        """What all blocks have."""
+        reader = self.reader
+        return {
+            "number": number,
+            "set": set_number,
+            "name": self._maybe(reader.text, keys.get("name")) or f"block {number}",
+            "instruction": instruction,
+            "triggers": self._try(lambda: self.triggers.triggers(keys)) or (),
+            "unless": self._maybe(self.condition, keys.get("unless")),
+            "repeat": self._maybe(reader.number, keys.get("repeat")),
+            "priority": self._maybe(reader.number, keys.get("priority")) or 0,
+            "enabled": reader.flag(keys.get("enabled"), default=True),
+            "merge": reader.flag(keys.get("merge"), default=True),
+            "at": entry.key.at,
+        }
 
     def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
         """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""

@@ -67,6 +67,7 @@ class ChannelLoader:
             role=self._role(keys, entry, protocol),
             line=line,
             wiring=wires.settings(),
+            host=self._maybe(reader.text, keys.get("host")) or "",
             own=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
             station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
             params=self.rules.params(keys, protocol),

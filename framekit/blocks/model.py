@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from framekit.blocks.fault_plan import FaultPlan
+from framekit.blocks.jobs.order import Command
+from framekit.blocks.jobs.section import JobsSection
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.model.protocol import Protocol
@@ -24,7 +26,7 @@ BLOCKS_IN_SET = 64
 SETS = 8
 """A module has so many parameter sets of so many blocks (Snet module guide, chapter 6)."""
 
-Instruction = Literal["read", "write", "send", "receive", "call"]
+Instruction = Literal["read", "write", "send", "receive", "call", "job", "abort", "inspect"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +93,8 @@ class Block:
     block's own type, if it gives one. `places`: own memory, one for each target; a single one for `count` elements.
     `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE.
     `service` and `arguments`: CALL. `station`: a constant, or the place it is read from at each start. `values`:
-    constants to write or send.
+    constants to write or send. `job`: the command that it gives to the job table; such a block has no channel of its
+    own, and the number 0 there.
     """
 
     number: int
@@ -110,6 +113,7 @@ class Block:
     data: Mapping[str, Place] = field(default_factory=dict)
     sizes: Mapping[str, int] = field(default_factory=dict)
     values: Any = None
+    job: Command | None = None
     service: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
     triggers: tuple[Trigger, ...] = ()
@@ -125,6 +129,11 @@ class Block:
     def id(self) -> int:
         """One number for set and block: that of the block in set 1, and 64 more for each further set."""
         return BLOCKS_IN_SET * (self.set - 1) + self.number
+
+    @property
+    def lane(self) -> int:
+        """What it waits for: its channel; a command waits for nobody but itself."""
+        return self.channel if self.job is None else -1 - self.id
 
     @property
     def label(self) -> str:
@@ -173,7 +182,8 @@ class Channel:
 
     `port_at`: where the port is named. `mapping`: areas of the protocol that stand elsewhere in the own memory when
     others are answered (area → memory area and the number of its first element there). `answer`: how long devices are
-    taken to need for an answer (ns) when the load is worked out; nothing at work depends on it.
+    taken to need for an answer (ns) when the load is worked out; nothing at work depends on it. `host`: how jobs call
+    the other side.
     """
 
     number: int
@@ -194,6 +204,7 @@ class Channel:
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     faults: FaultPlan | None = None
     wiring: LineSettings = PLAIN
+    host: str = ""
     at: Position
     port_at: Position
 
@@ -225,5 +236,6 @@ class Run:
     folder: str
     status: bool = True
     state: KeptState | None = None
+    jobs: JobsSection | None = None
     warnings: tuple[Problem, ...]
     at: Position

@@ -58,7 +58,7 @@ def plan_edit(old: Run, new: Run) -> Edit:
     channels = _compared(old.channels, new.channels)
     blocks = _compared(old_blocks, new_blocks)
     touched = {*channels.gone, *channels.changed}
-    touched |= {old_blocks[number].channel for number in (*blocks.gone, *blocks.changed)}
+    touched |= {old_blocks[number].lane for number in (*blocks.gone, *blocks.changed)}
     return Edit(
         run=new,
         channels_gone=channels.gone,
@@ -77,6 +77,9 @@ def _refusals(old: Run, new: Run) -> Iterator[Problem]:
         yield Problem(new.at, "the memory of a run that goes on stays as it is, and this is another one", RESTART)
     if old.status != new.status:
         yield Problem(new.at, "whether blocks have words in memory cannot change while the run goes on", RESTART)
+    if fingerprint(old.jobs) != fingerprint(new.jobs):
+        at = new.at if new.jobs is None else new.jobs.at
+        yield Problem(at, "what the run says of its jobs cannot change while it goes on", RESTART)
     if fingerprint(old.state) != fingerprint(new.state) or (old.state is not None and old.name != new.name):
         at = new.at if new.state is None else new.state.at
         yield Problem(at, "where the state is kept, and under which name, cannot change while the run goes on", RESTART)

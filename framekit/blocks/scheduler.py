@@ -79,6 +79,12 @@ class Scheduler:
         self._active = False
         for state in self.states.values():
             self._await_ends(state)
+            self._give_lane(state)
+
+    def _give_lane(self, state: BlockState) -> None:
+        """A block without a channel waits for nobody."""
+        if state.block.lane not in self.lanes:
+            self.lanes[state.block.lane] = Lane(LaneRules(), self._station_of)
 
     def _await_ends(self, state: BlockState) -> None:
         """Blocks whose ends this one waits for are those of its set."""
@@ -162,7 +168,7 @@ class Scheduler:
         state = self.states[number]
         state.enabled = on
         if not on:
-            self.lanes[state.block.channel].clear(lambda one: one is state)
+            self.lanes[state.block.lane].clear(lambda one: one is state)
         elif state.memory_triggers is not None and state.memory_triggers.level_holds():
             self._due(state, now)
             self._wake()
@@ -215,13 +221,16 @@ class Scheduler:
         self.states.clear()
         self.states.update(in_order)
         self._await_ends(state)
+        self._give_lane(state)
         return state
 
     def remove(self, number: int) -> BlockState:
         """Takes a block out that does not run. Raises KeyError for a number there is not."""
         state = self.states.pop(number)
         self._disarm(state)
-        self.lanes[state.block.channel].clear(lambda one: one is state)
+        self.lanes[state.block.lane].clear(lambda one: one is state)
+        if state.block.job is not None:
+            del self.lanes[state.block.lane]
         self._fired = [fired for fired in self._fired if fired is not state]
         for waiting in self._after.values():
             waiting[:] = [other for other in waiting if other is not state]
@@ -249,10 +258,10 @@ class Scheduler:
         if state.waiting or state.running:
             state.counters.overruns += 1
             if state.waiting:
-                self.lanes[state.block.channel].look_again(state)
+                self.lanes[state.block.lane].look_again(state)
             return
         state.waiting = True
-        self.lanes[state.block.channel].push(state, now)
+        self.lanes[state.block.lane].push(state, now)
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -309,7 +318,7 @@ class Scheduler:
         state = self.states[number]
         if not state.running:
             return
-        channel = state.block.channel
+        channel = state.block.lane
         lane = self.lanes[channel]
         lane.ended(state, failure, now, LEAST_TIME if now == state.started_at else 0)
         self._mark_changes(channel)

@@ -98,6 +98,16 @@ class Driver:
             self.on_state("switched off")
             self._carry_out(self.engine.closed(self.clock.now(), "switched off"))
 
+    def hurry(self) -> bool:
+        """Opens a port that waits to be opened again at once; whether the port is open, or will be, or has failed."""
+        if not self._started or self.stopped:
+            return False
+        if self._reopen_timer is not None and not self.is_open:
+            self._reopen_timer.cancel()
+            self._reopen_timer = None
+            self._reopen()
+        return self.is_open or self.port.opens_again
+
     def do(self, action: Callable[[int], list[Command]]) -> None:
         """Runs something that talks to the engine (an exchange started, say) and carries out what comes of it."""
         self._carry_out(action(self.clock.now()))
@@ -141,6 +151,7 @@ class Driver:
             self._retry = min(2 * self._retry, self.longest_retry)
 
     def _reopen(self) -> None:
+        self._reopen_timer = None
         if not self.stopped and not self.is_open:
             self.reopenings += 1
             self.port.open(self)

@@ -81,7 +81,8 @@ class RunEditor:
                 scheduler.set_enabled(number, on, now)
         added = [scheduler.add(block) for block in added_blocks(edit)]
         for state in added:
-            service.block_memory.add(state, edit.run.channels[state.block.channel].protocol)
+            block = state.block
+            service.block_memory.add(state, None if block.job else edit.run.channels[block.channel].protocol)
         service.look_again()
         for number in prepared.channels:
             service.on_channel(number, service.channels[number])

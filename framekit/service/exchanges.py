@@ -38,6 +38,8 @@ class Exchanges:
 
     def station_of(self, state: BlockState) -> Hashable:
         """The station a block talks to as its settings are now; None where there is none."""
+        if state.block.job is not None:
+            return None
         try:
             block = self._block_memory.effective(state.block)
         except SettingError:
@@ -98,6 +100,8 @@ class Exchanges:
 
     def joins(self, state: BlockState, others: list[BlockState]) -> list[BlockState]:
         """The waiting reads of the same station that lie beside this one."""
+        if state.block.job is not None:
+            return []
         channel = self._channels[state.block.channel]
         merge = channel.channel.merge
         if merge is None or channel.client is None or state.block.params:

@@ -18,6 +18,7 @@ from framekit.blocks.model import Block, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.scheduler import Scheduler
 from framekit.blocks.triggers import awaited_bits
+from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.link.observe import Seen
@@ -27,8 +28,10 @@ from framekit.service.device import DeviceService
 from framekit.service.edit import Applied, RunEditor
 from framekit.service.ending import LONGEST_FAREWELL, Ending
 from framekit.service.exchanges import Exchanges, rules_of
+from framekit.service.jobs import JobService
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
+from framekit.service.resolver import Resolve, resolver_for
 from framekit.service.state_file import StateFile
 from framekit.service.state_keeper import StateKeeper
 from framekit.transport.clock import Clock, Handle
@@ -45,9 +48,19 @@ OnEnd = Callable[[BlockStatus, bool], None]
 
 
 class RunService:
-    """Carries a run out. Raises DefinitionError when a device file is wrong, ValueError for a port of no known kind."""
+    """Carries a run out. `resolve` finds hosts that jobs name; default: the system's way.
 
-    def __init__(self, run: Run, clock: Clock, monitor: RunMonitor | None = None, on_end: OnEnd | None = None) -> None:
+    Raises DefinitionError when a device file is wrong, ValueError for a port of no known kind.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        clock: Clock,
+        monitor: RunMonitor | None = None,
+        on_end: OnEnd | None = None,
+        resolve: Resolve | None = None,
+    ) -> None:
         self.on_end = on_end
         self.run = run
         self.clock = clock
@@ -64,8 +77,9 @@ class RunService:
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
         self.exchanges = Exchanges(self.channels, self.block_memory, self._finished)
         self.scheduler = self._scheduler()
+        self.jobs = self._jobs(resolve or resolver_for(clock))
         for state in self.scheduler.states.values():
-            self.block_memory.add(state, run.channels[state.block.channel].protocol)
+            self.block_memory.add(state, protocol_of(run, state.block))
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited_bits(run.blocks, self.resolve))
@@ -88,6 +102,12 @@ class RunService:
             sets=run.sets,
             died=self._died,
         )
+
+    def _jobs(self, resolve: Resolve) -> JobService | None:
+        section = self.run.jobs
+        if section is None:
+            return None
+        return JobService(section, self.memory, self.channels, self.clock, self._finished, self._wake, resolve)
 
     def _keeper(self) -> StateKeeper | None:
         """What was kept is put back; words of blocks come from the run and its counters."""
@@ -136,6 +156,8 @@ class RunService:
         for number in self.channels:
             self.open_channel(number)
         self.system.start(now)
+        if self.jobs is not None:
+            self.jobs.start()
         self.scheduler.begin(now)
         if self.keeper is not None:
             self.keeper.start()
@@ -145,6 +167,7 @@ class RunService:
         """No block starts any more; ports are closed, and the state is kept."""
         self.running = False
         self.scheduler.end()
+        self._stop_jobs()
         if self._timer is not None:
             self._timer.cancel()
         for number in self.channels:
@@ -158,6 +181,7 @@ class RunService:
         After `within` ns it stops whatever is left.
         """
         self.scheduler.end()
+        self._stop_jobs()
 
         def end() -> None:
             if self.running:
@@ -165,6 +189,10 @@ class RunService:
             done()
 
         Ending(self.channels.values(), self.clock, within, end)
+
+    def _stop_jobs(self) -> None:
+        if self.jobs is not None:
+            self.jobs.stop()
 
     def open_channel(self, number: int) -> None:
         """Opens the port of a channel that is not switched off, and those of the simulated devices on its line."""
@@ -177,6 +205,8 @@ class RunService:
         """Closes them."""
         self.scheduler.set_open(number, False)
         self.channels[number].stop()
+        if self.jobs is not None and self.running:
+            self.jobs.opened(number, False)
         for device in self.devices_on[number]:
             device.stop()
 
@@ -219,6 +249,8 @@ class RunService:
         now = self.clock.now()
         self.system.start(now)
         self.exchanges.reset()
+        if self.jobs is not None:
+            self.jobs.reset()
         self.scheduler.reset(now)
         for state in self.states.values():
             self.block_memory.changed(state)
@@ -247,7 +279,11 @@ class RunService:
 
     def _start_block(self, state: BlockState, now: int) -> None:
         self.refresh()
-        self.exchanges.start(state)
+        if state.block.job is None or self.jobs is None:
+            self.exchanges.start(state)
+        else:
+            self.block_memory.started(state)
+            self.jobs.take(state.block.job)
 
     def _finished(self, number: int, failure: Failure | None) -> None:
         if number in self.states:
@@ -271,6 +307,8 @@ class RunService:
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
         self.scheduler.set_open(channel, is_open, self.clock.now())
+        if self.jobs is not None:
+            self.jobs.opened(channel, is_open)
 
     def takes(self, block: int) -> Block | None:
         """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
@@ -306,6 +344,8 @@ class RunService:
                 self.refresh()
                 self.editor.step()
                 self.block_memory.tick(self.clock.now())
+                if self.jobs is not None:
+                    self.jobs.tick(self.clock.now())
                 self.scheduler.tick(self.clock.now())
         finally:
             self._woken = False
@@ -317,6 +357,8 @@ class RunService:
             self._timer = None
         now = self.clock.now()
         due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
+        if self.jobs is not None:
+            due = min(due, self.jobs.deadline)
         if self.running and due < NEVER:
             self._timer = self.clock.call_at(max(due, now), self._tick)
 
@@ -332,6 +374,11 @@ def undisturbed(watcher: Callable[..., None], *what: object) -> None:
         raise
     except Exception:
         log.exception("a watcher of the run failed")
+
+
+def protocol_of(run: Run, block: Block) -> Protocol | None:
+    """What is spoken on the channel of a block; None for one that has none."""
+    return None if block.job is not None else run.channels[block.channel].protocol
 
 
 def receiving(run: Run, channel: int) -> list[Block]:

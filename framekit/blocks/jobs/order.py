@@ -49,4 +49,4 @@ class Command:
     order: Order | None = None
     into: Place | None = None
     status: Place | None = None
-    id: int = 0
+    id: int | None = None

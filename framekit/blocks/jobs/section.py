@@ -1,0 +1,52 @@
+"""What a run says about its jobs, and which of its channels leads to a host.
+
+Names that the run does not know are left to whoever can ask the system.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from framekit.blocks.jobs.profile import JobProfile
+from framekit.definition.problems import Position
+
+if TYPE_CHECKING:
+    from framekit.blocks.model import Channel, Place
+
+_HOST = re.compile(r"(?:tcp|udp)://(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobsSection:
+    """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name."""
+
+    profile: JobProfile
+    status: Place | None = None
+    hosts: Mapping[str, str] = field(default_factory=dict)
+    at: Position
+
+
+def host_of(channel: Channel) -> str:
+    """How jobs call the other side of a channel; empty where nothing says it."""
+    if channel.host:
+        return channel.host
+    match = _HOST.match(channel.port)
+    return "" if match is None else match[1] or match[2]
+
+
+def channel_to(host: str, channels: Mapping[int, Channel]) -> int | None:
+    """The first channel that leads to a host, by what it is called there."""
+    return next((number for number, channel in channels.items() if host_of(channel) == host), None)
+
+
+def is_address(host: str) -> bool:
+    """Whether a host is given by its address, and needs no name service."""
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,236 @@
+"""The jobs of a run: the job table on the run's channels and memory.
+
+Jobs share the connection of their channel with its blocks and with each other; the channel's engine does one exchange
+after the other, or several where its protocol can. When what starts is the table's business.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Mapping
+
+from framekit.blocks.block_status import Failure
+from framekit.blocks.jobs.order import Command, Order
+from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
+from framekit.blocks.jobs.slot import Attempt
+from framekit.blocks.jobs.table import JobTable
+from framekit.blocks.model import Place
+from framekit.blocks.own_memory import read_piece, store_pieces
+from framekit.blocks.transfer import failure_of
+from framekit.link.client import TransferResult
+from framekit.link.evaluate import EVALUATION_ERRORS
+from framekit.link.events import Command as LinkCommand
+from framekit.link.packing import values_of
+from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.numbers import unit_bits
+from framekit.service.channel import ChannelService
+from framekit.service.resolver import Resolve
+from framekit.transport.clock import Clock
+
+Finished = Callable[[int, Failure | None], None]
+
+NO_NETWORK = tuple(os.strerror(number) for number in (errno.ENETDOWN, errno.ENETUNREACH, errno.EADDRNOTAVAIL))
+"""What systems say when nobody at all can be reached; anything else is the trouble of one host."""
+
+
+class JobService:
+    """Carries out the jobs of a run. `finished` is told the end of each block's command, `wake` when times change."""
+
+    def __init__(
+        self,
+        section: JobsSection,
+        memory: DeviceMemory,
+        channels: Mapping[int, ChannelService],
+        clock: Clock,
+        finished: Finished,
+        wake: Callable[[], None],
+        resolve: Resolve,
+    ) -> None:
+        self.section = section
+        self.memory = memory
+        self.channels = channels
+        self.clock = clock
+        self._finished = finished
+        self._wake = wake
+        self._resolve = resolve
+        self.table = JobTable(section.profile, self)
+        self._channel_of: dict[int, int] = {}
+        self._waiting: dict[int, list[Attempt]] = {}
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Commands are taken from now on."""
+        self._channel_of.clear()
+        self._waiting.clear()
+        self.table.start(self.clock.now())
+
+    def stop(self) -> None:
+        """All jobs are aborted."""
+        self.table.stop()
+
+    def reset(self) -> None:
+        """As after the start."""
+        self._channel_of.clear()
+        self._waiting.clear()
+        self.table.reset(self.clock.now())
+
+    @property
+    def deadline(self) -> int:
+        return self.table.deadline
+
+    def tick(self, now: int) -> None:
+        self.table.tick(now)
+
+    def take(self, command: Command) -> None:
+        """Carries a command out."""
+        self.table.take(command, self.clock.now())
+        self._wake()
+
+    # ---- connections --------------------------------------------------------------------------------------
+
+    def connect(self, attempt: Attempt) -> None:
+        """The channel that leads to the host: by what the run says, else by the address that its name has."""
+        order = attempt.order
+        if order.channel is not None:
+            self._join(attempt, order.channel)
+            return
+        host = order.host
+        number = self._channel_to(host)
+        if number is None and host in self.section.hosts:
+            host = self.section.hosts[host]
+            number = self._channel_to(host)
+        if number is not None or is_address(host):
+            self._join(attempt, number)
+            return
+
+        def found(addresses: list[str] | None) -> None:
+            """Told the addresses of the name; none: nobody knows it; None: asking failed."""
+            if not addresses:
+                self._no_way(attempt, "no_resolver" if addresses is None else "unknown_host")
+                return
+            numbers = (self._channel_to(address) for address in addresses)
+            self._join(attempt, next((number for number in numbers if number is not None), None))
+
+        self._resolve(host, found)
+
+    def _channel_to(self, host: str) -> int | None:
+        return channel_to(host, {number: channel.channel for number, channel in self.channels.items()})
+
+    def _no_way(self, attempt: Attempt, reason: str) -> None:
+        self.table.not_connected(attempt, reason, self.clock.now())
+        self._wake()
+
+    def _join(self, attempt: Attempt, number: int | None) -> None:
+        """The job uses a channel; one that is not open is opened now."""
+        channel = None if number is None else self.channels.get(number)
+        if channel is None or number is None:
+            self._no_way(attempt, "no_channel")
+            return
+        self._channel_of[attempt.slot] = number
+        if channel.state == "open":
+            self.table.connected(attempt, self.clock.now())
+            self._wake()
+            return
+        self._waiting.setdefault(number, []).append(attempt)
+        if not channel.driver.hurry():
+            self._waiting[number].remove(attempt)
+            self._no_way(attempt, "not_connected")
+
+    def opened(self, number: int, is_open: bool) -> None:
+        """A channel is open, or is not: its jobs begin, or end."""
+        waiting, self._waiting[number] = self._waiting.get(number, []), []
+        now = self.clock.now()
+        if is_open:
+            self.table.set_network(True, now)
+        elif any(self.channels[number].state.endswith(reason) for reason in NO_NETWORK):
+            self.table.set_network(False, now)
+        for attempt in waiting:
+            if is_open:
+                self.table.connected(attempt, now)
+            else:
+                self.table.not_connected(attempt, "not_connected", now)
+        if not is_open:
+            for slot, channel in self._channel_of.items():
+                if channel == number:
+                    self.table.lost(slot, now)
+        self._wake()
+
+    # ---- transfers ----------------------------------------------------------------------------------------
+
+    def begin(self, attempt: Attempt) -> None:
+        """Begins a transfer on the channel of its job."""
+        channel, order = self.channels.get(self._channel_of[attempt.slot]), attempt.order
+        if channel is None or channel.client is None:
+            self.table.ended(attempt, Failure(outcome="no_sequence"), self.clock.now())
+            return
+
+        def done(result: TransferResult) -> None:
+            self.table.ended(attempt, failure_of(result), self.clock.now(), lambda: self._store(order, result))
+            self._wake()
+
+        try:
+            channel.driver.do(lambda now: self._start(channel, order, now, done))
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            self.table.ended(attempt, Failure(outcome="cannot_send", cause=str(error)), self.clock.now())
+
+    def _start(
+        self, channel: ChannelService, order: Order, now: int, done: Callable[[TransferResult], None]
+    ) -> list[LinkCommand]:
+        client = channel.client
+        assert client is not None
+        station = channel.channel.station if order.station is None else order.station
+        if order.kind == "read":
+            return client.read(order.remote, station=station, unit=order.unit, count=order.count, now=now, on_done=done)
+        unit = order.unit or client.grammar.parse(order.remote).unit
+        data = read_piece(self.memory, order.place, order.count * unit_bits(unit))
+        values = values_of(data, unit, order.count)
+        return client.write(order.remote, values, station=station, unit=order.unit, now=now, on_done=done)
+
+    def _store(self, order: Order, result: TransferResult) -> Failure | None:
+        """What was read, at its place in the own memory, whole."""
+        if order.kind != "read":
+            return None
+        client = self.channels[self._channel_of[order.slot]].client
+        assert client is not None
+        try:
+            unit = order.unit or client.grammar.parse(order.remote).unit
+            store_pieces(self.memory, [(order.place, order.count * unit_bits(unit), result.data)])
+        except (DeviceMemoryError, ValueError) as error:
+            return Failure(outcome="cannot_store", cause=str(error))
+        return None
+
+    # ---- words and bits -----------------------------------------------------------------------------------
+
+    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
+        """Puts words into the own memory; whether they could be."""
+        data = b"".join(word.to_bytes(2, "little") for word in words)
+        try:
+            store_pieces(self.memory, [(place, 16 * len(words), data)])
+        except (DeviceMemoryError, ValueError):
+            return False
+        return True
+
+    def write_bits(self, bits: tuple[int, ...]) -> None:
+        """Puts the status bits into the own memory, also where others may not write."""
+        place = self.section.status
+        if place is None:
+            return
+        data = sum(bit << index for index, bit in enumerate(bits)).to_bytes(-(-len(bits) // 8), "little")
+        self.memory.area(place.address.area).write_bits(place.address.first_bit, len(bits), data, force=True)
+
+    def answered(self, command: Command, word: int | None) -> None:
+        """The block of a command has ended."""
+        if command.id is None:
+            return
+        profile = self.section.profile
+        if word == profile.words["good"]:
+            self._finished(command.id, None)
+        elif word is None:
+            outcome = "queue_full" if self.table.running else "cancelled"
+            self._finished(command.id, Failure(outcome=outcome, cause="the command was not taken"))
+        else:
+            meaning = profile.text_of(word)
+            self._finished(command.id, Failure(outcome="refused", device_code=word, meaning=meaning))
