@@ -13,14 +13,15 @@ from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Refusal
 from framekit.definition.model.values import Value
-from framekit.link.area_view import code_of
 from framekit.link.backwards import BackwardRow, Codes, ElsewhereError, Reading
+from framekit.link.block_work import CompiledBlock
 from framekit.link.construct_values import EACH, compile_value
 from framekit.link.device_areas import DeviceAreas
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.exchange import Served
 from framekit.link.frame_table import Codec
 from framekit.link.leaves import DamagedBufferError, MismatchError
+from framekit.link.places import codes_of
 from framekit.link.scope import Scope
 from framekit.link.service_rows import RowFacts, ServiceRows
 from framekit.link.values import FrameValue
@@ -88,11 +89,11 @@ class MemoryServer:
         self.on_block = on_block
         self.on_trouble = on_trouble
         self.areas = DeviceAreas(protocol, codec, memory, mapping)
-        self._shared = ServiceRows(protocol, codec)
+        self.shared = ServiceRows(protocol, codec)
         self._refuse = rules(protocol.server_refusals)
         self._rows: dict[str, list[ServingRow]] = {}
-        codes = _codes(protocol)
-        for facts_of_service in self._shared.rows.values():
+        self.codes = codes = codes_of(protocol)
+        for facts_of_service in self.shared.rows.values():
             for facts in facts_of_service:
                 if facts.row.request is not None and not facts.row.client_only:
                     row = ServingRow(facts, self.areas, codes)
@@ -100,7 +101,7 @@ class MemoryServer:
         errors = protocol.errors
         self._memory_codes = {} if errors is None else {n: compile_expression(e) for n, e in errors.memory.items()}
         answer = None if errors is None else errors.answer
-        self._answer = None if answer is None else compile_value(answer, protocol, codec, self._shared.table)
+        self._answer = None if answer is None else compile_value(answer, protocol, codec, self.shared.table)
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
         """Does what a request asks for, or, with `check_only`, only says whether it would be refused.
@@ -120,6 +121,15 @@ class MemoryServer:
                 raise RefusedError(self._memory_code("range", known)) from None
         except RefusedError as refused:
             return self._refused(request, refused.code, known)
+
+    def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
+        """The exchange that a request asks for, whether it would be refused or not; nothing is done.
+
+        Raises RefusedError for a request that no row is for, and EVALUATION_ERRORS.
+        """
+        known = Names({"request": request, "buffer": b"", "station": None}, names)
+        row, reading = self._row_for(request, b"", False, known)
+        return (None if row.work is None else row.work.block), reading.names
 
     def refuse(self, request: FrameValue, code: int | None, buffer: bytes, station: Any, names: Names) -> Served:
         """Refuses a request whatever it asks for; without a code as for an address that is out of range."""
@@ -192,7 +202,7 @@ class MemoryServer:
             if when is None or when(names):
                 reply = None if frame is None else frame(names)
                 if reply is not None:
-                    self._shared.table.fill_echo(reply, request)
+                    self.shared.table.fill_echo(reply, request)
                 return Served(reply, b"" if buffer is None else buffer(names))
         return Served(None)
 
@@ -206,7 +216,7 @@ class MemoryServer:
         except EVALUATION_ERRORS as error:
             self._trouble(request, error)
             return Served(None, b"", code)
-        self._shared.table.fill_echo(reply, request)
+        self.shared.table.fill_echo(reply, request)
         return Served(reply, b"", code)
 
     def _code_or(self, code: int | None, kind: str, names: Names) -> int:
@@ -244,16 +254,6 @@ def kind_of(error: DeviceMemoryError) -> str:
     if isinstance(error, UnknownAreaError):
         return "unknown"
     return "access" if isinstance(error, AccessError) else "range"
-
-
-def _codes(protocol: Protocol) -> Codes:
-    codes: Codes = {}
-    for area in protocol.areas.values():
-        for unit in dict.fromkeys((*area.codes, area.unit)):
-            code = code_of(area, unit)
-            if code is not None:
-                codes.setdefault(code, []).append((area.name, unit))
-    return codes
 
 
 def _scope_of(names: Names) -> Scope:

@@ -23,8 +23,8 @@ class TransferResult:
 
     `values` are the elements read, `data` the same in memory's form, both empty unless `ok`. `code` is the device's own
     when it refused, `meaning` its name. `exchanges` counts those that were started, `written` the elements that are
-    known to be written, also when a later part failed. `gives` are a service's results, `reply` is the last reply and
-    `raw` its bytes.
+    known to be written, also when a later part failed. `gives` are a service's results, `reply` is the last reply,
+    `raw` its bytes and `buffer` those beside it.
     """
 
     ok: bool
@@ -39,6 +39,7 @@ class TransferResult:
     gives: dict[str, Any] = field(default_factory=dict)
     reply: FrameValue | None = None
     raw: bytes = b""
+    buffer: bytes = b""
 
 
 Done = Callable[[TransferResult], None]
@@ -115,7 +116,7 @@ class Transfer:
     def _end(self, result: TransferResult) -> None:
         self._over = True
         result.exchanges, result.written = self._next, self._written
-        result.reply, result.raw = self._last.reply, self._last.raw
+        result.reply, result.raw, result.buffer = self._last.reply, self._last.raw, self._last.buffer
         self._on_done(result)
 
 

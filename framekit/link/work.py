@@ -13,22 +13,23 @@ from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import ServeWork
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.backwards import Codes, Reading
+from framekit.link.block_work import CompiledBlock, CompilePart, compile_block
 from framekit.link.construct_values import Compute, ValueCompiler
 from framekit.link.device_areas import DeviceAreas, Span
 from framekit.link.evaluate import Evaluate, Names, compile_expression
 from framekit.link.invert import bare_name
 from framekit.link.packing import memory_of, values_of
+from framekit.link.places import span_of
 from framekit.link.scope import Scope
 from framekit.link.service_rows import RowFacts
-from framekit.memory.errors import UnknownAreaError
 from framekit.memory.numbers import unit_bits
 
-StartBlock = Callable[[dict[str, Any]], "int | None"]
-"""Starts a block of the run that a request asks for; a number refuses it with that code."""
+StartBlock = Callable[[CompiledBlock, Names], "int | None"]
+"""Takes the exchange that a request asks for, with the request's names; a number refuses it with that code."""
 
 
 class BlockRefusedError(Exception):
-    """The run does not start the block."""
+    """Nobody makes the exchange."""
 
     def __init__(self, code: int | None) -> None:
         super().__init__(code)
@@ -45,6 +46,7 @@ class Work:
         self.grammar = shared.grammar
         self.codes = codes
         self._values = ValueCompiler(shared.codec, shared.table.made)
+        self._part = self.part_compiler(self._values, areas)
         self._holds = {name: (item.layout, item.type) for name, item in shared.protocol.state.items()}
         self.moves_data = any((work.write, work.span, work.update, work.read, work.each, work.block))
         self._let = [(name, self._values.compile(value)) for name, value in work.let.items()]
@@ -56,21 +58,26 @@ class Work:
         self._read = work.read
         self._read_fields = self._fields(work.read) if isinstance(work.read, Mapping) else None
         self._read_spans = compile_expression(work.read) if isinstance(work.read, Expression) else None
-        self._block = None if work.block is None else self._fields(work.block)
+        self.block = None if work.block is None else compile_block(work.block, self._values.compile, self._part)
         self._each = _maybe(work.each) or _each_of(work.span)
         self._each_as = work.each_as or _as_of(work.span)
         self._read_each = _each_of(work.read) if isinstance(work.read, Mapping) else None
         self._read_as = _as_of(work.read) if isinstance(work.read, Mapping) else None
 
     def _fields(self, fields: Mapping[str, Value]) -> dict[str, Compute]:
-        return {name: self._word_or_value(name, value) for name, value in fields.items() if name not in ("each", "as")}
+        return {name: self._part(name, value) for name, value in fields.items() if name not in ("each", "as")}
 
-    def _word_or_value(self, name: str, value: Value) -> Compute:
-        """A bare word that is an area is that area, not a variable."""
-        word = bare_name(value) if isinstance(value, Expression) else None
-        if word is not None and (name == "unit" or (name in ("area", "memory") and word in self.areas.areas)):
-            return lambda names: word
-        return self._values.compile(value)
+    @staticmethod
+    def part_compiler(values: ValueCompiler, areas: DeviceAreas) -> CompilePart:
+        """Compiles the words of a place: a bare word that is an area is that area, not a variable."""
+
+        def part(name: str, value: Value) -> Compute:
+            word = bare_name(value) if isinstance(value, Expression) else None
+            if word is not None and (name == "unit" or (name in ("area", "memory") and word in areas.areas)):
+                return lambda names: word
+            return values.compile(value)
+
+        return part
 
     def _kept(self, target: SetTarget, value: Value) -> Compute:
         """A layout's record put into a variable of that layout stays a record."""
@@ -93,14 +100,12 @@ class Work:
         if self._update is not None:
             self._do_update(self._update, reading)
         for target, key, compute in self._set:
-            _assign(scope, target, None if key is None else key(names), compute(names))
+            assign(scope, target, None if key is None else key(names), compute(names))
         if self._drop is not None:
             self._do_drop(*self._drop, names, scope)
         data = self._do_read(names)
-        if self._block is not None:
-            code = (
-                None if start_block is None else start_block({n: compute(names) for n, compute in self._block.items()})
-            )
+        if self.block is not None:
+            code = None if start_block is None else start_block(self.block, names)
             if start_block is None or code is not None:
                 raise BlockRefusedError(code)
         return data
@@ -108,18 +113,7 @@ class Work:
     def span_of(self, fields: Mapping[str, Compute], names: Names) -> Span:
         """The place that `area|memory|code|text, unit, start, count` mean. Raises UnknownAreaError."""
         given = {name: compute(names) for name, compute in fields.items() if name != "data"}
-        start, count, unit = int(given.get("start", 0)), int(given.get("count", 1)), given.get("unit")
-        if "memory" in given:
-            return self.areas.memory_span(str(given["memory"]), unit, start, count)
-        if "text" in given:
-            address = self.grammar.parse(str(given["text"]), unit, check=False)
-            return self.areas.span(address.area, address.unit, address.start + start, count)
-        if "code" in given:
-            found = self.codes.get(given["code"])
-            if not found:
-                raise UnknownAreaError(f"no area has the code {given['code']}")
-            return self.areas.span(found[0][0], unit or found[0][1], start, count)
-        return self.areas.span(str(given["area"]), unit, start, count)
+        return span_of(self.areas, self.grammar, self.codes, given)
 
     def _do_write(self, fields: Mapping[str, Compute], names: Names) -> None:
         span = self.span_of(fields, names)
@@ -188,7 +182,7 @@ def _maybe(expression: Expression | None) -> Evaluate | None:
     return None if expression is None else compile_expression(expression)
 
 
-def _assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
+def assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
     """`name`, `name[key]`, `name.field` or `name[key].field` of the state becomes `value`."""
     if target.key is None and target.field is None:
         scope.set(target.name, value)

@@ -193,6 +193,8 @@ addresses:
   - {form: "{area}[{file:dec}]:{start:dec}", unit: bit, area: M, start: file * 2, file: "either(file, 3)", wire: yes}
 errors: {frame: RD, when: a != 0, code: a, names: [names], answer: {RD: {a: code}}, memory: {unknown: 1, no_service: 2}}
 server: {refuse: [{when: "request.a > 1", code: 1}]}
+commands: {frame: WR.REQ, request: inner, most: 10, status: {code: 1, start: 0}, done: 1, failed: code,
+           meaning: "''", waits: 1 s, then: [{when: on, store: {text: x, data: d}}]}
 services:
   read:
     - name: plain
@@ -215,7 +217,10 @@ services:
   other:
     - takes: {register: {type: number, range: 0..31, default: 1}}
       serve: {read: "monitors[1]", each: list, as: one, write: {area: M, start: 1, count: 2, data: d},
-              block: {once: yes}}
+              block: {station: 1, params: {a: 1}, session: new, read: {code: 1, start: 0},
+                      into: {memory: M, start: 0, count: 1},
+                      write: {text: x, unit: bit, data: d}, from: {area: R}, call: [{other: {register: 1}}],
+                      then: [{when: on, set: {x: 1}, store: {area: M, start: 0, data: d}}]}}
       client_only: yes
       outside_session: yes
 """

@@ -12,6 +12,8 @@ from link.service_loop import Loop
 
 from framekit.codec.errors import FrameError
 from framekit.link.addresses import Address
+from framekit.link.block_work import CompiledBlock
+from framekit.link.evaluate import Names
 from framekit.link.values import FrameValue
 from framekit.memory.area import Area
 from framekit.memory.load import load_profile
@@ -365,13 +367,18 @@ def test_values_that_do_not_fit_the_state_are_refused_and_reported() -> None:
 
 
 def test_blocks_are_started_by_the_run() -> None:
-    started: list[dict[str, Any]] = []
+    started: list[tuple[Any, Any, Any]] = []
+
+    def start(block: CompiledBlock, names: Names) -> None:
+        assert block.station is not None and block.read is not None and block.into is not None
+        started.append((block.station(names), block.read.on(names), block.into.on(names)))
+
     loop = rack()
     assert loop.do("call", "start", {"what": 4}).code == 1
-    loop.server.on_block = lambda block: started.append(block)
+    loop.server.on_block = start
     assert loop.do("call", "start", {"what": 4}).ok
-    assert started == [{"name": "block 4", "times": 4}]
-    loop.server.on_block = lambda block: 0x66
+    assert started == [(4, {"area": "R", "start": 3}, {"area": "Q", "start": 0, "count": 16})]
+    loop.server.on_block = lambda block, names: 0x66
     assert loop.do("call", "start", {"what": 4}).code == 0x66
 
 

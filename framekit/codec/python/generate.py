@@ -121,7 +121,7 @@ class ModuleWriter:
             if isinstance(segment, Length) and set(segment.of) - own:
                 return False
         known = {*self.protocol.params, *self.protocol.state, *self.protocol.tables}
-        known |= {"station", "own", "role", "line", "now", "clock", "request", "buffer"}
+        known |= {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply"}
         return not names_read(segments) - own - known
 
     # ---- parts of the text --------------------------------------------------------------------------------

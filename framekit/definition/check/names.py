@@ -8,10 +8,10 @@ from typing import Any
 
 from framekit.definition.expression.syntax import Attribute, Compare, Expression, Name, Text, walk
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.procedure import Action, Row, Sequence, Step
+from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Record, Repeat, Segment
-from framekit.definition.model.services import ServeWork, ServiceRow
+from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.values import Value
 from framekit.definition.model.visit import expressions_of, parts_of
@@ -34,6 +34,11 @@ OFFERED = frozenset({
     "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
     "element_bytes", "spans", "old", "key", "entry",
 })  # fmt: skip
+IN_BLOCKS = frozenset({
+    "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",
+    "record",
+})  # fmt: skip
+"""What the row of a command block knows besides, and all that is done when its exchange has ended."""
 OF_EVERY_FRAME = frozenset({"frame", "refusal"})
 
 
@@ -68,8 +73,9 @@ class NameChecker:
         for rows in protocol.services.values():
             for row in rows:
                 self._service(row)
-        self._expressions(protocol.server_refusals, EXCHANGE)
+        self._expressions(protocol.server_refusals, EXCHANGE | (IN_BLOCKS if protocol.commands else set()))
         self._expressions([method.expression for method in protocol.checks.values()], {"acc", "byte"})
+        self._commands()
         self._errors()
         return self.problems
 
@@ -192,6 +198,7 @@ class NameChecker:
             local |= {name for form in self.protocol.addresses for name in part_names(form.parts)}
         if row.serve is not None:
             local |= row.serve.let.keys()
+            local |= set() if self.protocol.commands is None else IN_BLOCKS
             if row.serve.each_as:
                 local.add(row.serve.each_as)
             for part in (row.serve.read, row.serve.span):
@@ -209,14 +216,22 @@ class NameChecker:
         self._expressions(row, local)
         self._fields_of_frames(row)
         if row.serve is not None:
-            self._service_targets(row.serve)
+            block = row.serve.block
+            self._service_targets(row.serve.set)
+            self._service_targets([item for after in (block.then if block else ()) for item in after.set])
 
-    def _service_targets(self, work: ServeWork) -> None:
+    def _service_targets(self, targets: Iterable[tuple[Target, Value]]) -> None:
         known = self.protocol.state.keys() | self.protocol.params.keys() | {"clock"}
-        for target, value in work.set:
+        for target, value in targets:
             if target.name not in known and target.name not in self.broken:
                 what = f"there is no variable '{target.name}' to set"
                 self._note(value.at, what, did_you_mean(target.name, known))
+
+    def _commands(self) -> None:
+        rules = self.protocol.commands
+        if rules is not None:
+            self._expressions(rules, EXCHANGE | IN_BLOCKS)
+            self._service_targets([item for after in rules.then for item in after.set])
 
     def _fields_of_frames(self, row: ServiceRow) -> None:
         """`request.field` and `reply.field` are fields of the row's request and of one of its replies."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from framekit.definition.check.addresses import check_forms
+from framekit.definition.check.commands import check_commands
 from framekit.definition.check.frames import check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
@@ -28,6 +29,7 @@ def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
     problems += check_profile(protocol)
     problems += check_procedure(protocol, broken)
     problems += check_services(protocol, broken)
+    problems += check_commands(protocol, broken)
     if not broken:
         problems += check_forms(protocol.addresses, protocol.areas, protocol.tables)
     told = {problem.at for problem in problems}

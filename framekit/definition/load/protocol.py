@@ -25,12 +25,14 @@ from framekit.definition.load.sections import (
 from framekit.definition.load.segments import SegmentLoader
 from framekit.definition.load.services import ServiceLoader, load_area
 from framekit.definition.load.values import ValueLoader
+from framekit.definition.model.commands import CommandRules
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.model.services import AddressForm, Area, Errors, Refusal
 from framekit.definition.model.values import LayoutOf, ReadAs, Table
 from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Entry, Scalar
+from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position
 
 T = TypeVar("T")
@@ -63,7 +65,8 @@ class ProtocolLoader:
         areas, forms = self._areas()
         errors = self._errors(services)
         refusals = self._refusals(services)
-        parts = [frames, sequences, roles, sessions, rows, forms, errors, refusals]
+        commands = self._commands(services)
+        parts = [frames, sequences, roles, sessions, rows, forms, errors, refusals, commands]
         layouts = self._layouts(parts, areas)
         line, receiver = self._line(), self._receiver()
         parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
@@ -94,6 +97,8 @@ class ProtocolLoader:
             errors=resolve.plainly(errors),
             server_refusals=resolve.plainly(refusals),
             services={name: tuple(resolve.service(row) for row in found) for name, found in rows.items()},
+            commands=resolve.plainly(commands),
+            commands_file=self._text("commands"),
             sources=self.source.files + (self.source.application.files if self.source.application else ()),
             warnings=(),
             at=self.source.at,
@@ -169,6 +174,14 @@ class ProtocolLoader:
         if node is not None:
             with self.reader.going_on():
                 return services.errors(node)
+        return None
+
+    def _commands(self, services: ServiceLoader) -> CommandRules | None:
+        """How records are command blocks; a protocol only names the application that says so."""
+        node = self.source.root.get("commands")
+        if isinstance(node, MappingNode):
+            with self.reader.going_on():
+                return services.commands.rules(node)
         return None
 
     def _refusals(self, services: ServiceLoader) -> tuple[Refusal, ...]:
@@ -250,7 +263,6 @@ class ProtocolLoader:
         if application is None or section == "tables":
             return entries
         from framekit.definition.load.documents import joined
-        from framekit.definition.nodes import Mapping as MappingNode
 
         for entry in application.section(section):
             own = entries[entry.key.text]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from framekit.definition.expression.syntax import Expression, Text
+from framekit.definition.load.commands import CommandLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.sections import literal_or_expression
 from framekit.definition.load.values import ValueLoader
@@ -84,6 +85,7 @@ class ServiceLoader:
     def __init__(self, values: ValueLoader) -> None:
         self.values = values
         self.reader: Reader = values.reader
+        self.commands = CommandLoader(values, self._word_or_value)
 
     def rows(self, entry: Entry) -> tuple[ServiceRow, ...]:
         """The rows of one service, in order; broken ones are left out."""
@@ -197,7 +199,7 @@ class ServiceLoader:
             read=reader.expression(read) if isinstance(read, Scalar) else fields("read"),
             each=reader.maybe(reader.expression, keys.get("each")),
             each_as=reader.maybe(reader.text, keys.get("as")),
-            block=fields("block"),
+            block=reader.maybe(self.commands.block, keys.get("block")),
             at=keys.at,
         )
 

@@ -8,6 +8,7 @@ from typing import Literal
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.commands import CommandRules
 from framekit.definition.model.frames import Frame, Group, Layout
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.services import AddressForm, Area, Errors, Refusal, ServiceRow
@@ -101,6 +102,7 @@ class Protocol:
 
     `frames` are in the order of the file, those of the application after those of the protocol. `frames_alone` says
     that there are no roles: blocks send and receive its frames directly. `sources`: the files it was read from.
+    `commands`: this is an application of command blocks; `commands_file`: the one a protocol names for its channels.
     """
 
     name: str
@@ -128,6 +130,8 @@ class Protocol:
     errors: Errors | None
     server_refusals: tuple[Refusal, ...]
     services: Mapping[str, tuple[ServiceRow, ...]]
+    commands: CommandRules | None
+    commands_file: str
     sources: tuple[str, ...]
     warnings: tuple[Problem, ...]
     at: Position

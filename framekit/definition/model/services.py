@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.commands import BlockWork
 from framekit.definition.model.procedure import Target
 from framekit.definition.model.values import Constant, FrameOf, Value
 from framekit.definition.problems import Position
@@ -116,7 +117,7 @@ class Refusal:
 class ServeWork:
     """What a server does for a row, in the language's order; each part is kept as name → value.
 
-    `block` starts a block of the run; `each`/`each_as` repeat span or read over a list.
+    `block` is an exchange with the other side that follows; `each`/`each_as` repeat span or read over a list.
     """
 
     let: Mapping[str, Value] = field(default_factory=dict)
@@ -128,7 +129,7 @@ class ServeWork:
     read: Mapping[str, Value] | Expression | None = None
     each: Expression | None = None
     each_as: str | None = None
-    block: Mapping[str, Value] | None = None
+    block: BlockWork | None = None
     at: Position
 
 

@@ -1,0 +1,155 @@
+"""The verb for command blocks: words, or a command with named fields, are explained or carried out on a port.
+
+Exit status: 0 done, 1 refused, 2 these are no command block, 3 no good answer came.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import assignment, load, print_json
+from framekit.cli.main import Failure
+from framekit.cli.one_shot import add_line
+
+if TYPE_CHECKING:
+    from framekit.blocks.command_meaning import Meaning
+    from framekit.blocks.command_words import CommandWords
+    from framekit.blocks.commands import CommandBlocks
+    from framekit.definition.model.protocol import Protocol
+
+NO_COMMAND = 2
+"""Exit status when the words are no command block."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_line(parser, port_required=False)
+    parser.add_argument(
+        "words", nargs="+", metavar="WORD", help="decimal, 0x… or @FILE; or the name of a command, and FIELD=VALUE …"
+    )
+    parser.add_argument("--commands", metavar="NAME", help="the application of commands; default: the protocol's")
+    parser.add_argument("--explain", action="store_true", help="only say what the words mean")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from framekit.blocks.bound_commands import commands_for
+    from framekit.definition.problems import Position
+
+    protocol = load(arguments.protocol)
+    at = Position(arguments.protocol, 1, 1)
+    application = commands_for(protocol, arguments.commands, Path.cwd(), at)
+    blocks = _blocks(application, protocol, arguments)
+    try:
+        data = record_of(blocks.words, _with_files(arguments.words))
+    except ValueError as error:
+        print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
+        return NO_COMMAND
+    return explain(blocks, protocol, data, arguments)
+
+
+def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
+    """Command blocks on a port that has done nothing yet, over an empty memory."""
+    from framekit.blocks.commands import CommandBlocks
+    from framekit.blocks.device import memory_of
+    from framekit.blocks.load_channel import CLIENT_ROLES
+    from framekit.codec.codec import compile_protocol
+    from framekit.link.frame_vectors import default_line
+    from framekit.link.scope import Scope
+    from framekit.memory.memory import DeviceMemory
+
+    role = arguments.role or next((name for name in CLIENT_ROLES if name in protocol.roles), None)
+    channel = Scope(protocol, role=role, line=default_line(protocol))
+    areas, _ = memory_of(application)
+    return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=channel)
+
+
+def _with_files(words: list[str]) -> list[str]:
+    """The words, with those of a file in place of @FILE."""
+    return [word for text in words for word in (_words_of(text[1:]) if text.startswith("@") else [text])]
+
+
+def _words_of(file: str) -> list[str]:
+    """The words in a file, in which # begins a remark. Raises Failure."""
+    try:
+        lines = Path(file).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise Failure(f"{file}: {error}") from None
+    return [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
+
+
+def record_of(words: CommandWords, given: list[str]) -> bytes:
+    """The command block that is meant: all its words, those from the command on, or a command with named fields.
+
+    Fields of the words before the command may be given beside either. Raises ValueError.
+    """
+    from framekit.blocks.command_words import CommandFaultError, bytes_of
+    from framekit.codec.plain import PlainValues
+    from framekit.definition.load.scalars import parse_number
+    from framekit.definition.problems import did_you_mean
+
+    plain = [text for text in given if "=" not in text]
+    fields = dict(assignment(text) for text in given if "=" in text)
+    head = {name: fields.pop(name) for name in list(fields) if name in words.head()}
+    if len(plain) == 1 and not plain[0].lstrip("-")[:1].isdigit():
+        if plain[0] not in words.requests:
+            hint = did_you_mean(plain[0], words.requests)
+            raise ValueError(f"'{words.application.name}' has no command '{plain[0]}'" + (f" – {hint}" if hint else ""))
+        return words.make(plain[0], fields, head)
+    if fields:
+        raise ValueError(f"'{next(iter(fields))}' is no field beside words – name the command instead of its number")
+    numbers = [parse_number(text) for text in plain]
+    if not numbers:
+        raise ValueError("there are no words – give them, or the name of a command")
+    data = bytes_of(numbers)
+    try:
+        if not head and len(words.read(data).raw) == len(data):
+            return data
+    except CommandFaultError:
+        pass
+    request, values = words.read_request(data)
+    return words.make(request, PlainValues(words.application).to_plain(request, values), head)
+
+
+# ---- explaining -------------------------------------------------------------------------------------------
+
+
+def explain(blocks: CommandBlocks, protocol: Protocol, data: bytes, arguments: argparse.Namespace) -> int:
+    """Says what a command block means; the exit status."""
+    from framekit.blocks.command_meaning import meaning_of
+    from framekit.blocks.command_words import CommandFaultError
+
+    try:
+        meaning = meaning_of(blocks.words.read(data), blocks, protocol)
+    except CommandFaultError as error:
+        print(f"framekit {arguments.verb}: this is no command block: {error}", file=sys.stderr)
+        return NO_COMMAND
+    if arguments.json:
+        print_json(_as_json(meaning))
+    else:
+        print("\n".join(_lines(meaning)))
+    return 0
+
+
+def _as_json(meaning: Meaning) -> dict[str, Any]:
+    return {
+        "words": meaning.words, "command": meaning.request, "head": meaning.head, "fields": meaning.fields,
+        "does": meaning.does, "status": meaning.status, "refused": meaning.refused, "because": meaning.because,
+    }  # fmt: skip
+
+
+def _lines(meaning: Meaning) -> list[str]:
+    shown = [
+        f"{name} {value}" + (f" ({meaning.names[name]})" if name in meaning.names else "")
+        for name, value in meaning.fields.items()
+    ]
+    lines = [
+        "words    " + " ".join(f"{word:04X}" for word in meaning.words),
+        f"command  {meaning.request}: " + ", ".join(shown),
+    ]
+    lines += [f"{'' if number else 'does':<9}{line}" for number, line in enumerate(meaning.does)]
+    lines.append(f"status   {meaning.status}")
+    if meaning.refused:
+        lines.append(f"refused  {meaning.refused:#06x} {meaning.because}, by a port that has done nothing yet".rstrip())
+    return lines
