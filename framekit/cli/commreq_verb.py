@@ -1,6 +1,6 @@
-"""The verb for command blocks: words, or a command with named fields, are explained or carried out on a port.
+"""The verb for command blocks: says what words, or a command with named fields, mean.
 
-Exit status: 0 done, 1 refused, 2 these are no command block, 3 no good answer came.
+Exit status: 0 it is a command block, 1 the files are wrong, 2 it is none.
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import assignment, load, print_json
+from framekit.cli.common import add_json, add_protocol, assignment, load, print_json
 from framekit.cli.main import Failure
-from framekit.cli.one_shot import add_line
 
 if TYPE_CHECKING:
     from framekit.blocks.command_meaning import Meaning
@@ -25,7 +24,9 @@ NO_COMMAND = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_line(parser, port_required=False)
+    add_protocol(parser)
+    parser.add_argument("--role", help="the own role, where the protocol leaves a choice")
+    add_json(parser)
     parser.add_argument(
         "words", nargs="+", metavar="WORD", help="decimal, 0x… or @FILE; or the name of a command, and FIELD=VALUE …"
     )

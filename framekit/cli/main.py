@@ -23,7 +23,7 @@ VERBS = {
     "read": "read values of a device",
     "write": "write values into a device",
     "call": "run another service of a device",
-    "commreq": "explain or carry out a command block",
+    "commreq": "say what the words of a command block mean",
     "run": "carry out a run file",
     "serve": "answer requests on a port, with memory",
     "monitor": "listen to a line between others",

@@ -1,0 +1,97 @@
+"""Command blocks as words: what the manual prints, both ways; words that are none; what they mean in words."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from framekit.blocks.command_meaning import Meaning, meaning_of
+from framekit.blocks.command_words import CommandFaultError, bytes_of, words_of
+from framekit.blocks.commands import CommandBlocks
+from framekit.blocks.device import memory_of
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.link.frame_vectors import default_line
+from framekit.link.scope import Scope
+from framekit.memory.memory import DeviceMemory
+
+HEAD = [0, 8, 9, 0, 0]
+
+
+@cache
+def blocks_of(protocol: str, role: str = "master") -> CommandBlocks:
+    channel = load_protocol(protocol)
+    application = load_protocol(channel.commands_file)
+    scope = Scope(channel, role=role, line=default_line(channel))
+    areas, _ = memory_of(application)
+    return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=scope)
+
+
+def block(*words: int) -> bytes:
+    return bytes_of([len(words), *HEAD, *words])
+
+
+def meaning(protocol: str, *words: int) -> Meaning:
+    blocks = blocks_of(protocol)
+    return meaning_of(blocks.words.read(block(*words)), blocks, load_protocol(protocol))
+
+
+def test_named_fields_make_the_words_and_words_give_the_fields() -> None:
+    words = blocks_of("ccm").words
+    data = words.make("ccm_read", {"command": "I", "target": "2", "type": 2, "address": 9, "count": 16, "here": 1}, {})
+    assert words_of(data) == [6, 0, 8, 0, 0, 0, 6102, 2, 2, 9, 16, 1]
+    request = words.read(data).request
+    assert (request.frame, request.fields["command"], request.fields["count"]) == ("ccm_read", 6102, 16)
+
+
+def test_what_stands_behind_a_block_is_not_looked_at() -> None:
+    data = block(6002)
+    assert blocks_of("ccm").words.read(data + b"\1\2\3").raw == data
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ([0, *HEAD, 6002], "'words' is 0"),
+        ([129, *HEAD, *[6002] * 129], "'words' is 129"),
+        ([2, *HEAD, 6002], "more words than there are"),
+        ([1, 2, 8, 9, 0, 0, 6002], "'wait' is 2"),
+        ([1, 0, 9, 9, 0, 0, 6002], "'status_type' is 9"),
+        ([1], "more words than there are"),
+    ],
+)
+def test_words_that_are_no_command_block_are_a_fault(words: list[int], why: str) -> None:
+    with pytest.raises(CommandFaultError, match=why):
+        blocks_of("ccm").words.read(bytes_of(words))
+
+
+def test_numbers_that_are_no_words_are_refused() -> None:
+    assert bytes_of([-1, 0x1234]) == b"\xff\xff\x34\x12"
+    with pytest.raises(ValueError, match="65536 is no word"):
+        bytes_of([65536])
+
+
+def test_a_transfer_is_told_with_both_its_places() -> None:
+    found = meaning("ccm", 6111, 10, 1, 200, 50, 1)
+    assert found.does == ["other side: 10", "writes %R200 from the own %R1 (50 × word)"]
+    assert (found.status, found.refused, found.names["type"]) == ("%R10", 0, "registers")
+
+
+def test_a_service_is_told_with_its_arguments() -> None:
+    assert meaning("snp", 7201, 2, 0x4150, 0x5353, 0x31, 0).does == [
+        "other side: ''",
+        "calls change_level level=2 password=PASS1",
+    ]
+    assert meaning("snp", 7211, 8, 1).does[-1] == "stores what it brings from the own %R1 on"
+
+
+def test_a_place_that_is_not_there_is_told() -> None:
+    assert "no area has the code 99" in meaning("snp", 7202, 99, 1, 10, 70, 1).does[1]
+
+
+def test_a_refusal_is_told_with_its_name() -> None:
+    found = meaning("snp", 7202, 8, 1, 10, 70, 1)
+    assert (found.refused, found.because) == (0x030C, "no SNP session")
+    found = meaning("ccm", 6101, 10)
+    assert (found.request, found.refused) == ("wrong_length", 30)

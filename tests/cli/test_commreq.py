@@ -1,0 +1,72 @@
+"""The verb for command blocks: words and names, files, what is refused, what the exit status says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from framekit.cli.main import main
+
+WRITE = ["6", "0", "8", "9", "0", "0", "0x17DF", "10", "1", "200", "50", "1"]
+
+
+def words_shown(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().out.splitlines()[0].removeprefix("words").strip()
+
+
+def test_whole_blocks_and_those_without_their_head_are_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["commreq", "ccm", "--explain", *WRITE]) == 0
+    whole = words_shown(capsys)
+    assert main(["commreq", "ccm", "--explain", *WRITE[6:], "status_offset=9"]) == 0
+    assert words_shown(capsys) == whole == "0006 0000 0008 0009 0000 0000 17DF 000A 0001 00C8 0032 0001"
+
+
+def test_named_fields_and_words_from_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "block.txt"
+    file.write_text("# ten bits\n7202, 8 1\n10 70 1  # into I1\n", encoding="utf-8")
+    assert main(["commreq", "snp", "--explain", f"@{file}"]) == 0
+    from_file = words_shown(capsys)
+    fields = ["type=R", "address=1", "count=10", "here_type=I", "here=1"]
+    assert main(["commreq", "snp", "--explain", "snp_read", *fields]) == 0
+    assert words_shown(capsys) == from_file
+
+
+def test_json_has_words_fields_and_what_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["commreq", "ccm", "--explain", "--json", *WRITE]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["words"] == [int(word, 0) for word in WRITE]
+    assert found["fields"]["target"] == 10 and found["status"] == "%R10" and found["refused"] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["hello"], "has no command 'hello'"),
+        (["ccm_reed"], "did you mean 'ccm_read'"),
+        (["ccm_read", "targt=1"], "targt"),
+        (["6101", "count=1"], "'count' is no field beside words"),
+        (["6101", "1.5"], "1.5"),
+        (["6101", "70000"], "70000 is no word"),
+    ],
+)
+def test_what_is_no_command_is_told_and_exits_with_2(
+    words: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["commreq", "ccm", "--explain", *words]) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_protocols_without_commands_say_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["commreq", "mldp", "--explain", "1"]) == 1
+    assert "names no application of commands" in capsys.readouterr().err
+    assert main(["commreq", "ccm", "--explain", "1", "--commands", "commreq-snp"]) == 1
+    assert "command 'snp_attach' of 'commreq-snp' calls 'open', which 'ccm' has not" in capsys.readouterr().err
+    assert main(["commreq", "ccm", "--explain", "1", "--commands", "ge-service"]) == 1
+    assert "'ge-service' has no command blocks" in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["commreq", "ccm", "--explain", "@nowhere.txt"]) == 1
+    assert "nowhere.txt" in capsys.readouterr().err
