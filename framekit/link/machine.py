@@ -122,7 +122,7 @@ class Machine(Steps):
         else:
             run.cause = outcome.cause
             name = outcome.outcome or "refused"
-            self.handle(run, "on_fail", name, {"outcome": name})
+            self.handle(run, "on_fail", name, {"outcome": name, "cause": run.cause})
 
 
 class _Asked(Asked):

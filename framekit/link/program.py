@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class CompiledAction:
     """An action; `effects` are done in their order before `then` or `fail`."""
 
-    __slots__ = ("at_most", "effects", "fail", "otherwise", "then", "when")
+    __slots__ = ("at_most", "because", "effects", "fail", "otherwise", "then", "when")
 
     def __init__(self, action: Action, compiler: ProgramCompiler) -> None:
         self.when = compiler.maybe(action.when)
@@ -34,6 +34,7 @@ class CompiledAction:
         self.effects: tuple[Effect, ...] = compiler.effects.of_action(action)
         self.then = action.then
         self.fail = action.fail
+        self.because = compiler.maybe(action.because)
 
 
 class CompiledRow(CompiledAction):

@@ -109,6 +109,8 @@ class Steps(Environment):
             counters[action] = count + 1
         for effect in action.effects:
             effect(self, run, activation)
+        if action.because is not None:
+            run.cause = str(action.because(activation.names))
         if action.fail is not None:
             self.abandon_above(run, activation)
             self.fail(run, activation, action.fail)
@@ -199,7 +201,7 @@ class Steps(Environment):
             self._end_nested(run, activation.dealing, self._failure(run, activation, outcome))
         elif run.stack:
             self._going(run)
-            self.handle(run, "on_fail", outcome, {"outcome": outcome})
+            self.handle(run, "on_fail", outcome, {"outcome": outcome, "cause": run.cause})
         else:
             self._finish(run, activation.dealing, self._failure(run, activation, outcome))
 

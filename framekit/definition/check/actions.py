@@ -94,6 +94,8 @@ class _ActionChecker:
 
     def action(self, action: Action) -> None:
         places = action.places
+        if action.because is not None and action.fail is None:
+            self._note(action.because.at, "because: gives the reason of a failure", "add fail: OUTCOME")
         if action.then is not None and action.fail is not None:
             self._note(action.at, "an action goes on or fails, not both", "leave then or fail out")
         if action.otherwise is not None and action.at_most is None:

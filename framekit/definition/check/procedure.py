@@ -95,6 +95,10 @@ class _SequenceChecker:
             hint = did_you_mean(ask.frame, self.protocol.services)
             self._note(ask.at, f"there is no service '{ask.frame}' to ask", hint)
             return
+        taken = {argument.name for row in rows for argument in row.takes}
+        for name, value in ask.fields.items():
+            if name not in taken:
+                self._note(value.at, f"'{ask.frame}' takes no '{name}'", did_you_mean(name, taken))
         given = [name for name in rows[0].gives if all(name in row.gives for row in rows)] if rows else []
         self._into(step, step.ask_into, ask.frame, given)
 

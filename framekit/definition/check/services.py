@@ -8,6 +8,7 @@ from framekit.definition.check.addresses import is_unit
 from framekit.definition.check.backwards import check_backwards
 from framekit.definition.check.segments import constant_number
 from framekit.definition.expression.syntax import Text, names_in
+from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import UNIT_BITS, ServiceRow
 from framekit.definition.model.sizes import field_names
@@ -34,8 +35,9 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
 def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
     """`{frame: {field: …}}` may only name fields of that frame."""
     holders = [protocol.sequences, protocol.services, protocol.errors]
+    asked = {id(step.ask) for step in parts_of(dict(protocol.sequences), Step) if step.ask is not None}
     for made in parts_of(holders, FrameOf):
-        frame = protocol.frames.get(made.frame)
+        frame = None if id(made) in asked else protocol.frames.get(made.frame)  # what is asked are services
         if frame is not None and made.frame not in broken:
             yield from _fields(made, "frame", made.frame, field_names(frame.segments))
     for layout in parts_of(holders, LayoutOf):

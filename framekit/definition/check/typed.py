@@ -235,7 +235,7 @@ class _Kinds:
             checker.wants(step.parts.size, "number")
         checker.wants(step.serve.buffer if step.serve is not None else None, "bytes")
         self._settings(checker, step)
-        self._made(checker, [step.send, step.deliver, step.put, step.call, step.ask])
+        self._made(checker, [step.send, step.deliver, step.put, step.call, [] if step.ask is None else step.ask.fields])
         for row in step.receive or ():
             self._row(row, local)
         self._actions(checker, step.branch or ())

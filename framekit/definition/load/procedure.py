@@ -74,6 +74,7 @@ class ProcedureLoader:
             "send": self._maybe(self.values.sent, send),
             "then": self._maybe(reader.text, keys.get("then")),
             "fail": self._maybe(reader.text, keys.get("fail")),
+            "because": self._maybe(reader.expression, keys.get("because")),
         }
 
     def _store(self, node: Node | None) -> tuple[tuple[Expression, str], ...]:

@@ -52,6 +52,7 @@ class Action:
     send: Value | None = None
     then: str | None = None
     fail: str | None = None
+    because: Expression | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,433 @@
+"""The command set on two engines with a virtual full-duplex line between them: every service, family by family."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import pytest
+from link.link_world import SECOND, Side, compiled
+from link.service_loop import FRAMES
+
+from framekit.blocks.device import memory_of
+from framekit.link.client import Client
+from framekit.link.construct_values import read_layout
+from framekit.link.scope import Scope
+from framekit.link.serving import MemoryServer
+from framekit.link.transfer import TransferResult
+from framekit.memory.memory import DeviceMemory
+
+NODE = 5
+
+
+@cache
+def text() -> str:
+    return (FRAMES / "df1.yaml").read_text(encoding="utf-8")
+
+
+class Pair:
+    """A computer, node 0, and a processor, node 5; both know the family."""
+
+    def __init__(self, processor: str, **params: Any) -> None:
+        protocol, codec = compiled(text())
+        self.memory = DeviceMemory(memory_of(protocol)[0])
+        server = MemoryServer(protocol, codec, self.memory)
+        params = {"processor": processor, **params}
+        self.device = Side(text(), "full", own=NODE, server=server, params={**params, "node": NODE})
+        self.asking = Side(text(), "full", own=0, params=params, ask=lambda *given: self.client.ask(*given))
+        self.client = Client(protocol, codec, self.asking.engine)
+
+    @property
+    def state(self) -> Any:
+        return self.device.engine.scope
+
+    def call(self, service: str, params: dict[str, Any] | None = None, **arguments: Any) -> TransferResult:
+        results: list[TransferResult] = []
+        options = {"station": NODE, "params": params, "now": self.asking.now, "on_done": results.append}
+        self.asking.do(self.client.call(service, arguments, **options))
+        end = self.asking.now + 600 * SECOND
+        sides = (self.asking, self.device)
+        while not results and self.asking.now < end:
+            for side, peer in (sides, sides[::-1]):
+                for data in side.taken():
+                    peer.do(peer.engine.receive(data, peer.now))
+            at = min(end, *(side.next_time() for side in sides))
+            for side in sides:
+                side.run(at - side.now)
+        assert len(results) == 1
+        return results[0]
+
+    def gives(self, service: str, **arguments: Any) -> Any:
+        """The one result of a service that must succeed."""
+        result = self.call(service, **arguments)
+        assert result.ok, (service, result)
+        (value,) = result.gives.values()
+        return value
+
+    def done(self, service: str, **arguments: Any) -> None:
+        result = self.call(service, **arguments)
+        assert result.ok, (service, result)
+
+    def refused(self, service: str, **arguments: Any) -> int:
+        result = self.call(service, **arguments)
+        assert not result.ok and result.code is not None, (service, result)
+        return result.code
+
+
+# ---- diagnostics ---------------------------------------------------------------------------------------------
+
+
+def test_echo_and_link_settings() -> None:
+    pair = Pair("slc")
+    assert pair.gives("echo", data=b"\xaa\x10\x55") == b"\xaa\x10\x55"
+    pair.done("set_link", address=12)
+    assert pair.gives("read_link")["value"] == 12
+    other = Pair("plc2")
+    other.done("set_variables", cycles=200, naks=5, enqs=7)
+    assert (other.state["ack_timeout"], other.state["nak_limit"], other.state["enq_limit"]) == (5 * SECOND, 5, 7)
+    other.done("set_timeout", cycles=40)
+    other.done("set_naks", naks=2)
+    other.done("set_enqs", enqs=4)
+    assert (other.state["ack_timeout"], other.state["nak_limit"], other.state["enq_limit"]) == (SECOND, 2, 4)
+
+
+@pytest.mark.parametrize(
+    ("processor", "expected"),
+    [
+        ("slc", {"family": "slc", "processor_name": "SLC 5/04", "interface": "DF1 full duplex", "mode": 6, "owner": 0x3F}),
+        ("micrologix", {"family": "slc", "processor_name": "MicroLogix 1000"}),
+        ("plc5", {"family": "plc5", "processor_name": "PLC-5/40", "mode": 6, "memory_size": 16384, "node": NODE}),
+        ("plc5_250", {"family": "plc5_250", "mode": 6, "node": NODE}),
+        ("plc3", {"family": "plc3", "port": "RS-232", "unused_memory": 8192}),
+        ("plc2", {"family": "plc2_module", "module_name": "1771-KG", "processor_name": "PLC-2"}),
+        ("plc1774", {"family": "plc2_module", "module_name": "1771-KA, KA2, 1774-KA", "processor_name": "PLC"}),
+    ],
+)  # fmt: skip
+def test_status_of_every_family(processor: str, expected: dict[str, Any]) -> None:
+    status = Pair(processor).gives("status")
+    assert {name: status[name] for name in expected} == expected
+
+
+def test_counters_are_read_and_reset() -> None:
+    pair = Pair("slc")
+    pair.state.set("counters", bytes.fromhex("0B00 0500 0600 0100 0200 0300 0900 0400 0000 0700 0100 0800 0A00 0B00"))
+    counters = pair.gives("read_counters")
+    assert (counters["sent"], counters["received"], counters["duplicates"], counters["modem_lost"]) == (5, 6, 7, 10)
+    assert (counters["cts"], counters["rts"], counters["dcd"]) == (1, 1, 1)
+    assert counters["normal_last_scan"] == 300_000_000
+    pair.done("reset_counters")
+    assert pair.gives("read_counters")["sent"] == 0
+
+
+# ---- modes and resources ---------------------------------------------------------------------------------------
+
+
+def test_modes() -> None:
+    slc = Pair("slc")
+    slc.done("change_mode", mode="test_single_scan")
+    assert slc.gives("status")["mode"] == 8
+    micro = Pair("micrologix")
+    micro.done("change_mode", mode="program")
+    assert micro.gives("status")["mode"] == 1
+    micro.done("change_mode", mode="run")
+    assert micro.gives("status")["mode"] == 6
+    plc5 = Pair("plc5")
+    plc5.done("change_mode", mode="remote_test")
+    plc5.done("change_mode", mode="no_change")
+    assert plc5.gives("status")["mode"] == 5
+    plc5.state.set("processor_mode", 2)
+    assert plc5.refused("change_mode", mode="program") == 0xF00B
+
+
+def test_forces_memory_and_compatibility_file() -> None:
+    pair = Pair("slc")
+    pair.state.set("forces", 3)
+    pair.done("disable_forces")
+    assert pair.state["forces"] == 1
+    assert pair.refused("initialize_memory") == 0xF00E
+    pair.done("change_mode", mode="program")
+    pair.done("initialize_memory")
+    assert pair.state["initialized"] == 1
+    plc5 = Pair("plc5")
+    plc5.done("set_compatibility_file", node_address=0, file=17)
+    assert plc5.state["compatibility"][0] == 17
+
+
+def test_edit_resource_and_ports() -> None:
+    pair = Pair("slc")
+    assert pair.refused("apply_ports") == 0xF00B
+    pair.done("get_edit_resource")
+    assert pair.gives("status")["owner"] == 0
+    pair.done("apply_ports", ports=[0, 1])
+    assert pair.state["ports_applied"] == [0, 1]
+    pair.done("return_edit_resource")
+    pair.state.set("edit_owner", 9)
+    assert pair.call("get_edit_resource").meaning == "another node is program owner"
+    pair.done("command_list", commands=b"\x01\x02")
+    assert pair.state["commands_listed"] == b"\x01\x02"
+
+
+def test_what_a_processor_does_not_execute_it_refuses() -> None:
+    assert Pair("slc").refused("disable_outputs") == 0x10
+    assert Pair("plc2").refused("get_edit_resource") == 0x10
+    assert Pair("plc5").refused("shutdown") == 0x10
+
+
+# ---- data commands that READ and WRITE do not use ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("processor", "file"), [("plc2", "PLC2"), ("slc", "file9"), ("micrologix", "file7")])
+def test_the_compatibility_file(processor: str, file: str) -> None:
+    pair = Pair(processor)
+    pair.done("unprotected_write", address=4, data=b"\x34\x12\x78\x56")
+    assert pair.gives("unprotected_read", address=4, size=4) == b"\x34\x12\x78\x56"
+    assert pair.memory.read(file, "byte", 4, 4) == [0x34, 0x12, 0x78, 0x56]
+
+
+def test_words_of_the_compatibility_file() -> None:
+    pair = Pair("slc", byte_addresses=False)
+    pair.done("unprotected_write", address=3, data=b"\x34\x12")
+    assert pair.memory.read("file9", "byte", 6, 2) == [0x34, 0x12]
+
+
+def test_the_compatibility_file_of_a_plc5_is_that_of_the_sender() -> None:
+    pair = Pair("plc5")
+    pair.done("set_compatibility_file", node_address=0, file=7)
+    pair.done("unprotected_write", address=0, data=b"\x01\x02")
+    assert pair.memory.read("file7", "word", 0, 1) == [0x0201]
+
+
+@pytest.mark.parametrize("kind", ["protected", "unprotected"])
+def test_bits_and_protected_writes(kind: str) -> None:
+    pair = Pair("plc2")
+    pair.memory.write("PLC2", "byte", 8, [0xF0, 0x81])
+    pair.done(f"{kind}_bits", blocks=[{"address": 8, "set": 1, "reset": 0x80}, {"address": 9, "set": 0, "reset": 1}])
+    assert pair.memory.read("PLC2", "byte", 8, 2) == [0x71, 0x80]
+
+
+def test_protected_commands_stay_in_their_window() -> None:
+    pair = Pair("plc2")
+    pair.state.set("open_from", 16)
+    pair.state.set("open_to", 32)
+    pair.done("protected_write", address=30, data=b"\x01\x02")
+    assert pair.refused("protected_write", address=31, data=b"\x01\x02") == 0x50
+    assert pair.refused("protected_bits", blocks=[{"address": 15, "set": 1, "reset": 0}]) == 0x50
+
+
+def test_words_typed_values_and_masks() -> None:
+    pair = Pair("plc5")
+    pair.done("word_range_write", file=7, element=3, data=b"\x34\x12\x78\x56")
+    assert pair.gives("word_range_read", file=7, element=3, words=2) == b"\x34\x12\x78\x56"
+    pair.done("typed_write", file=7, element=0, data=b"\xff\x00\x0f\x00")
+    values = pair.gives("typed_read", file=7, element=0, count=2)
+    assert (values["element_id"], values["values"]) == (4, b"\xff\x00\x0f\x00")
+    pair.done("read_modify_write", sets=[{"file": 7, "element": 0, "and_mask": 0xFFF0, "or_mask": 0x100}])
+    assert pair.memory.read("file7", "word", 0, 1) == [0x01F0]
+    section = pair.gives("section_size", file=4)
+    assert (section["size"], section["count"]) == (3000, 1000)
+
+
+def test_words_with_masks_of_their_own_size() -> None:
+    pair = Pair("plc5_250")
+    pair.memory.write("file7", "word", 1, [0x00FF])
+    sets = [{"file": 7, "element": 1, "mask_size": 2, "and_mask": 0x0F0F, "or_mask": 0x8000}]
+    assert pair.gives("read_modify_write_n", sets=sets) == b"\x0f\x80"
+    assert pair.refused("read_modify_write_n", sets=[{**sets[0], "mask_size": 4}]) == 0xF012
+    section = pair.gives("section_size", file=7)
+    assert (section["size"], section["write_privilege"]) == (1000, 1)
+
+
+def test_logical_commands_with_two_and_three_fields() -> None:
+    pair = Pair("slc")
+    pair.done("logical_write_3", file=7, file_type=0x89, element=2, data=b"\x11\x22")
+    pair.done("logical_write_2", file=7, file_type=0x89, element=3, data=b"\x33\x44")
+    assert pair.gives("logical_read_3", file=7, file_type=0x89, element=2, size=4) == b"\x11\x22\x33\x44"
+    assert pair.gives("logical_read_2", file=7, file_type=0x89, element=3, size=2) == b"\x33\x44"
+    pair.done("logical_write_masked", file=7, file_type=0x89, element=2, mask=0xFF00, value=0xAB00)
+    assert pair.memory.read("file7", "word", 2, 1) == [0xAB11]
+    assert pair.refused("logical_write_3", file=7, file_type=0x55, element=2, data=b"\x11\x22") == 0xF006
+
+
+def test_program_files_are_opened_read_written_and_closed() -> None:
+    pair = Pair("slc")
+    tag = pair.gives("open_file", file=0, protection=3)["value"]
+    pair.done("file_write", tag=tag, offset=2, data=b"\x01\x02\x03\x04")
+    assert pair.gives("file_read", tag=tag, offset=1, size=6) == b"\0\0\x01\x02\x03\x04"
+    pair.done("close_file", tag=tag)
+    assert pair.refused("file_read", tag=tag, size=2) == 0xF012
+    pair.memory.write("file7", "word", 0, [1, 2, 3])
+    tag = pair.gives("open_file", file=7, file_type=0x89)["value"]
+    assert pair.gives("file_read", tag=tag, offset=1, size=4, file_type=0x89) == b"\x02\0\x03\0"
+    assert pair.refused("file_write", tag=tag, data=b"\0\0") == 0xF00B
+
+
+# ---- procedures ------------------------------------------------------------------------------------------------
+
+
+def part(address: int, data: bytes) -> bytes:
+    """A part of an image as upload gives it."""
+    return address.to_bytes(4, "little") + len(data).to_bytes(4, "little") + data
+
+
+def filled(pair: Pair, seed: int = 7) -> bytes:
+    """Something in the physical memory of a device."""
+    memory = bytes((place * seed + (place >> 8)) & 0xFF for place in range(16384))
+    pair.state.set("physical", memory)
+    return memory
+
+
+def test_a_plc2_is_uploaded_and_downloaded() -> None:
+    pair = Pair("plc2")
+    memory = filled(pair)
+    assert pair.refused("physical_read", address=0, size=10) == 0x70
+    image = pair.gives("upload", size=300)
+    assert image == part(0, memory[:300]) and pair.state["transfer_kind"] == 0
+    pair.done("download", image=part(10, b"\xaa" * 200) + part(1000, b"\x10" * 3), words=512)
+    assert pair.state["physical"][10:210] == b"\xaa" * 200 and pair.state["physical"][1000:1003] == b"\x10" * 3
+    assert (pair.state["table_size"], pair.state["scanning"], pair.state["transfer_kind"]) == (1024, 1, 0)
+    assert pair.refused("set_table_size", size=1024) == 0x70
+
+
+def test_a_plc3_is_uploaded_and_downloaded() -> None:
+    pair = Pair("plc3", block_size=238)
+    memory = filled(pair)
+    assert pair.refused("plc3_read_physical", address=0, size=10) == 0xF00B
+    assert pair.gives("upload") == part(0, memory) and not pair.state["shut_down"]
+    pair.done("download", image=part(100, b"\xaa" * 300))
+    assert pair.state["physical"][200:500] == b"\xaa" * 300
+    assert (pair.state["shut_down"], pair.state["transfer_owner"]) == (0, 0xFF)
+
+
+def test_a_plc5_is_uploaded_by_its_lists_of_segments() -> None:
+    pair = Pair("plc5", block_size=238)
+    memory = filled(pair)
+    lists = "02 00 00 00 00 0D 00 00 00 00 0A 00 00 FF 0B 00 00 01 00 0A 00 00 7F 0A 00 00"
+    pair.state.set("segment_lists", bytes.fromhex(lists))
+    assert pair.gives("upload") == part(0, memory[:14]) + part(0xA00, memory[0xA00:0xC00])
+    assert pair.state["transfer_owner"] == 0xFF
+    pair.done("download", image=part(0xA00, b"\x55" * 500))
+    assert pair.state["physical"][0xA00:0xBF4] == b"\x55" * 500
+    assert pair.gives("status")["mode"] == 4
+    assert pair.refused("read_physical", address=0, size=2) == 0xF00B
+
+
+def test_an_old_plc5_is_uploaded_in_fixed_blocks() -> None:
+    pair = Pair("plc5", transfer="blocks")
+    memory = filled(pair)
+    assert pair.gives("upload") == part(0, memory[:14]) + part(0xA00, memory[0xA00:0x3FF0])
+    pair.done("download", image=part(0, b"\x01" * 14))
+    assert pair.state["physical"][:16] == b"\x01" * 14 + memory[14:16]
+    assert pair.gives("status")["family"] == "plc5_15"
+
+
+def test_an_slc_is_uploaded_and_downloaded() -> None:
+    for kind in ("modular", "fixed"):
+        pair = Pair("slc", slc_kind=kind)
+        directory = b"\x40\x00" + bytes(range(2, 64))
+        words = bytes(range(256)) * 2
+        image = part(0, directory) + part(2 << 24 | 0x89 << 16 | 7, words) + part(4 << 24 | 0x8A << 16 | 8, words[:40])
+        more = {"ports": [0], "commands": b"\x01"} if kind == "modular" else {}
+        pair.done("download", image=image, **more)
+        assert pair.state["directory"][:64] == directory and pair.memory.read("file8", "byte", 0, 4) == [0, 1, 2, 3]
+        assert (pair.state["edit_owner"], pair.gives("status")["mode"]) == (0xFF, 1)
+        files = [
+            {"file": 7, "file_type": 0x89, "elements": 256, "element_size": 2},
+            {"file": 8, "file_type": 0x8A, "elements": 10, "element_size": 4},
+        ]
+        assert pair.gives("upload", directory_size=64, files=files) == image
+        assert not pair.state["open_files"]
+
+
+def test_a_transfer_that_fails_gives_the_privilege_back() -> None:
+    pair = Pair("plc5")
+    result = pair.call("download", image=part(16380, b"\0" * 10))
+    assert (result.outcome, result.cause) == ("transfer_failed", "transaction size and address too large")
+    assert pair.state["transfer_owner"] == 0xFF
+    pair.state.set("transfer_owner", 3)
+    result = pair.call("upload")
+    assert (result.outcome, result.cause) == ("refused", "access denied")
+
+
+# ---- names of status codes ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "service", "arguments", "meaning"),
+    [
+        ("common", "disable_outputs", {}, "illegal command or format"),
+        ("plc2", "disable_outputs", {}, "wrong command, function, or size of command or reply"),
+        ("plc3", "disable_outputs", {}, "wrong format, size or address of the command"),
+        ("plc3", "protected_write", {"address": 1, "data": b"\1"}, "address missing or odd, or an odd number of data octets"),
+        ("plc3", "unprotected_bits", {"blocks": []}, "data are no multiple of 4 octets"),
+        ("common", "apply_ports", {}, "access denied"),
+        ("dh485", "apply_ports", {}, "access denied, privilege violation"),
+        ("plc3", "apply_ports", {}, "no access"),
+    ],
+)  # fmt: skip
+def test_codes_are_named_as_the_kind_of_node_means_them(
+    names: str, service: str, arguments: dict[str, Any], meaning: str
+) -> None:
+    assert Pair("slc").call(service, {"status_names": names}, **arguments).meaning == meaning
+
+
+# ---- blocks of octets by module and family -------------------------------------------------------------------------
+
+
+def decoded(layout: str, octets: bytes, **params: Any) -> Any:
+    protocol, codec = compiled(text())
+    return read_layout(codec.layouts[layout][1], octets, Scope(protocol, role="full", own=0, params=params))
+
+
+@pytest.mark.parametrize(
+    ("module", "places"),
+    [
+        ("micrologix_df1", {"sent": (2, 2), "enqs_sent": (8, 2), "no_memory": (16, 2), "framing_errors": (20, 2)}),
+        ("plc5", {"received": (4, 2), "naks_sent": (16, 2), "characters_dropped": (20, 2), "modem_lost": (24, 2)}),
+        ("kf2_dh", {"send_attempts": (21, 2), "acks_passed": (27, 1), "received": (34, 2), "naks_sent": (38, 1), "eots_sent": (50, 1), "dcd_timeouts": (54, 1)}),
+        ("kf2_dh_plus", {"send_attempts": (35, 2), "not_for_node": (63, 1), "eots_sent": (64, 1), "dcd_timeouts": (68, 1)}),
+        ("kg", {"send_attempts": (0, 2), "not_sent": (11, 1), "polls_seen": (29, 1), "eots_sent": (30, 1), "to_line": (35, 1), "initiated": (42, 2), "replies_received": (48, 2), "resyncs": (51, 1)}),
+        ("kfc", {"received": (0, 2), "line_errors": (9, 1), "net_sent": (14, 2)}),
+        ("ka_1775", {"commands_sent": (29, 2), "undeliverable": (45, 1), "ack_timeout": (46, 2), "enq_limit": (49, 1), "enqs_now": (51, 1)}),
+        ("dh485", {"received": (0, 2), "bad_packets": (8, 1), "illegal_type": (9, 1)}),
+        ("dh485_long", {"crc_errors": (10, 1), "unexpected_characters": (14, 1)}),
+        ("kt_dh_plus", {"duplicate_tokens": (9, 1), "sent": (22, 2), "replies_lost": (34, 1), "active_nodes": (35, 1)}),
+        ("kp5_dh_plus", {"token_timeouts": (9, 1), "sent": (21, 2), "active_nodes": (34, 1)}),
+        ("ka_dh_plus", {"duplicate_nodes": (10, 1), "sent": (23, 2), "active_nodes": (36, 1)}),
+        ("ka_dh", {"bad_crc": (12, 1), "sent": (17, 2), "replies_lost": (29, 1)}),
+        ("s5_dh_plus", {"undelivered": (4, 1), "node_recoveries": (16, 1), "dead_timeouts": (17, 2)}),
+    ],
+)  # fmt: skip
+def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tuple[int, int]]) -> None:
+    protocol, _ = compiled(text())
+    octets = bytes(range(1, 1 + int(protocol.tables["counter_sizes"].entries[module])))
+    counters = decoded("counter_block", octets, module=module)
+    for name, (offset, size) in places.items():
+        assert counters[name] == int.from_bytes(octets[offset : offset + size], "little"), name
+    assert not counters.get("more")
+    assert decoded("counter_block", octets + b"\xee", module=module)["more"] == b"\xee"
+
+
+@pytest.mark.parametrize(
+    ("octets", "expected"),
+    [
+        ("00 EE 1F 1A 05 35 30 30 20 20 20 20 20 20 20 20 01 00 66 80 34 12 10 FC", {"family": "slc", "processor_name": "SLC 500 fixed", "interface": "DH485", "release": 5, "name": "500", "major_error": 1, "mode": 6, "forces_active": 1, "forces_installed": 1, "first_pass": 1, "program_id": 0x1234, "ram": 16, "owner": 0x3F}),
+        ("40 EE 31 5B 20 35 2F 30 34 20 20 20 20 20 20 20 00 00 3E 00 00 00 14 F8", {"testing_edits": 1, "processor_name": "SLC 5/04", "interface": "DH+", "series": 1, "mode": 0x1E, "owner": 0x3E}),
+        ("00 FE 2C 00 21 31 37 34 37 2D 4B 45 20 20 20 20 00 00 00 00 00 00 00 00", {"family": "dh485_module", "name": "1747-KE", "revision": 1, "series": 1}),
+        ("8A BB 00 40 00 00 22 07 FD 01 0A 00 03 00 11 02 00", {"family": "plc5_15", "mode": 2, "fault": 1, "edits": 1, "memory_size": 0x4000, "node": 7, "data_files": 10, "program_files": 3, "forces_active": 1, "forces_present": 1, "protect": 2}),
+        ("06 EB 31 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00", {"family": "plc5", "processor_name": "PLC-5/11", "mode": 6, "sub_revision": 1}),
+        ("06 EB 4A 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00 01 02 00 03 00 1E 00 0F 00 0C 00 15 00 0B 00 CC 07 04", {"processor_name": "PLC-5/20E", "hold_file": 2, "edit_second": 30, "edit_year": 1996, "port": 4}),
+        ("22 DE 07 19 05 01 00 02 00 03 00", {"family": "plc5_250", "mode": 2, "off_line": 1, "forces": 1, "edit_resource": 1, "outputs_reset": 1, "node": 5, "change_counter_3": 3}),
+        ("22 07 10 01 00 00 34 12 41 00 01 00 A8 2F 02 00 00 00", {"family": "plc3", "mode": 2, "is_shut_down": 1, "context": 1, "thumbwheel": 1, "counters_address": 0x1234, "revision": 1, "series": 2, "unused_memory": 0x012FA8, "memory_words": 0x020000}),
+        ("12 13 00 01 00 00 00 02 22 07", {"family": "plc2_module", "mode": 2, "transfer_mode": 1, "module_name": "1771-KE, KF, 1770-KF2", "processor_name": "PLC-2", "program_start": 256, "counters_address": 0x200, "options": 7}),
+        ("02 ED 20 00 01 00 00 00 02 22 07", {"family": "ka3_1785", "module_name": "1785-KA3", "processor_name": "PLC-2/17", "counters_address": 0x200}),
+        ("00 FE 19 00 00 03 00 04", {"family": "ke_1785", "node_table": 0x300, "counters_address": 0x400}),
+        ("00 EE 10 10 00 01 00 02 21 00 00 03", {"family": "ka_1785", "other_counters_address": 0x100, "counters_address": 0x200, "node_table": 0x300}),
+        ("00 EE 30 2F 00 01 00 02 21 00 00 03", {"family": "ka5_1785", "counters_address": 0x200}),
+        ("00 EE 1A 17 00 00 00 01 00 02 21 01", {"family": "kp5_1779", "node_table": 0x100, "counters_address": 0x200}),
+        ("00 FE 1B 00 00 00 44 41 03 00 20 20 20 20 20 20 20 20", {"family": "kt_1784", "counters_address": 0x4144, "revision": 3}),
+        ("01 98 00 00 00 00 00 02 21 07 01 02", {"family": "ka_1773", "counters_address": 0x200, "more": b"\1\2"}),
+    ],
+)  # fmt: skip
+def test_status_replies_say_themselves_whose_they_are(octets: str, expected: dict[str, Any]) -> None:
+    status = decoded("processor_status", bytes.fromhex(octets))
+    assert {name: status[name] for name in expected} == expected
