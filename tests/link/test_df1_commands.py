@@ -94,7 +94,10 @@ def test_echo_and_link_settings() -> None:
 @pytest.mark.parametrize(
     ("processor", "expected"),
     [
-        ("slc", {"family": "slc", "processor_name": "SLC 5/04", "interface": "DF1 full duplex", "mode": 6, "owner": 0x3F}),
+        (
+            "slc",
+            {"family": "slc", "processor_name": "SLC 5/04", "interface": "DF1 full duplex", "mode": 6, "owner": 0x3F},
+        ),
         ("micrologix", {"family": "slc", "processor_name": "MicroLogix 1000"}),
         ("plc5", {"family": "plc5", "processor_name": "PLC-5/40", "mode": 6, "memory_size": 16384, "node": NODE}),
         ("plc5_250", {"family": "plc5_250", "mode": 6, "node": NODE}),
@@ -102,7 +105,7 @@ def test_echo_and_link_settings() -> None:
         ("plc2", {"family": "plc2_module", "module_name": "1771-KG", "processor_name": "PLC-2"}),
         ("plc1774", {"family": "plc2_module", "module_name": "1771-KA, KA2, 1774-KA", "processor_name": "PLC"}),
     ],
-)  # fmt: skip
+)
 def test_status_of_every_family(processor: str, expected: dict[str, Any]) -> None:
     status = Pair(processor).gives("status")
     assert {name: status[name] for name in expected} == expected
@@ -357,13 +360,18 @@ def test_a_transfer_that_fails_gives_the_privilege_back() -> None:
         ("common", "disable_outputs", {}, "illegal command or format"),
         ("plc2", "disable_outputs", {}, "wrong command, function, or size of command or reply"),
         ("plc3", "disable_outputs", {}, "wrong format, size or address of the command"),
-        ("plc3", "protected_write", {"address": 1, "data": b"\1"}, "address missing or odd, or an odd number of data octets"),
+        (
+            "plc3",
+            "protected_write",
+            {"address": 1, "data": b"\1"},
+            "address missing or odd, or an odd number of data octets",
+        ),
         ("plc3", "unprotected_bits", {"blocks": []}, "data are no multiple of 4 octets"),
         ("common", "apply_ports", {}, "access denied"),
         ("dh485", "apply_ports", {}, "access denied, privilege violation"),
         ("plc3", "apply_ports", {}, "no access"),
     ],
-)  # fmt: skip
+)
 def test_codes_are_named_as_the_kind_of_node_means_them(
     names: str, service: str, arguments: dict[str, Any], meaning: str
 ) -> None:
@@ -383,11 +391,45 @@ def decoded(layout: str, octets: bytes, **params: Any) -> Any:
     [
         ("micrologix_df1", {"sent": (2, 2), "enqs_sent": (8, 2), "no_memory": (16, 2), "framing_errors": (20, 2)}),
         ("plc5", {"received": (4, 2), "naks_sent": (16, 2), "characters_dropped": (20, 2), "modem_lost": (24, 2)}),
-        ("kf2_dh", {"send_attempts": (21, 2), "acks_passed": (27, 1), "received": (34, 2), "naks_sent": (38, 1), "eots_sent": (50, 1), "dcd_timeouts": (54, 1)}),
-        ("kf2_dh_plus", {"send_attempts": (35, 2), "not_for_node": (63, 1), "eots_sent": (64, 1), "dcd_timeouts": (68, 1)}),
-        ("kg", {"send_attempts": (0, 2), "not_sent": (11, 1), "polls_seen": (29, 1), "eots_sent": (30, 1), "to_line": (35, 1), "initiated": (42, 2), "replies_received": (48, 2), "resyncs": (51, 1)}),
+        (
+            "kf2_dh",
+            {
+                "send_attempts": (21, 2),
+                "acks_passed": (27, 1),
+                "received": (34, 2),
+                "naks_sent": (38, 1),
+                "eots_sent": (50, 1),
+                "dcd_timeouts": (54, 1),
+            },
+        ),
+        (
+            "kf2_dh_plus",
+            {"send_attempts": (35, 2), "not_for_node": (63, 1), "eots_sent": (64, 1), "dcd_timeouts": (68, 1)},
+        ),
+        (
+            "kg",
+            {
+                "send_attempts": (0, 2),
+                "not_sent": (11, 1),
+                "polls_seen": (29, 1),
+                "eots_sent": (30, 1),
+                "to_line": (35, 1),
+                "initiated": (42, 2),
+                "replies_received": (48, 2),
+                "resyncs": (51, 1),
+            },
+        ),
         ("kfc", {"received": (0, 2), "line_errors": (9, 1), "net_sent": (14, 2)}),
-        ("ka_1775", {"commands_sent": (29, 2), "undeliverable": (45, 1), "ack_timeout": (46, 2), "enq_limit": (49, 1), "enqs_now": (51, 1)}),
+        (
+            "ka_1775",
+            {
+                "commands_sent": (29, 2),
+                "undeliverable": (45, 1),
+                "ack_timeout": (46, 2),
+                "enq_limit": (49, 1),
+                "enqs_now": (51, 1),
+            },
+        ),
         ("dh485", {"received": (0, 2), "bad_packets": (8, 1), "illegal_type": (9, 1)}),
         ("dh485_long", {"crc_errors": (10, 1), "unexpected_characters": (14, 1)}),
         ("kt_dh_plus", {"duplicate_tokens": (9, 1), "sent": (22, 2), "replies_lost": (34, 1), "active_nodes": (35, 1)}),
@@ -396,7 +438,7 @@ def decoded(layout: str, octets: bytes, **params: Any) -> Any:
         ("ka_dh", {"bad_crc": (12, 1), "sent": (17, 2), "replies_lost": (29, 1)}),
         ("s5_dh_plus", {"undelivered": (4, 1), "node_recoveries": (16, 1), "dead_timeouts": (17, 2)}),
     ],
-)  # fmt: skip
+)
 def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tuple[int, int]]) -> None:
     protocol, _ = compiled(text())
     octets = bytes(range(1, 1 + int(protocol.tables["counter_sizes"].entries[module])))
@@ -410,24 +452,123 @@ def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tup
 @pytest.mark.parametrize(
     ("octets", "expected"),
     [
-        ("00 EE 1F 1A 05 35 30 30 20 20 20 20 20 20 20 20 01 00 66 80 34 12 10 FC", {"family": "slc", "processor_name": "SLC 500 fixed", "interface": "DH485", "release": 5, "name": "500", "major_error": 1, "mode": 6, "forces_active": 1, "forces_installed": 1, "first_pass": 1, "program_id": 0x1234, "ram": 16, "owner": 0x3F}),
-        ("40 EE 31 5B 20 35 2F 30 34 20 20 20 20 20 20 20 00 00 3E 00 00 00 14 F8", {"testing_edits": 1, "processor_name": "SLC 5/04", "interface": "DH+", "series": 1, "mode": 0x1E, "owner": 0x3E}),
-        ("00 FE 2C 00 21 31 37 34 37 2D 4B 45 20 20 20 20 00 00 00 00 00 00 00 00", {"family": "dh485_module", "name": "1747-KE", "revision": 1, "series": 1}),
-        ("8A BB 00 40 00 00 22 07 FD 01 0A 00 03 00 11 02 00", {"family": "plc5_15", "mode": 2, "fault": 1, "edits": 1, "memory_size": 0x4000, "node": 7, "data_files": 10, "program_files": 3, "forces_active": 1, "forces_present": 1, "protect": 2}),
-        ("06 EB 31 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00", {"family": "plc5", "processor_name": "PLC-5/11", "mode": 6, "sub_revision": 1}),
-        ("06 EB 4A 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00 01 02 00 03 00 1E 00 0F 00 0C 00 15 00 0B 00 CC 07 04", {"processor_name": "PLC-5/20E", "hold_file": 2, "edit_second": 30, "edit_year": 1996, "port": 4}),
-        ("22 DE 07 19 05 01 00 02 00 03 00", {"family": "plc5_250", "mode": 2, "off_line": 1, "forces": 1, "edit_resource": 1, "outputs_reset": 1, "node": 5, "change_counter_3": 3}),
-        ("22 07 10 01 00 00 34 12 41 00 01 00 A8 2F 02 00 00 00", {"family": "plc3", "mode": 2, "is_shut_down": 1, "context": 1, "thumbwheel": 1, "counters_address": 0x1234, "revision": 1, "series": 2, "unused_memory": 0x012FA8, "memory_words": 0x020000}),
-        ("12 13 00 01 00 00 00 02 22 07", {"family": "plc2_module", "mode": 2, "transfer_mode": 1, "module_name": "1771-KE, KF, 1770-KF2", "processor_name": "PLC-2", "program_start": 256, "counters_address": 0x200, "options": 7}),
-        ("02 ED 20 00 01 00 00 00 02 22 07", {"family": "ka3_1785", "module_name": "1785-KA3", "processor_name": "PLC-2/17", "counters_address": 0x200}),
+        (
+            "00 EE 1F 1A 05 35 30 30 20 20 20 20 20 20 20 20 01 00 66 80 34 12 10 FC",
+            {
+                "family": "slc",
+                "processor_name": "SLC 500 fixed",
+                "interface": "DH485",
+                "release": 5,
+                "name": "500",
+                "major_error": 1,
+                "mode": 6,
+                "forces_active": 1,
+                "forces_installed": 1,
+                "first_pass": 1,
+                "program_id": 0x1234,
+                "ram": 16,
+                "owner": 0x3F,
+            },
+        ),
+        (
+            "40 EE 31 5B 20 35 2F 30 34 20 20 20 20 20 20 20 00 00 3E 00 00 00 14 F8",
+            {
+                "testing_edits": 1,
+                "processor_name": "SLC 5/04",
+                "interface": "DH+",
+                "series": 1,
+                "mode": 0x1E,
+                "owner": 0x3E,
+            },
+        ),
+        (
+            "00 FE 2C 00 21 31 37 34 37 2D 4B 45 20 20 20 20 00 00 00 00 00 00 00 00",
+            {"family": "dh485_module", "name": "1747-KE", "revision": 1, "series": 1},
+        ),
+        (
+            "8A BB 00 40 00 00 22 07 FD 01 0A 00 03 00 11 02 00",
+            {
+                "family": "plc5_15",
+                "mode": 2,
+                "fault": 1,
+                "edits": 1,
+                "memory_size": 0x4000,
+                "node": 7,
+                "data_files": 10,
+                "program_files": 3,
+                "forces_active": 1,
+                "forces_present": 1,
+                "protect": 2,
+            },
+        ),
+        (
+            "06 EB 31 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00",
+            {"family": "plc5", "processor_name": "PLC-5/11", "mode": 6, "sub_revision": 1},
+        ),
+        (
+            "06 EB 4A 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00 "
+            "01 02 00 03 00 1E 00 0F 00 0C 00 15 00 0B 00 CC 07 04",
+            {"processor_name": "PLC-5/20E", "hold_file": 2, "edit_second": 30, "edit_year": 1996, "port": 4},
+        ),
+        (
+            "22 DE 07 19 05 01 00 02 00 03 00",
+            {
+                "family": "plc5_250",
+                "mode": 2,
+                "off_line": 1,
+                "forces": 1,
+                "edit_resource": 1,
+                "outputs_reset": 1,
+                "node": 5,
+                "change_counter_3": 3,
+            },
+        ),
+        (
+            "22 07 10 01 00 00 34 12 41 00 01 00 A8 2F 02 00 00 00",
+            {
+                "family": "plc3",
+                "mode": 2,
+                "is_shut_down": 1,
+                "context": 1,
+                "thumbwheel": 1,
+                "counters_address": 0x1234,
+                "revision": 1,
+                "series": 2,
+                "unused_memory": 0x012FA8,
+                "memory_words": 0x020000,
+            },
+        ),
+        (
+            "12 13 00 01 00 00 00 02 22 07",
+            {
+                "family": "plc2_module",
+                "mode": 2,
+                "transfer_mode": 1,
+                "module_name": "1771-KE, KF, 1770-KF2",
+                "processor_name": "PLC-2",
+                "program_start": 256,
+                "counters_address": 0x200,
+                "options": 7,
+            },
+        ),
+        (
+            "02 ED 20 00 01 00 00 00 02 22 07",
+            {"family": "ka3_1785", "module_name": "1785-KA3", "processor_name": "PLC-2/17", "counters_address": 0x200},
+        ),
         ("00 FE 19 00 00 03 00 04", {"family": "ke_1785", "node_table": 0x300, "counters_address": 0x400}),
-        ("00 EE 10 10 00 01 00 02 21 00 00 03", {"family": "ka_1785", "other_counters_address": 0x100, "counters_address": 0x200, "node_table": 0x300}),
+        (
+            "00 EE 10 10 00 01 00 02 21 00 00 03",
+            {"family": "ka_1785", "other_counters_address": 0x100, "counters_address": 0x200, "node_table": 0x300},
+        ),
         ("00 EE 30 2F 00 01 00 02 21 00 00 03", {"family": "ka5_1785", "counters_address": 0x200}),
         ("00 EE 1A 17 00 00 00 01 00 02 21 01", {"family": "kp5_1779", "node_table": 0x100, "counters_address": 0x200}),
-        ("00 FE 1B 00 00 00 44 41 03 00 20 20 20 20 20 20 20 20", {"family": "kt_1784", "counters_address": 0x4144, "revision": 3}),
+        (
+            "00 FE 1B 00 00 00 44 41 03 00 20 20 20 20 20 20 20 20",
+            {"family": "kt_1784", "counters_address": 0x4144, "revision": 3},
+        ),
         ("01 98 00 00 00 00 00 02 21 07 01 02", {"family": "ka_1773", "counters_address": 0x200, "more": b"\1\2"}),
     ],
-)  # fmt: skip
+)
 def test_status_replies_say_themselves_whose_they_are(octets: str, expected: dict[str, Any]) -> None:
     status = decoded("processor_status", bytes.fromhex(octets))
     assert {name: status[name] for name in expected} == expected
