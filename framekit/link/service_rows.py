@@ -41,7 +41,8 @@ class ServiceRows:
     @property
     def error_frames(self) -> tuple[str, ...]:
         errors = self.protocol.errors
-        return () if errors is None or errors.frame is None else self.protocol.frames_of(errors.frame)
+        frames = () if errors is None else errors.frames
+        return tuple(frame for name in frames for frame in self.protocol.frames_of(name))
 
 
 class RowFacts:

@@ -109,6 +109,11 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"n": 2}),
         Case("the rest", "- {field: a, type: u8}\n- {data: d, size: rest}\n- const: ETX", {"a": 1, "d": b"xy"}, "01 78 79 03"),
         Case("filled up", "- {data: d, size: 4, pad: 00}", {"d": b"\x09"}, "09 00 00 00", {"d": b"\x09\x00\x00\x00"}),
+        Case(
+            "filled up to a size from a field",
+            "- {field: n, type: u8}\n- {data: d, size: n + 1, pad: 20}",
+            {"n": 2, "d": b"\x09"}, "02 09 20 20", {"d": b"\x09\x20\x20"},
+        ),
         Case("Hex To ASCII: a byte is two digits", "- {data: d, size: 2, convert: hex_to_ascii}", {"d": b"\x12\xab"},
              "31 32 41 42", bad={"31 32 41 47": "digits"}),
         Case("ASCII To Hex: two digits are a byte", "- {data: d, size: 4, convert: ascii_to_hex}", {"d": b"4567"}, "45 67"),

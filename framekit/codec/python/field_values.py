@@ -208,7 +208,7 @@ class FieldValueWriter(Building):
         assert isinstance(data.size, Expression)
         local = scope.entries[data.name].text
         size = self.text(data.size, scope)
-        found = f"len({local})" if data.pad is None else f"min(len({local}), {size})"
+        found = f"len({local})" if data.pad is None else f"max(len({local}), {size})"
         line = f"{self.module.function('check_size')}({filled_in(given.path + data.name)}, {found}, {size})"
         conditions = [] if data.when is None else [self.text(data.when, scope, AND)]
         for name in sorted(self.waits(data.size)):

@@ -259,9 +259,10 @@ class NameChecker:
         if errors is None:
             return
         fields: set[str] = set()
-        if errors.frame is not None and errors.frame not in {**self.protocol.frames, **self.protocol.groups}:
+        known = {**self.protocol.frames, **self.protocol.groups}
+        if any(name not in known for name in errors.frames):
             return
-        for name in self.protocol.frames_of(errors.frame) if errors.frame else ():
+        for name in (frame for group in errors.frames for frame in self.protocol.frames_of(group)):
             if name not in self.protocol.frames:
                 return
             fields |= field_names(self.protocol.frames[name].segments)

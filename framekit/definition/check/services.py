@@ -162,8 +162,8 @@ def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
         if name not in protocol.tables and name not in broken:
             hint = did_you_mean(name, protocol.tables) or "add it to tables:"
             yield Problem(errors.at, f"there is no table '{name}'", hint)
-    if errors.frame is not None and errors.code is None:
-        yield Problem(errors.at, f"nothing says where the code stands in '{errors.frame}'", "add code: FIELD")
+    if errors.frames and errors.code is None:
+        yield Problem(errors.at, f"nothing says where the code stands in '{errors.frames[0]}'", "add code: FIELD")
 
 
 def _codes(protocol: Protocol) -> Iterator[Problem]:

@@ -206,11 +206,12 @@ class ServiceLoader:
     def errors(self, node: Node) -> Errors:
         """Raises Broken."""
         reader, keys = self.reader, self.reader.mapping(node)
-        frame, answer = keys.get("frame"), keys.get("answer")
-        if frame is not None and not self.values.frames.members(reader.text(frame)):
-            raise reader.unknown(frame.at, "frame", reader.text(frame), list(self.values.frames.outlines))
+        answer = keys.get("answer")
+        for frame in reader.items(keys.get("frame")):
+            if not self.values.frames.members(reader.text(frame)):
+                raise reader.unknown(frame.at, "frame", reader.text(frame), list(self.values.frames.outlines))
         return Errors(
-            frame=reader.maybe(reader.text, frame),
+            frames=reader.texts(keys.get("frame")),
             when=reader.maybe(reader.expression, keys.get("when")),
             code=reader.maybe(reader.expression, keys.get("code")),
             names=tuple(self._name_table(item) for item in reader.items(keys.get("names"))),

@@ -181,9 +181,12 @@ class NameTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """How a device says no. `memory`: unknown, range, access, no_service → code. `answer` builds the error frame."""
+    """How a device says no, by any of `frames` (or groups). `memory`: unknown, range, access, no_service → code.
 
-    frame: str | None
+    `answer` builds the error frame.
+    """
+
+    frames: tuple[str, ...]
     when: Expression | None
     code: Expression | None
     names: tuple[NameTable, ...]

@@ -1,0 +1,153 @@
+"""Service requests on a connection: our client against our server, on virtual time and over real TCP."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from functools import cache
+from typing import Any
+
+import pytest
+from transfer_world import TransferWorld
+
+import framekit
+from framekit.cli.main import main
+from framekit.link.transfer import TransferResult
+
+PROTOCOL = "srtp"
+
+
+@cache
+def loaded() -> Any:
+    return framekit.load(PROTOCOL)
+
+
+@pytest.fixture(scope="module")
+def server() -> Any:
+    with framekit.serve(PROTOCOL, "tcp://127.0.0.1:0") as running:
+        yield running
+
+
+@pytest.fixture
+def device(server: Any) -> Any:
+    server.memory["R1"] = [1, 2, 3, 4, 5]
+    return server
+
+
+def connect(device: Any, **params: str) -> Any:
+    return framekit.connect(loaded(), device.port, params=params)
+
+
+def raw_header(port: str, data: bytes) -> bytes:
+    """What the server answers to bytes that no client of ours would send."""
+    host, number = port.removeprefix("tcp://").split(":")
+    with socket.create_connection((host, int(number)), timeout=5) as connection:
+        connection.sendall(data)
+        return connection.recv(4096)
+
+
+# ---- real TCP --------------------------------------------------------------------------------------------------
+
+
+def test_inline_and_following_data(device: Any) -> None:
+    with connect(device, allow="writes") as client:
+        assert client.read("%R1", 3) == [1, 2, 3]
+        assert client.read("%R1", 5) == [1, 2, 3, 4, 5]
+        client.write("%R11", [10, 20, 30, 40])
+        client.write("%R21", list(range(1, 6)))
+        assert client.read("%R11", 15) == [10, 20, 30, 40, 0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5]
+        values = [(7919 * place) & 0xFFFF for place in range(1500)]
+        client.write("%R101", values)
+        assert client.read("%R101", 1500) == values
+    assert device.memory.read("R11", 4) == [10, 20, 30, 40]
+
+
+def test_every_memory_type(device: Any) -> None:
+    with connect(device, allow="writes") as client:
+        for area in ("I", "Q", "T", "M", "SA", "SB", "SC", "G"):
+            client.write(f"%{area}3", [1, 0, 1, 1, 0, 0, 0, 1])
+            assert client.read(f"%{area}1", 12) == [0, 0, 1, 0, 1, 1, 0, 0, 0, 1, 0, 0]
+            client.write(f"%{area}1", [0x55, 0xAA], type="byte")
+            assert client.read(f"%{area}1", 2, type="byte") == [0x55, 0xAA]
+        for area in ("R", "AI", "AQ"):
+            client.write(f"%{area}40", [0x1234, 0xFEDC])
+            assert client.read(f"%{area}39", 4) == [0, 0x1234, 0xFEDC, 0]
+        assert client.read("%S1", 4) == [0, 0, 0, 0]
+
+
+def test_a_client_only_reads_unless_it_is_allowed_more(device: Any) -> None:
+    with connect(device) as client:
+        with pytest.raises(framekit.ExchangeError) as caught:
+            client.write("%R1", 9)
+        assert caught.value.outcome == "not_allowed"
+        with pytest.raises(framekit.ExchangeError):
+            client.call("set_state", {"state": 2})
+        assert client.read("%R1") == [1], "the connection is as good as before"
+        assert client.call("short_status")["plc"]["state"] == 2
+    assert device.memory.read("R1", 1) == [1]
+
+
+def test_refusals_by_name(device: Any) -> None:
+    with connect(device, allow="everything") as client:
+        with pytest.raises(framekit.RefusedError, match="given connection ID not found") as caught:
+            client.call("update_datagram", {"id": 7})
+        assert caught.value.code == 0x05DD
+        with pytest.raises(framekit.RefusedError, match="only allowed for the programmer"):
+            client.call("set_state", {"state": 0})
+        client.call("logon")
+        client.call("set_state", {"state": 0})
+        assert client.call("short_status")["plc"]["state"] == 0
+
+
+def test_session_slots_and_time(device: Any) -> None:
+    with connect(device, open_session="yes", slot="2", stamp_time="yes") as client:
+        assert client.read("%R1") == [1]
+        assert client.call("get_time")["time"]["month"] in range(1, 13)
+
+
+def test_many_requests_at_once_on_one_connection(device: Any) -> None:
+    async def ask() -> list[Any]:
+        async with framekit.aconnect(loaded(), device.port, params={"outstanding": "8"}) as client:
+            return await asyncio.gather(*(client.read(f"%R{1 + number % 5}") for number in range(200)))
+
+    assert asyncio.run(ask()) == [[1 + number % 5] for number in range(200)]
+
+
+def test_the_command_line(device: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    line = (PROTOCOL, "--port", device.port)
+    assert main(["read", *line, "%R1", "-n", "5"]) == 0
+    assert capsys.readouterr().out == "%R1  1 2 3 4 5\n"
+    assert main(["write", *line, "%R1", "7"]) != 0
+    assert "not allowed" in capsys.readouterr().err
+    assert main(["write", *line, "%R1", "7", "--param", "allow=writes"]) == 0
+    assert device.memory.read("R1", 1) == [7]
+
+
+def test_strangers_do_no_harm(device: Any) -> None:
+    assert raw_header(device.port, b"\x09" * 56)[0] == 5, "an error PDU, then the connection is closed"
+    assert raw_header(device.port, b"\x00" * 56) == b"\x01" + bytes(55)
+    with connect(device) as client:
+        assert client.read("%R1") == [1]
+
+
+# ---- virtual time ----------------------------------------------------------------------------------------------
+
+
+def test_a_thousand_transfers_up_to_2_kb() -> None:
+    there = TransferWorld(PROTOCOL, "client", "server", params={"allow": "writes"})
+    there.mixed(1000, {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}, longest=1024)
+    assert there.wrong == []
+    assert there.outcomes == {"ok": 1000}
+
+
+def test_task_and_block_memory_of_the_large_family() -> None:
+    params = {"allow": "writes", "family": "90-70", "task": "STAT_1", "block": "SUB1"}
+    there = TransferWorld(PROTOCOL, "client", "server", params=params)
+
+    def done(method: Any, *arguments: Any, **options: Any) -> TransferResult:
+        return there.do(lambda **keys: method(*arguments, station=None, **options, **keys))
+
+    for address in ("P39", "L9"):
+        assert done(there.client.write, address, [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]).ok
+        assert done(there.client.read, address, count=5).values == [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]
+        assert done(there.client.read, address, count=2).values == [0x4A9B, 0x3463]
