@@ -17,6 +17,7 @@ from benchmarks.by_hand import (
     encode_request,
     encode_write,
 )
+from benchmarks.by_hand_links import decode_mailbox, decode_typed_read, encode_mailbox, encode_typed_read
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.load import load_protocol
 
@@ -60,11 +61,23 @@ VARIABLES = [{"data": bytes([number, 0x34])} for number in range(4)]
 REQUEST = {"station": 17, "pdu": {"read_holding": {"address": 107, "count": 3}}}
 INDIVIDUAL = {"station": 32, "command": "r", "values": VARIABLES}
 WRITE = {"payload": bytes(range(44))}
+# 16 words in PLC-5 typed data, two of them with a byte 10 that is doubled on the line
+WORDS = bytes((0x99, 0x09, 0x21, 0x42)) + b"".join(number.to_bytes(2, "little") for number in range(10, 26))
+TYPED_READ = {"packet": {"reply": {"dst": 9, "src": 1, "cmd": 15, "tns": 4242, "data": WORDS}}}
+FLAGS = ("oversweep", "constant_sweep", "plc_fault_news", "io_fault_news", "plc_fault", "io_fault")
+FLAGS += ("programmer", "outputs_off", "run_switch", "oem")
+STATUS = {"control_program": 0, "level": 2, "sweep": 39, **dict.fromkeys(FLAGS, 0), "plc_fault": 1, "state": 2}
+ADDRESSES = {"source": b"\0\1\2\3", "destination": b"\4\5\6\7"}
+COMPLETION = {"seconds": 11, "minutes": 22, "hours": 13, "seq": 5, **ADDRESSES, "code": 0, "inline": bytes(range(6))}
+COMPLETION["status"] = STATUS
+MAILBOX = {"body": {"completion": COMPLETION}}
 
 CASES = (
     Case("Modbus read request", "modbus-rtu", "request_adu", REQUEST, encode_request, decode_request),
     Case("Modbus reply, 10 registers", "modbus-rtu", "reply_adu", registers(10), encode_registers, decode_registers),
     Case("Modbus reply, 125 registers", "modbus-rtu", "reply_adu", registers(125), encode_registers, decode_registers),
     Case("MLDP reply, 4 blocks", "mldp", "read_individual_reply", INDIVIDUAL, encode_individual, decode_individual),
+    Case("DF1 typed-read reply, 16 words", "df1", "message", TYPED_READ, encode_typed_read, decode_typed_read),
+    Case("SNP mailbox, completion", "snp", "mailbox", MAILBOX, encode_mailbox, decode_mailbox),
     Case("WR.REQ", "third-party-plc", "WR.REQ", WRITE, encode_write, decode_write),
 )

@@ -136,13 +136,13 @@ def _library_crc(method: CheckMethod, data: str) -> tuple[CheckSource, int] | No
 def _table_crc(method: CheckMethod, data: str) -> CheckSource:
     width, start = method.width, method.initial
     direction = "reflected" if method.refin else "forward"
-    kind = "PAIRS" if width == 16 else "TABLE"
+    kind = "WORDS" if width == 16 else "TABLE"
     table = f"CRC{width}_{method.poly:X}_{direction.upper()}_{kind}"
     if method.refin:
         start = support.reflect(start, width)
     if width == 16:
-        name, maker = f"crc16_{direction}", "make_crc_pairs"
-        made = f"make_crc_pairs({method.poly:#x}, {method.refin})"
+        name, maker = f"crc16_{direction}", "make_crc_words"
+        made = f"make_crc_words({method.poly:#x}, {method.refin})"
     else:
         name, maker = f"crc_{direction}", "make_crc_table"
         made = f"make_crc_table({width}, {method.poly:#x}, {method.refin})"

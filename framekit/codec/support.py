@@ -10,6 +10,7 @@ from __future__ import annotations
 import binascii
 import struct
 from array import array
+from sys import byteorder
 from typing import Any
 
 # --- sums -----------------------------------------------------------------------------------------------------------
@@ -113,10 +114,20 @@ def make_crc_table(width: int, poly: int, refin: bool) -> tuple[int, ...]:
     return tuple(table)
 
 
-def make_crc_pairs(poly: int, refin: bool) -> tuple[tuple[int, int], ...]:
-    """The table of a CRC of 16 bits, every entry as two bytes: the one that meets the next data byte, the other one."""
+def make_crc_words(poly: int, refin: bool) -> tuple[int, ...]:
+    """The table of a CRC of 16 bits for two bytes at once: 65536 registers, what each word makes of an empty one.
+
+    A word is read as the register meets it, so the byte that comes first is the low one with `refin`, else the high
+    one. Every row is another one with a constant put on, which big numbers do at once: 1.5 ms, a loop takes 7.
+    """
     table = make_crc_table(16, poly, refin)
-    return tuple((code & 0xFF, code >> 8) if refin else (code >> 8, code & 0xFF) for code in table)
+    after = [code >> 8 ^ table[code & 0xFF] if refin else code << 8 & 0xFFFF ^ table[code >> 8] for code in table]
+    row, offsets = (after, table) if refin else (table, after)
+    number, ones = (sum(code << 16 * index for index, code in enumerate(codes)) for codes in (row, [1] * 256))
+    words = array("H", b"".join((number ^ offset * ones).to_bytes(512, "little") for offset in offsets))
+    if byteorder == "big":
+        words.byteswap()
+    return tuple(words)  # its items are reached in half the time of the array's
 
 
 def make_mirror() -> bytes:
@@ -147,24 +158,26 @@ def crc_narrow(data: bytes | bytearray, table: tuple[int, ...], code: int) -> in
     return code
 
 
-def crc16_reflected(data: bytes | bytearray, pairs: tuple[tuple[int, int], ...], code: int) -> int:
-    """A reflected CRC of 16 bits. Two single bytes are numbers Python keeps ready: 1.6 times as fast as 16 bits."""
-    near, far = code & 0xFF, code >> 8
-    for byte in data:
-        mix, following = pairs[near ^ byte]
-        near = far ^ mix
-        far = following
-    return far << 8 | near
+def crc16_reflected(data: bytes | bytearray, words: tuple[int, ...], code: int) -> int:
+    """A reflected CRC of 16 bits, two bytes a step: 1.2 (23 bytes) to 1.9 times (250) as fast as one by one."""
+    odd = len(data) & 1
+    units = array("H", data[:-1] if odd else data)
+    if byteorder == "big":
+        units.byteswap()
+    for unit in units:
+        code = words[code ^ unit]
+    return code >> 8 ^ words[(code & 0xFF ^ data[-1]) << 8] if odd else code
 
 
-def crc16_forward(data: bytes | bytearray, pairs: tuple[tuple[int, int], ...], code: int) -> int:
+def crc16_forward(data: bytes | bytearray, words: tuple[int, ...], code: int) -> int:
     """A CRC of 16 bits that is not reflected; see `crc16_reflected`."""
-    near, far = code >> 8, code & 0xFF
-    for byte in data:
-        mix, following = pairs[near ^ byte]
-        near = far ^ mix
-        far = following
-    return near << 8 | far
+    odd = len(data) & 1
+    units = array("H", data[:-1] if odd else data)
+    if byteorder == "little":
+        units.byteswap()
+    for unit in units:
+        code = words[code ^ unit]
+    return (code & 0xFF) << 8 ^ words[code >> 8 ^ data[-1]] if odd else code
 
 
 def crc_1021_reflected(data: bytes | bytearray, mirror: bytes, init: int) -> int:
@@ -289,6 +302,8 @@ def parse_oct_little(digits: bytes | bytearray) -> int:
 
 def build_bcd(value: int, size: int) -> bytes:
     """Two decimal digits a byte, highest first. Raises ValueError if the value is negative or too large."""
+    if size == 1 and 0 <= value <= 99:  # by far the most frequent
+        return b"%c" % (value + 6 * (value // 10))
     digits = f"{value:0{2 * size}d}"
     if value < 0 or len(digits) > 2 * size:
         raise ValueError(f"{value} does not fit into {size} bytes BCD")
@@ -302,6 +317,11 @@ def build_bcd_little(value: int, size: int) -> bytes:
 
 def parse_bcd(data: bytes | bytearray) -> int:
     """A number from bytes of two decimal digits, highest first. Raises ValueError for half bytes from A to F."""
+    if len(data) == 1:  # by far the most frequent
+        number = data[0]
+        if number > 0x99 or number & 0x0F > 9:
+            raise ValueError(f"{number:02x} is not BCD")
+        return number - 6 * (number >> 4)
     digits = data.hex()
     if not digits.isdecimal():
         raise ValueError(f"{digits} is not BCD")
@@ -434,16 +454,20 @@ def swap(data: bytes | bytearray, size: int) -> bytes:
 
 def double_escape(data: bytes | bytearray, escape: int) -> bytes:
     """Every byte `escape` twice."""
-    single = bytes((escape,))
+    single = b"%c" % escape
     return bytes(data.replace(single, single + single))
 
 
 def undouble_escape(data: bytes | bytearray, escape: int) -> bytes:
     """The reverse of `double_escape`. Raises ValueError for an escape byte that is not doubled."""
-    single = bytes((escape,))
-    if data.count(single) != 2 * data.count(single + single):
+    single = b"%c" % escape
+    found = data.count(single)
+    if not found:
+        return bytes(data)
+    double = single + single
+    if found != 2 * data.count(double):
         raise ValueError(f"an escape byte {escape:02X} is not doubled")
-    return bytes(data.replace(single + single, single))
+    return bytes(data.replace(double, single))
 
 
 # --- functions of expressions ---------------------------------------------------------------------------------------
@@ -529,7 +553,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "xor7": ("xor8",),
     "xor_words": ("xor8",),
     "make_crc_table": ("reflect",),
-    "make_crc_pairs": ("make_crc_table",),
+    "make_crc_words": ("make_crc_table",),
     "make_mirror": ("reflect",),
     "crc": ("crc_forward", "crc_narrow", "crc_reflected", "reflect"),
     "build_hex_little_lower": ("build_hex_little",),
@@ -550,6 +574,9 @@ NEEDS: dict[str, tuple[str, ...]] = {
 """The functions of this module that a function calls itself; the ones they call in turn have entries of their own."""
 
 IMPORTS: dict[str, tuple[str, ...]] = {
+    "make_crc_words": ("from array import array", "from sys import byteorder"),
+    "crc16_reflected": ("from array import array", "from sys import byteorder"),
+    "crc16_forward": ("from array import array", "from sys import byteorder"),
     "crc_1021_reflected": ("import binascii",),
     "build_hex_little": ("import binascii",),
     "parse_hex_little": ("import binascii",),

@@ -117,11 +117,11 @@ def test_table_crc_equals_bit_by_bit(parameters: tuple[int, int, int, bool, bool
 
 
 @given(st.integers(0, 65535), st.integers(0, 65535), st.binary(max_size=40))
-def test_pairs_of_bytes_equal_the_table_of_words(poly: int, init: int, data: bytes) -> None:
-    for refin, by_pairs in ((True, support.crc16_reflected), (False, support.crc16_forward)):
-        table, pairs = support.make_crc_table(16, poly, refin), support.make_crc_pairs(poly, refin)
+def test_two_bytes_at_once_equal_one_by_one(poly: int, init: int, data: bytes) -> None:
+    for refin, by_words in ((True, support.crc16_reflected), (False, support.crc16_forward)):
+        table, words = support.make_crc_table(16, poly, refin), support.make_crc_words(poly, refin)
         expected = support.crc_reflected(data, table, init) if refin else support.crc_forward(data, table, 16, init)
-        assert by_pairs(data, pairs, init) == expected
+        assert by_words(data, words, init) == expected
 
 
 @given(st.integers(0, 65535), st.binary(max_size=40))

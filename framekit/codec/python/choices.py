@@ -40,23 +40,30 @@ class Switch:
 def tree_of(shapes: Shapes, frames: tuple[str, ...]) -> Leaf | Switch:
     """How candidates are told apart."""
     allowed = {name: dict(fixed_bytes(shapes.segments(shapes.frames[name]))) for name in frames}
-    return _tree(frames, allowed, frozenset())
+    return _tree(frames, allowed, frozenset(), True)
 
 
-def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozenset[int]) -> Leaf | Switch:
+def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozenset[int], again: bool) -> Leaf | Switch:
+    """`again`: a byte may still be taken that only tells some frames from those it does not restrict."""
     places = {place for name in frames for place in allowed[name]} - used
-    best = min(places, key=lambda place: (_worst(frames, allowed, place), place), default=None)
-    if best is None or _worst(frames, allowed, best) >= len(frames):
+    if not again:
+        places = {place for place in places if _left(frames, allowed, place) < len(frames)}
+    others_at = {place: tuple(name for name in frames if place not in allowed[name]) for place in places}
+    best = min(places, key=lambda place: (_left(frames, allowed, place), not others_at[place], place), default=None)
+    if best is None:
         return Leaf(frames)
-    groups = _groups(frames, allowed, best)
-    others = tuple(name for name in frames if best not in allowed[name])
-    used |= {best}
-    cases = tuple((value, _tree(group, allowed, used)) for value, group in sorted(groups.items()))
-    return Switch(frames, best, cases, _tree(others, allowed, used) if others else Leaf(()))
+    left, others = _left(frames, allowed, best), others_at[best]
+    if left >= len(frames) and not others:
+        return Leaf(frames)
+    used, again = used | {best}, again and left < len(frames)
+    cases = tuple(
+        (value, _tree(group, allowed, used, again)) for value, group in sorted(_groups(frames, allowed, best).items())
+    )
+    return Switch(frames, best, cases, _tree(others, allowed, used, again) if others else Leaf(()))
 
 
-def _worst(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int) -> float:
-    """How many candidates are left on average when the byte at `place` is known."""
+def _left(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int) -> float:
+    """How many candidates are left on average when the byte at `place` is one that some of them want."""
     groups = _groups(frames, allowed, place)
     return sum(len(group) for group in groups.values()) / len(groups) if groups else len(frames)
 

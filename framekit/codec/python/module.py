@@ -61,6 +61,7 @@ class Module:
         self.rule_tables: dict[str, str] = {}
         self.choices: dict[tuple[str, ...], str] = {}
         self.extra: list[Source] = []
+        self._bcd = ""
 
     # ---- functions ----------------------------------------------------------------------------------------
 
@@ -126,6 +127,14 @@ class Module:
             text = f"{{name: number for number, name in {names}.items()}}"
             self.tables[key] = self.names.constant(names, "by_name"), text
         return self.tables[key][0]
+
+    def bcd_numbers(self) -> str:
+        """The module constant with the numbers of single bytes of two decimal digits: a third of a call's time."""
+        if not self._bcd:
+            self._bcd = self.names.constant("bcd_numbers")
+            digits = "for tens in range(10) for ones in range(10)"
+            self.late[self._bcd] = f"{{bytes((tens << 4 | ones,)): 10 * tens + ones {digits}}}", "two decimal digits"
+        return self._bcd
 
     def rules(self, identifier: str, text: str) -> str:
         """The module constant with the rules of a frame's values."""
@@ -214,7 +223,7 @@ def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
             return None
     except (NameError, TypeError, ValueError, ArithmeticError):
         return None
-    return f"bytes({_step(module, method, '0', 'mixed')} & {mask:#x} for mixed in range(256))"
+    return f"tuple({_step(module, method, '0', 'mixed')} & {mask:#x} for mixed in range(256))"
 
 
 def _step(module: Module, method: CheckMethod, acc: str, byte: str) -> str:

@@ -251,6 +251,9 @@ class PieceWriter(PackingWriter):
             self._limit_wrap(wrap, scope, buffer)
         if wrap.how == "hex":
             return f"{self.module.function('hex_to_ascii')}({text})"
+        if text.isidentifier():
+            single = bytes((wrap.escape or 0,))
+            return f"{text}.replace({bytes_literal(single)}, {bytes_literal(2 * single)})"
         return f"{self.module.function('double_escape')}({text}, {wrap.escape or 0:#04x})"
 
     def _limit_wrap(self, wrap: Wrap, scope: Scope, buffer: str) -> None:

@@ -40,9 +40,10 @@ def check_given(
 
     Raises EncodeError.
     """
-    for name in values:
-        if name not in rules or name in elsewhere:
-            raise EncodeError(path + name, f"there is no '{path}{name}' in this frame")
+    if elsewhere or not values.keys() <= rules.keys():
+        for name in values:
+            if name not in rules or name in elsewhere:
+                raise EncodeError(path + name, f"there is no '{path}{name}' in this frame")
     for name, right in computed.items():
         if name in values:
             given = values[name]

@@ -244,6 +244,8 @@ class RunReader(JudgingReader):
         """Text of the wire value of what the struct gave."""
         if converted or not forms.is_slice(type_):
             return source
+        if type_.kind == "bcd" and type_.fixed_size == 1:
+            return f"{self.module.bcd_numbers()}[{source}]"
         places = forms.hex_places(type_)
         if places is None:
             return forms.parse(self.module, type_, source)

@@ -76,15 +76,24 @@ class RangeTable(dict[Any, Any]):
 
 
 class Choice:
-    """Frames that may stand at one place, in the order they are tried, told apart by one byte."""
+    """Frames that may stand at one place, in the order they are tried, told apart by one byte.
 
-    __slots__ = ("at", "cases", "everything", "others")
+    `named` holds them by name. `readers`: by the deciding byte, names with decoders in the order they are tried, or
+    another choice; `all_readers`: those for when that byte is not there.
+    """
+
+    __slots__ = ("all_readers", "at", "cases", "everything", "named", "others", "readers")
 
     def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
         self.everything = everything
         self.at = at
         self.cases: dict[int, Any] = cases or {}
         self.others: Any = everything if others is None else others
+        self.named = {frame.name: frame for frame in everything}
+        self.all_readers = readers_of(everything)
+        self.readers = [readers_of(self.others)] * 256
+        for byte, found in self.cases.items():
+            self.readers[byte] = readers_of(found)
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
         """The frames that the deciding byte allows; all, if it is not there."""
@@ -95,11 +104,23 @@ class Choice:
         return found if type(found) is tuple else found.frames(data, start, end)
 
 
+def readers_of(found: Any) -> Any:
+    """Names and decoders of a row of frames; a choice stays what it is."""
+    return tuple((frame.name, frame.decode) for frame in found) if type(found) is tuple else found
+
+
 def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
     """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused."""
-    for frame in choice.frames(data):
+    try:
+        found = choice.readers[data[choice.at]]
+        while type(found) is Choice:
+            choice = found
+            found = choice.readers[data[choice.at]]
+    except IndexError:
+        found = choice.all_readers
+    for name, decode in found:
         try:
-            return {frame.name: frame.decode(data, ctx)}
+            return {name: decode(data, ctx)}
         except FrameError as error:
             if error.refuse is not None:
                 raise
@@ -135,18 +156,20 @@ def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
 
 def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
     """The bytes of `{frame: fields}`. Raises EncodeError."""
-    ((wanted, fields),) = value.items() if isinstance(value, Mapping) and len(value) == 1 else (("", None),)
-    if not isinstance(fields, Mapping):
+    # a dict is by far the most frequent, and asking whether something is a Mapping costs as much as the rest
+    one = (type(value) is dict or isinstance(value, Mapping)) and len(value) == 1
+    ((wanted, fields),) = value.items() if one else (("", None),)
+    if type(fields) is not dict and not isinstance(fields, Mapping):
         raise EncodeError(name, f"'{name}' must be one frame as {{name: fields}}")
+    frame = choice.named.get(wanted)
+    if frame is not None:
+        try:
+            return frame.encode(fields, ctx)
+        except EncodeError as error:
+            field = f"{name}.{wanted}.{error.field}" if error.field else name
+            raise EncodeError(field, str(error)) from None
     if wanted == "unknown":
         return bytes(b"" + fields["data"])
-    for frame in choice.everything:
-        if frame.name == wanted:
-            try:
-                return frame.encode(fields, ctx)
-            except EncodeError as error:
-                field = f"{name}.{wanted}.{error.field}" if error.field else name
-                raise EncodeError(field, str(error)) from None
     raise EncodeError(name, f"'{name}' cannot be a '{wanted}'")
 
 
@@ -186,14 +209,17 @@ def find_region_end(
 
 def without_embedded(data: bytes, escape: int, embedded: tuple[bytes, ...]) -> bytes:
     """Content of a region without the frames that stand in it."""
-    if not any(frame in data for frame in embedded):
+    for frame in embedded:
+        if frame in data:
+            break
+    else:
         return data
     parts, start, place = [], 0, data.find(escape)
     while place >= 0:
-        frame = next((frame for frame in embedded if data.startswith(frame, place)), None)
-        if frame is not None:
+        found = next((frame for frame in embedded if data.startswith(frame, place)), None)
+        if found is not None:
             parts.append(data[start:place])
-            start = place + len(frame)
+            start = place + len(found)
             place = data.find(escape, start)
         else:
             place = data.find(escape, place + (2 if data[place + 1 : place + 2] == bytes((escape,)) else 1))
@@ -243,7 +269,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "measure_first": ("Choice", "Frame", "fits"),
     "fits": ("Frame",),
     "encode_one": ("Choice", "Frame"),
-    "Choice": ("Frame",),
+    "Choice": ("Frame", "readers_of"),
     "end_of_region": ("find_region_end",),
 }
 """The names of this module that a helper uses itself."""
