@@ -64,7 +64,7 @@ WRITE = {"payload": bytes(range(44))}
 # 16 words in PLC-5 typed data, two of them with a byte 10 that is doubled on the line
 WORDS = bytes((0x99, 0x09, 0x21, 0x42)) + b"".join(number.to_bytes(2, "little") for number in range(10, 26))
 TYPED_READ = {"packet": {"reply": {"dst": 9, "src": 1, "cmd": 15, "tns": 4242, "data": WORDS}}}
-FLAGS = ("oversweep", "constant_sweep", "plc_fault_news", "io_fault_news", "plc_fault", "io_fault")
+FLAGS: tuple[str, ...] = ("oversweep", "constant_sweep", "plc_fault_news", "io_fault_news", "plc_fault", "io_fault")
 FLAGS += ("programmer", "outputs_off", "run_switch", "oem")
 STATUS = {"control_program": 0, "level": 2, "sweep": 39, **dict.fromkeys(FLAGS, 0), "plc_fault": 1, "state": 2}
 ADDRESSES = {"source": b"\0\1\2\3", "destination": b"\4\5\6\7"}
