@@ -149,6 +149,15 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
         Case("a choice", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    1: [{field: a, type: u8}]\n"
              "    2: [{field: b, type: u16}]\n  else: [{const: FF}]", {"kind": 2, "b": 5}, "02 00 05"),
+        Case("cases that share names, with defaults that stand on each other",
+             "- choose: kind\n  cases:\n"
+             "    a: [{bits: {has_x: 0, has_y: 1, more: 2-7}, of: u8, build: {has_x: t == '', has_y: t == '' and y != 0, more: 0}},\n"
+             "        {field: x, type: u8, when: has_x, default: 0}, {field: y, type: u8, when: has_y, default: 0},\n"
+             "        {field: t, type: ascii, end: 00, when: not has_x and not has_y, default: ''}]\n"
+             "    b: [{bits: {has_x: 0, more: 1-7}, of: u8, build: {has_x: t == '', more: 0}},\n"
+             "        {field: x, type: u8, when: has_x, default: 3}, {field: t, type: ascii, end: 00, when: not has_x, default: ''}]\n",
+             {"x": 7}, "01 07", {"has_x": 1, "has_y": 0, "more": 0, "y": 0, "t": ""},
+             top="params: {kind: {type: choice, of: [a, b], default: a}}\n"),
         Case("the other case", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    1: [{field: a, type: u8}]\n"
              "  else: [{const: FF}]", {"kind": 9}, "09 FF"),
         Case("an optional part", "- {field: a, type: u8}\n- optional: [{field: b, type: u8}]", {"a": 1, "b": 2}, "01 02"),

@@ -90,9 +90,7 @@ class _Compiler:
 
     def segment(self, segment: model.Segment, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
         construct = self._holder(segment, plan, conditions)
-        if segment.when is not None:
-            conditions = (*conditions, construct.holds)
-        part = Part(construct, conditions)
+        part = Part(construct, conditions, None if segment.when is None else construct.holds)
         if segment.name is not None:
             plan.segments.setdefault(segment.name, []).append(part)
         for name in value_names(segment):

@@ -49,10 +49,19 @@ class Owner(Protocol):
 
 @dataclass(slots=True)
 class Part:
-    """A segment's construct and what must hold for it to be there."""
+    """A segment's construct and what must hold for it to be there: for its holders, and for the segment itself."""
 
     construct: Owner
-    conditions: tuple[Condition, ...]
+    holders: tuple[Condition, ...]
+    when: Condition | None = None
+
+    def is_held(self, filling: Filling) -> bool:
+        """Whether what holds it is there: its case is the chosen one, say."""
+        return all(condition(filling) for condition in self.holders)
+
+    def is_there(self, filling: Filling) -> bool:
+        """Whether it is part of the frame."""
+        return self.is_held(filling) and (self.when is None or self.when(filling))
 
 
 @dataclass(slots=True)
@@ -116,14 +125,21 @@ class Filling(Mapping[str, Any]):
 
     def _owner(self, name: str) -> Owner:
         parts = self.plan.values[name]
-        if len(parts) == 1:
-            return parts[0].construct
-        return self._part(parts, name).construct
+        return parts[0].construct if len(parts) == 1 else self._meant(parts, name).construct
+
+    def _meant(self, parts: list[Part], name: str) -> Part:
+        """The one that is there, else one that its holder has and that may have a default. Raises Absent."""
+        held = [part for part in parts if part.is_held(self)]
+        if not held:
+            raise Absent(name)
+        if len(held) == 1:  # whether it is there may stand on its own value
+            return held[0]
+        return next((part for part in held if part.when is None or part.when(self)), held[0])
 
     def _part(self, parts: list[Part], name: str) -> Part:
         """The one that is there. Raises Absent."""
         for part in parts:
-            if all(condition(self) for condition in part.conditions):
+            if part.is_there(self):
                 return part
         raise Absent(name)
 
@@ -137,9 +153,13 @@ class Filling(Mapping[str, Any]):
 
     def refuse_absent(self) -> None:
         """Refuses given values whose segments are not there. Raises EncodeError."""
-        for name in self.given:
+        for name, value in self.given.items():
             if not self.is_there(name):
-                self.plan.values[name][0].construct.refuse_absent(self, name)
+                try:
+                    owner = self._owner(name)
+                except Absent:
+                    raise self.error(name, f"'{name}' is not part of this frame, but {value!r} is given") from None
+                owner.refuse_absent(self, name)
 
     def given_of(self, name: str) -> Any:
         """What the caller gave, or MISSING."""
