@@ -55,7 +55,9 @@ def read_jobs(reader: Reader, node: Node, folder: Path, grammar: AddressGrammar)
     with reader.going_on():
         status = reader.maybe(lambda given: read_place(reader, grammar, given, profile.bits.size), keys.get("status"))
     hosts = {entry.key.text: reader.text(entry.value) for entry in reader.entries(keys.get("hosts"))}
-    return JobsSection(profile=replace(profile, **changed), status=status, hosts=hosts, at=node.at)
+    surplus = keys.get("surplus")
+    waits = surplus is None or reader.text(surplus) == "wait"
+    return JobsSection(profile=replace(profile, **changed), status=status, hosts=hosts, waits=waits, at=node.at)
 
 
 def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int) -> Place:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+from collections import deque
 from collections.abc import Callable, Mapping
 
 from framekit.blocks.block_status import Failure
@@ -18,6 +19,7 @@ from framekit.blocks.jobs.table import JobTable
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import read_piece, store_pieces
 from framekit.blocks.transfer import failure_of
+from framekit.definition.times import NEVER
 from framekit.link.client import TransferResult
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command as LinkCommand
@@ -58,6 +60,7 @@ class JobService:
         self.table = JobTable(section.profile, self)
         self._channel_of: dict[int, int] = {}
         self._waiting: dict[int, list[Attempt]] = {}
+        self._surplus: deque[Command] = deque()
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -70,23 +73,36 @@ class JobService:
     def stop(self) -> None:
         """All jobs are aborted."""
         self.table.stop()
+        while self._surplus:
+            self.answered(self._surplus.popleft(), None)
 
     def reset(self) -> None:
         """As after the start."""
+        self.stop()
         self._channel_of.clear()
         self._waiting.clear()
         self.table.reset(self.clock.now())
 
     @property
     def deadline(self) -> int:
-        return self.table.deadline
+        """When `tick` has something to do."""
+        return min(self.table.deadline, self.table.room_at(self.clock.now()) if self._surplus else NEVER)
 
     def tick(self, now: int) -> None:
+        """Does what is due; commands that had to wait come first."""
+        while self._surplus and self.table.room_at(now) <= now:
+            self.table.take(self._surplus.popleft(), now)
         self.table.tick(now)
 
     def take(self, command: Command) -> None:
-        """Carries a command out."""
-        self.table.take(command, self.clock.now())
+        """Carries a block's command out. Its status word is 0 from here until it has its answer."""
+        if command.status is not None:
+            self.write_words(command.status, (0,))
+        now = self.clock.now()
+        if self.section.waits and (self._surplus or self.table.room_at(now) > now):
+            self._surplus.append(command)
+        else:
+            self.table.take(command, now)
         self._wake()
 
     # ---- connections --------------------------------------------------------------------------------------

@@ -66,17 +66,16 @@ def test_commands_are_carried_out_side_by_side(tmp_path: Path) -> None:
 
 
 def test_a_trigger_during_a_pending_command_is_an_overrun(tmp_path: Path) -> None:
-    head = HEAD.replace(
-        "protocol: modbus-tcp, station: 1, host: 3.0.0.2", "protocol: modbus-tcp, station: 9, host: 3.0.0.2"
-    )
-    head = head.replace("station: 9,", "station: 9, params: {reply_timeout: 60 s},")
+    head = HEAD.replace("station: 1, host: 3.0.0.2", "station: 9, host: 3.0.0.2, params: {reply_timeout: 60 s}")
     at_work = run(
-        tmp_path, '  0: {job: 5, read: "40001", into: D1, host: FAR, late: 5 s, status: D10, while: D900}', head
+        tmp_path, '  0: {job: 5, read: "40001", into: D1, host: FAR, late: 5 s, status: D10, when: D900}', head
     )
-    at_work.put("D", 900, 1)
-    at_work.run(4900)
+    for value in (1, 0, 1, 0, 1):
+        at_work.put("D", 900, value)
+        at_work.run(900)
     assert at_work.counts(0) == (1, 0, 0) and at_work.word("D", 10) == 0, "nobody answers, and nothing is told yet"
-    at_work.run(200)
+    assert at_work.service.states[0].counters.overruns == 2
+    at_work.run(1000)
     assert at_work.word("D", 10) == 0x0190
     assert str(at_work.service.states[0].last_failure) == "refused 400: client: time-out is over, still waiting"
 
@@ -233,3 +232,35 @@ def test_times_of_the_section(tmp_path: Path) -> None:
     at_work.run(400)
     assert seen == [50, 100, 150, 200, 250, 300, 350, 400]
     assert at_work.jobs.table.profile.connect == SECOND
+
+
+MANY = "\n".join(f"  {n}: {{inspect: {1 + n % 16}, into: D{100 + 2 * n}, status: D{n}, once: yes}}" for n in range(40))
+
+
+def test_commands_that_are_too_many_for_a_scan_wait_for_the_next_one(tmp_path: Path) -> None:
+    at_work = run(tmp_path, MANY)
+    seen: list[tuple[int, int]] = []
+    for number in range(40):
+        at_work.memory.watch("D", number, 1, lambda *_, n=number: seen.append((at_work.clock.now() // MS, n)))
+    at_work.run(5)
+    assert sum(at_work.words("D", 0, 40)) == 17
+    at_work.run(15)
+    assert sum(at_work.words("D", 0, 40)) == 40, "all within three scans"
+    assert at_work.jobs.table.counters.lost == 0
+
+
+def test_commands_that_are_too_many_for_a_scan_may_be_lost(tmp_path: Path) -> None:
+    at_work = run(tmp_path, MANY, HEAD.replace("status: P0,", "status: P0, surplus: lost,"))
+    at_work.run(10)
+    assert sum(at_work.words("D", 0, 40)) == 17 and at_work.jobs.table.counters.lost == 23
+    assert {event.code.number for event in at_work.jobs.table.log if event.code} == {8}
+    assert str(at_work.service.states[39].last_failure) == "queue_full"
+    assert at_work.bits() == (13, 14, 16)
+    at_work.run(10)
+    assert at_work.bits() == (13, 16)
+
+
+def test_stop_ends_commands_that_wait(tmp_path: Path) -> None:
+    at_work = run(tmp_path, MANY)
+    at_work.service.stop()
+    assert str(at_work.service.states[39].last_failure) == "cancelled"

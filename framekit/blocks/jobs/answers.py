@@ -37,6 +37,12 @@ class CommandLimit:
         self._most, self._scan, self._origin = most, scan, origin
         self._current, self._taken = -1, 0
 
+    def room_at(self, now: int) -> int:
+        """When one more can be taken: now, or with the next scan."""
+        current = (now - self._origin) // self._scan
+        full = current == self._current and self._taken >= self._most
+        return self._origin + (current + 1) * self._scan if full else now
+
     def takes(self, now: int) -> bool:
         """Counts one more; whether it is not one too many."""
         current = (now - self._origin) // self._scan

@@ -22,11 +22,15 @@ _HOST = re.compile(r"(?:tcp|udp)://(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobsSection:
-    """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name."""
+    """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name.
+
+    `waits`: commands of blocks that are too many for a scan wait for the next one; else they are lost.
+    """
 
     profile: JobProfile
     status: Place | None = None
     hosts: Mapping[str, str] = field(default_factory=dict)
+    waits: bool = True
     at: Position
 
 

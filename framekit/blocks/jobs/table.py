@@ -118,6 +118,10 @@ class JobTable:
         elif command.order is not None:
             self._establish(command, self.slots[command.slot], now)
 
+    def room_at(self, now: int) -> int:
+        """When one more command can be taken: now, or with the next scan."""
+        return self._limit.room_at(now)
+
     def refuse(self, command: Command, word: int, now: int) -> None:
         """Answers a command that is wrong; nothing else happens."""
         self.counters.refused += 1
