@@ -24,7 +24,9 @@ from framekit.link.serving import MemoryServer
 from framekit.link.tested_side import ConversationMemory
 
 FRAMES = Path(__file__).parents[2] / "frames"
-NAMES = sorted(file.name.split(".")[0] for file in FRAMES.glob("*.vectors.yaml"))
+VECTORS = sorted(file.name.split(".")[0] for file in FRAMES.glob("*.vectors.yaml"))
+NAMES = [name for name in VECTORS if "\nprotocol: " in "\n" + (FRAMES / f"{name}.yaml").read_text(encoding="utf-8")]
+"""Protocols; an application has no line, so no stream either."""
 
 
 @cache
