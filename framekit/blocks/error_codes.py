@@ -39,6 +39,7 @@ class ErrorCode(enum.IntEnum):
     CANNOT_STORE = 0xFF30
     CANNOT_SEND = 0xFF31
     BAD_SETTING = 0xFF32
+    NOT_ALLOWED = 0xFF33
     DEAD = 0xFF40
     INTERRUPTED = 0xFF41
     FAILED = 0xFFFF

@@ -26,7 +26,7 @@ ALIVE = frozenset({"refused", "damaged_reply", "unfit_reply", "cannot_store"})
 OWN = frozenset(
     {
         "closed", "cancelled", "cannot_send", "bad_setting", "abandoned", "no_sequence", "queue_full", "expression",
-        "circle", "interrupted",
+        "circle", "interrupted", "not_allowed",
     }
 )  # fmt: skip
 """Failures that say nothing about the station."""

@@ -122,7 +122,7 @@ def test_a_station_is_dead_after_failures_and_time_and_comes_back() -> None:
     assert len(bench.of(0)) == 301, "nothing of the other station is lost"
 
 
-@pytest.mark.parametrize("outcome", ["refused", "cannot_send", "bad_setting", "unfit_reply"])
+@pytest.mark.parametrize("outcome", ["refused", "cannot_send", "bad_setting", "unfit_reply", "not_allowed"])
 def test_other_failures_are_no_silence(outcome: str) -> None:
     bench = Bench(block(0, 100), dead=DEAD)
     bench.outcomes[1] = outcome

@@ -55,6 +55,7 @@ LINKS = [
     Link("ccm", "master", "slave", address="R1", format="8O1"),
     Link("ccm", "peer", "peer", address="R1", format="8O1"),
     Link("df1", "full", "full", address="N7:0", own={"node": 1}),
+    Link("srtp", format=None, address="R1", params={"allow": "writes"}),
     Link("df1", "master", "slave", address="N7:0", params={"normal_nodes": [3]}, own={"node": 9}),
 ]
 

@@ -33,6 +33,9 @@ LASTING: dict[str, dict[str, Any]] = {"noise": {"rate": 1 / 2000}, "stray": {"ti
 NEVER_SENT = {("wrong_station", "ccm-peer")}
 """Frames that answer no enquiry between equals, so none of them names a station."""
 
+UNCHECKED = {("noise", "srtp-client")}
+"""Long frames without a check code: their data are only as good as the connection below, which does check them."""
+
 
 def fits(kind: str, link: Link) -> bool:
     world_rule = FaultRule(kind=kind)  # type: ignore[arg-type]
@@ -88,6 +91,8 @@ def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
 @pytest.mark.parametrize("link", LINKS, ids=str)
 @pytest.mark.parametrize("kind", LASTING)
 def test_what_lasts_stores_nothing_wrong_and_is_over_when_it_is_over(kind: str, link: Link) -> None:
+    if (kind, str(link)) in UNCHECKED:
+        pytest.skip(f"{link} cannot see {kind}")
     rules = [FaultRule(kind=kind, of=of, **LASTING[kind]) for of in ("replies", "requests")]  # type: ignore[arg-type]
     world = FaultWorld(link, *rules[: 1 if kind == "echo" else 2])
     for _ in range(40):

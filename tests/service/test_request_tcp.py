@@ -5,13 +5,16 @@ from __future__ import annotations
 import asyncio
 import socket
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
+from link.link_world import Side, compiled
 from transfer_world import TransferWorld
 
 import framekit
 from framekit.cli.main import main
+from framekit.link.client import Client
 from framekit.link.transfer import TransferResult
 
 PROTOCOL = "srtp"
@@ -118,7 +121,7 @@ def test_the_command_line(device: Any, capsys: pytest.CaptureFixture[str]) -> No
     assert main(["read", *line, "%R1", "-n", "5"]) == 0
     assert capsys.readouterr().out == "%R1  1 2 3 4 5\n"
     assert main(["write", *line, "%R1", "7"]) != 0
-    assert "not allowed" in capsys.readouterr().err
+    assert "do not allow such a request" in capsys.readouterr().err
     assert main(["write", *line, "%R1", "7", "--param", "allow=writes"]) == 0
     assert device.memory.read("R1", 1) == [7]
 
@@ -151,3 +154,53 @@ def test_task_and_block_memory_of_the_large_family() -> None:
         assert done(there.client.write, address, [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]).ok
         assert done(there.client.read, address, count=5).values == [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]
         assert done(there.client.read, address, count=2).values == [0x4A9B, 0x3463]
+
+
+def read_word(asking: Side, client: Client, results: dict[int, Any], number: int) -> None:
+    asking.do(client.read(f"R{number}", now=asking.now, on_done=lambda done: results.__setitem__(number, done.values)))
+
+
+def answer_to(request: bytes, value: int) -> bytes:
+    """The reply to a request for one word, with the numbers that stand in it."""
+    header = b"\x03\0" + request[2:4] + bytes(26) + request[30:31]
+    mailbox = b"\xd4" + request[36:40] + request[32:36] + b"\1\1\0\0" + value.to_bytes(2, "little")
+    return (header + mailbox).ljust(56, b"\0")
+
+
+def test_replies_in_any_order_find_their_requests() -> None:
+    text = (Path(__file__).parents[2] / "frames" / f"{PROTOCOL}.yaml").read_text(encoding="utf-8")
+    protocol, codec = compiled(text)
+    asking = Side(text, "client", params={"outstanding": 4})
+    client = Client(protocol, codec, asking.engine)
+    results: dict[int, Any] = {}
+    for number in range(1, 7):
+        read_word(asking, client, results, number)
+    asking.run(0)
+    assert asking.taken() == [bytes(56)]
+    asking.gets(b"\x01" + bytes(55), whole=True)
+    asking.run(0)
+    requests = asking.taken()
+    assert [(data[2], data[30], data[44]) for data in requests] == [(1, 1, 0), (2, 2, 1), (3, 3, 2), (4, 4, 3)]
+    asking.gets(answer_to(requests[2], 30) + answer_to(requests[0], 10), whole=True)
+    asking.run(0)
+    assert results == {3: [30], 1: [10]}
+    requests[4:] = asking.taken()
+    assert [(data[2], data[44]) for data in requests[4:]] == [(5, 4), (6, 5)], "two more as two have ended"
+    for place in (5, 3, 4, 1):
+        asking.gets(answer_to(requests[place], 10 * place + 10), whole=True)
+    asking.run(0)
+    assert results == {number: [10 * number] for number in range(1, 7)}
+
+
+def test_a_restart_of_the_server_only_costs_what_is_under_way() -> None:
+    there = TransferWorld(PROTOCOL, "client", "server")
+
+    def read() -> TransferResult:
+        return there.do(lambda **keys: there.client.read("R1", **keys))
+
+    assert read().ok
+    for driver in there.drivers:
+        driver.closed(there.clock.now(), "gone")
+    assert read().outcome == "closed"
+    there.clock.run_for(2_000_000_000)
+    assert read().ok, "connected and opened again"
