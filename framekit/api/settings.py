@@ -43,7 +43,10 @@ def protocol_of(given: ProtocolGiven) -> Protocol:
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """A checked line. `station` is the other side's where a call names none."""
+    """A checked line. `station` is the other side's where a call names none.
+
+    `names_own`, `names_station`: whether requests name the asking side, and the other one.
+    """
 
     protocol: Protocol
     port: str
@@ -52,6 +55,8 @@ class LineSettings:
     own: Any
     station: Any
     params: Mapping[str, Any]
+    names_own: bool
+    names_station: bool
 
     def channel(self) -> Channel:
         """The same as a channel of a run has it."""
@@ -63,11 +68,11 @@ class LineSettings:
 
     def station_for(self, given: Any, *, needed: bool = True) -> Any:
         """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
-        if needed and self.own is None and needs_own(self.protocol):
+        if needed and self.own is None and self.names_own:
             raise RequestError(f"requests of '{self.protocol.name}' name the asking side – say its number as own")
         if given is not None:
             return checked_station(self.protocol, given)
-        if self.station is None and needed and needs_station(self.protocol):
+        if self.station is None and needed and self.names_station:
             raise RequestError(f"'{self.protocol.name}' needs a station – say which")
         return self.station
 
@@ -97,6 +102,8 @@ def line_settings(
         own=None if own is None else checked_station(found, own),
         station=None if station is None else checked_station(found, station),
         params=checked_params(found, params or {}),
+        names_own=needs_own(found),
+        names_station=needs_station(found),
     )
 
 

@@ -7,17 +7,19 @@ retried here. Language reference, sections 11 and 13.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 from framekit.definition.model import protocol as model
 from framekit.link.addresses import Address
-from framekit.link.construct_values import EACH, Compute, compile_value
+from framekit.link.construct_values import EACH
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
 from framekit.link.frame_table import Codec
 from framekit.link.packing import memory_of
-from framekit.link.replies import ErrorReader, ReplyReader, UnfitReplyError
+from framekit.link.ready import CompiledRow, Prepared, ReadyRead, ReadyReads
+from framekit.link.replies import ErrorReader, UnfitReplyError
 from framekit.link.requests import Piece, Plan, Planner, ServiceError
 from framekit.link.service_arguments import arguments_of
 from framekit.link.service_rows import RowFacts, ServiceRows
@@ -36,22 +38,6 @@ class Starts(Protocol):
     def start(self, exchange: Exchange, now: int) -> list[Command]: ...
 
 
-class CompiledRow:
-    """A row as the client uses it."""
-
-    def __init__(self, facts: RowFacts) -> None:
-        row, shared = facts.row, facts.shared
-
-        def compiled(value: Any) -> Compute:
-            return compile_value(value, shared.protocol, shared.codec, shared.table)
-
-        self.facts = facts
-        self.request = None if row.request is None else compiled(row.request)
-        self.buffer = None if row.buffer is None else compiled(row.buffer)
-        self.gives = [(name, compiled(value)) for name, value in row.gives.items()]
-        self.reply = ReplyReader(facts)
-
-
 class Client:
     """READ, WRITE and other services over one engine.
 
@@ -68,6 +54,7 @@ class Client:
         self.errors = ErrorReader(self.shared)
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())
+        self._ready = ReadyReads(engine.scope)
         self._rows = {facts: CompiledRow(facts) for rows in self.shared.rows.values() for facts in rows}
 
     # ---- read and write -----------------------------------------------------------------------------------
@@ -77,10 +64,17 @@ class Client:
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
     ) -> list[Command]:  # fmt: skip
         """Reads `count` elements of `unit` (default: the address's own)."""
-        names = self._names(station, params)
-        place, elements = self._place(address, unit, count)
-        plan = self.planner.plan("read", Piece(place, elements), names)
-        return self._transfer([plan], [(unit or place.unit, count)], names, now, on_done)
+        key = None if params else (address, unit, count, station)
+        ready = None if key is None else self._ready.find(key)
+        if ready is None:
+            names = self._names(station, params)
+            place, elements = self._place(address, unit, count)
+            plan = self.planner.plan("read", Piece(place, elements), names)
+            exchanges = tuple(self._prepared(plan, pieces, names) for pieces in plan.exchanges)
+            ready = ReadyRead(plan, exchanges, unit or place.unit, count)
+            if key is not None:
+                self._ready.keep(key, ready)
+        return self._begin_read([ready.plan], [(ready.unit, ready.count)], ready.exchanges, now, on_done)
 
     def write(
         self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,
@@ -168,7 +162,7 @@ class Client:
         plan = Plan(
             facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
         )
-        job = self._job(plan, tuple(pieces), offered)
+        job = self._job(self._prepared(plan, tuple(pieces), offered))
         exchange = job.exchange
         exchange.inside, exchange.params = inside, params or {}
         exchange.arguments = {argument.name: offered[argument.name] for argument in facts.row.takes}
@@ -211,12 +205,17 @@ class Client:
         self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], names: Names, now: int, on_done: Done
     ) -> list[Command]:
         """Does the exchanges of all plans; `wanted` are the units and counts to be read."""
-        jobs = [self._job(plan, pieces, names) for plan in plans for pieces in plan.exchanges]
+        exchanges = [self._prepared(plan, pieces, names) for plan in plans for pieces in plan.exchanges]
+        return self._begin_read(plans, wanted, exchanges, now, on_done)
 
+    def _begin_read(
+        self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], exchanges: Sequence[Prepared], now: int,
+        on_done: Done,
+    ) -> list[Command]:  # fmt: skip
         def finish(data: list[bytes]) -> TransferResult:
             return TransferResult(True, *elements(plans, wanted, data)) if wanted else TransferResult(True)
 
-        return self._begin(jobs, finish, now, on_done)
+        return self._begin([self._job(prepared) for prepared in exchanges], finish, now, on_done)
 
     def _begin(
         self, jobs: Sequence[Job], finish: Callable[[list[bytes]], TransferResult], now: int, on_done: Done
@@ -229,25 +228,20 @@ class Client:
         Transfer(jobs, start, finish, on_done).go()
         return commands
 
-    def _job(self, plan: Plan, pieces: tuple[Piece, ...], names: Names) -> Job:
+    def _prepared(self, plan: Plan, pieces: tuple[Piece, ...], names: Names) -> Prepared:
+        """An exchange of a plan, worked out. Raises ServiceError."""
         row = self._rows[plan.facts]
         offered = self._offered(plan, pieces, names)
-        facts = plan.facts
         try:
             request = None if row.request is None else row.request(offered)
             buffer = b"" if row.buffer is None else row.buffer(offered)
-            run = None if facts.run is None else facts.run(offered)
+            run = None if plan.facts.run is None else plan.facts.run(offered)
         except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the request of row '{facts.row.name}' cannot be made: {error}") from None
-        exchange = Exchange(
-            run=run,
-            station=names["station"],
-            request=request,
-            buffer=buffer,
-            expected=row.reply.expected,
-            outside_session=facts.row.outside_session,
-        )
-        return Job(exchange, pieces, lambda outcome: self._judge(row, exchange, pieces, offered, outcome))
+            raise ServiceError(f"the request of row '{plan.facts.row.name}' cannot be made: {error}") from None
+        return Prepared(row, pieces, offered, run, names["station"], request, buffer)
+
+    def _job(self, prepared: Prepared) -> Job:
+        return Job(prepared.exchange(), prepared.pieces, partial(self._judge, prepared))
 
     def _offered(self, plan: Plan, pieces: tuple[Piece, ...], names: Names) -> Names:
         if not pieces:
@@ -257,37 +251,35 @@ class Client:
         offered[EACH] = variables
         return offered
 
-    def _judge(
-        self, row: CompiledRow, exchange: Exchange, pieces: tuple[Piece, ...], names: Names, outcome: Outcome
-    ) -> Answer:
+    def _judge(self, asked: Prepared, outcome: Outcome) -> Answer:
         """What an exchange brought; anything but a fitting reply is a failure."""
-        reply = outcome.reply
+        row, pieces, reply = asked.row, asked.pieces, outcome.reply
+        names = Names({"request": asked.request}, asked.names)
         try:
-            asked = Names({"request": exchange.request}, names)
-            refusal = None if reply is None else self.errors.refusal(reply, asked)
+            refusal = None if reply is None else self.errors.refusal(reply, names)
             if refusal is not None:
                 word = outcome.outcome or "refused"
                 code, meaning = refusal
                 return Answer(TransferResult(False, outcome=word, cause=outcome.cause, code=code, meaning=meaning))
             if not outcome.ok:
                 return Answer(TransferResult(False, outcome=outcome.outcome, cause=outcome.cause))
-            gives = self._gives(row, exchange, names, outcome)
+            gives = self._gives(asked, outcome)
             if not pieces:
-                blocks = row.reply.blocks(outcome, names)
+                blocks = row.reply.blocks(outcome, asked.names)
                 return Answer(gives={"data": blocks} if blocks and not row.gives else gives)
-            data = row.reply.data(outcome, pieces, names)
+            data = row.reply.data(outcome, pieces, asked.names)
             if row.facts.row.service == "read" and len(data) != len(pieces):
                 raise UnfitReplyError("the reply brings no data")
             return Answer(data=data, gives=gives)
         except EVALUATION_ERRORS as error:
             return Answer(TransferResult(False, outcome="unfit_reply", cause=str(error)))
 
-    def _gives(self, row: CompiledRow, exchange: Exchange, names: Names, outcome: Outcome) -> dict[str, Any]:
-        if not row.gives:
+    def _gives(self, asked: Prepared, outcome: Outcome) -> dict[str, Any]:
+        if not asked.row.gives:
             return {}
-        known = Names(outcome.results, names)
-        known.update(request=exchange.request, reply=outcome.reply, buffer=outcome.buffer)
-        return {name: compute(known) for name, compute in row.gives}
+        known = Names(outcome.results, asked.names)
+        known.update(request=asked.request, reply=outcome.reply, buffer=outcome.buffer)
+        return {name: compute(known) for name, compute in asked.row.gives}
 
 
 def _may_hold(when: Evaluate | None, names: Names) -> bool:

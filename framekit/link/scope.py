@@ -45,9 +45,14 @@ class LineTimes:
 
 
 class Scope(Names):
-    """Names of a protocol's engine. Engines that play one device share its `device` variables and its clock."""
+    """Names of a protocol's engine. Engines that play one device share its `device` variables and its clock.
 
-    __slots__ = ("_cache", "_changes", "_fits", "_lasting", "clock", "device", "line", "now", "protocol")
+    `settings` grows whenever a parameter gets another value.
+    """
+
+    __slots__ = (
+        "_cache", "_changes", "_fits", "_lasting", "clock", "device", "line", "now", "protocol", "settings",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -67,6 +72,7 @@ class Scope(Names):
         self.protocol = protocol
         self.now = now
         self._changes = 0
+        self.settings = 0
         if self.device.clock is None:
             self.device.clock = Clock(now, clock_start)
         self.clock = self.device.clock
@@ -154,6 +160,15 @@ class Scope(Names):
             return empty_record(layout.segments)
         return empty_of(variable.type, variable.size)
 
+    def changes(self, expression: Expression) -> bool:
+        """Whether what an expression comes to may change while the parameters stay as they are."""
+        root = expression.root
+        if any(isinstance(node, Call) and node.function in _CHANGING for node in walk(root)):
+            return True
+        names = names_in(root) - {"station"}
+        formulas = self.formulas or {}
+        return any(name in self.protocol.state or name in formulas or name in _OF_EXCHANGES for name in names)
+
     def is_settable(self, name: str) -> bool:
         return name in self.protocol.state or name in self.protocol.params or name == "clock"
 
@@ -172,6 +187,7 @@ class Scope(Names):
             if parameter.is_ is not None:
                 raise ParameterError(name, "it is a formula that nobody sets")
             check_value(parameter, value)
+            self.settings += 1
             self._put(name, fit_of(parameter.type)(value))
 
     def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
@@ -181,6 +197,7 @@ class Scope(Names):
             taken = given_value(self.protocol.params[name], value)
             self[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
         self._changes += 1
+        self.settings += 1
 
         def back() -> None:
             for name in given:
@@ -189,6 +206,7 @@ class Scope(Names):
                 else:
                     self.pop(name, None)
             self._changes += 1
+            self.settings += 1
 
         return back
 
@@ -232,6 +250,7 @@ def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable
 
 
 _CHANGING = frozenset({"memory", "empty", "full", "with_date"})
+_OF_EXCHANGES = frozenset({"request", "reply", "buffer"})
 
 
 def _lasting(formulas: Mapping[str, Parameter], given: Mapping[str, Any]) -> frozenset[str]:

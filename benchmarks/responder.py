@@ -1,0 +1,50 @@
+"""A trivial device in a process of its own: it answers every read of 10 registers, and looks at nothing else.
+
+One process serves any number of connections, so that what is measured in the other process is that alone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import subprocess
+import sys
+from collections.abc import Iterator
+
+REGISTERS = bytes(range(20))
+"""What the ten registers hold, high byte first."""
+REQUEST_SIZE = 12
+
+
+class Responder(asyncio.Protocol):
+    """Twelve bytes in, the reply with the same transaction number and station out."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        for start in range(0, len(data), REQUEST_SIZE):
+            self.transport.write(data[start : start + 2] + b"\0\0\0\x17" + data[start + 6 : start + 7] + b"\3\x14" + REGISTERS)
+
+
+async def serve() -> None:
+    server = await asyncio.get_running_loop().create_server(Responder, "127.0.0.1", 0)
+    print(server.sockets[0].getsockname()[1], flush=True)
+    await asyncio.to_thread(sys.stdin.read)
+
+
+@contextlib.contextmanager
+def responder() -> Iterator[int]:
+    """The TCP port of a responder that lives as long as the `with` does."""
+    command = [sys.executable, "-m", "benchmarks.responder"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdin is not None
+        try:
+            yield int(process.stdout.readline())
+        finally:
+            process.stdin.close()
+
+
+if __name__ == "__main__":
+    asyncio.run(serve())
