@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
 
 REGISTERS = bytes(range(20))
 """What the ten registers hold, high byte first."""
+VALUES = list(struct.unpack(">10H", REGISTERS))
 REQUEST_SIZE = 12
 
 
@@ -25,7 +27,8 @@ class Responder(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         for start in range(0, len(data), REQUEST_SIZE):
-            self.transport.write(data[start : start + 2] + b"\0\0\0\x17" + data[start + 6 : start + 7] + b"\3\x14" + REGISTERS)
+            request = data[start : start + REQUEST_SIZE]
+            self.transport.write(request[:2] + b"\0\0\0\x17" + request[6:8] + b"\x14" + REGISTERS)
 
 
 async def serve() -> None:

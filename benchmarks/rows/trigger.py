@@ -1,0 +1,118 @@
+"""From a bit that is set to the first byte at the port, 64 blocks armed: the 99th percentile, against bare asyncio.
+
+Bare asyncio is a callback that the loop calls soon and that writes the bytes. Both write into the same kind of port,
+which notes the time and sends nothing: a system call would only hide the difference.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.measure import interleave
+from benchmarks.row import Row, Target, slower
+from framekit.blocks.load import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import AsyncioClock
+from framekit.transport.port import Port, PortEvents
+
+NAME = "Trigger bit set → first byte handed to the port, 64 blocks armed"
+TARGET = "p99 ≤ 3 × bare asyncio callback → write"
+SAMPLES = 200
+BLOCKS = 64
+
+
+class NotingPort(Port):
+    """Notes when something is handed over, and tells at once that it has left."""
+
+    name, settings = "noting", None
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.loop = loop
+        self.written_at = 0
+        self.written = asyncio.Event()
+        self.events: PortEvents | None = None
+
+    def open(self, events: PortEvents) -> None:
+        self.events = events
+        self.loop.call_soon(lambda: events.opened(time.monotonic_ns()))
+
+    def write(self, data: bytes) -> None:
+        self.written_at = time.perf_counter_ns()
+        self.written.set()
+        if self.events is not None:
+            events = self.events
+            self.loop.call_soon(lambda: events.sent(time.monotonic_ns()))
+
+    def close(self) -> None:
+        self.events = None
+
+    def send_break(self, duration: int) -> None:
+        """There is no line to hold."""
+
+
+async def p99(port: NotingPort, trigger: Callable[[int], None]) -> float:
+    """Seconds from the call of `trigger` to the write."""
+    found = []
+    for sample in range(SAMPLES):
+        port.written.clear()
+        begin = time.perf_counter_ns()
+        trigger(sample)
+        await port.written.wait()
+        found.append((port.written_at - begin) / 1e9)
+        await asyncio.sleep(0.002)  # the block is done, and its channel free again
+    return statistics.quantiles(found, n=100)[98]
+
+
+def armed(loop: asyncio.AbstractEventLoop) -> tuple[RunService, NotingPort]:
+    """A run with 64 blocks, each waiting for a bit of its own; its port is one that notes."""
+    blocks = "\n".join(
+        f"  {number}: {{send: WR.REQ, channel: 1, when: D{number:05}.0, data: {{payload: M0}}}}"
+        for number in range(BLOCKS)
+    )
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "armed.run.yaml"
+        file.write_text(
+            "run: armed\nmemory: masterlogic\nchannels:\n"
+            "  1: {port: /dev/null, protocol: third-party-plc}\nblocks:\n" + blocks + "\n",
+            encoding="utf-8",
+        )
+        service = RunService(load_run(file), AsyncioClock(loop))
+    port = NotingPort(loop)
+    service.channels[1].driver.port = port
+    return service, port
+
+
+def run(rounds: int) -> list[Row]:
+    loop = asyncio.new_event_loop()
+    return loop.run_until_complete(_measure(loop, rounds))
+
+
+async def _measure(loop: asyncio.AbstractEventLoop, rounds: int) -> list[Row]:
+    service, port = armed(loop)
+    service.start()
+    await asyncio.sleep(0.05)
+    data = bytes.fromhex("00 01 00 00 00 06 01 03 00 00 00 0A")
+    bare = NotingPort(loop)
+
+    def set_bit(sample: int) -> None:
+        word = sample % BLOCKS
+        service.memory.write("D", "word", word, [0])
+        service.memory.write("D", "word", word, [1])
+
+    def call_soon(sample: int) -> None:
+        loop.call_soon(bare.write, data)
+
+    def of(port: NotingPort, trigger: Callable[[int], None]) -> Callable[[], float]:
+        return lambda: asyncio.run_coroutine_threadsafe(p99(port, trigger), loop).result()
+
+    functions = {"framekit": of(port, set_bit), "bare asyncio": of(bare, call_soon)}
+    times = await asyncio.to_thread(interleave, functions, rounds)
+    started = sum(state.counters.started for state in service.states.values())
+    assert started == rounds * SAMPLES, started
+    service.stop()
+    return [slower("p99", "bare asyncio", times["framekit"], times["bare asyncio"], Target("at most", 3))]
