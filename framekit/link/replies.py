@@ -38,6 +38,7 @@ class ErrorReader:
         self.frames = shared.error_frames
         self.when: Evaluate | None = None
         self.code: Evaluate | None = None
+        self.detail: Evaluate | None = None
         tables = shared.protocol.tables
         self.names = [
             (None if names.when is None else compile_expression(names.when), tables[names.table].entries)
@@ -47,6 +48,7 @@ class ErrorReader:
         if errors is not None and self.frames:
             self.when = None if errors.when is None else compile_expression(errors.when)
             self.code = None if errors.code is None else compile_expression(errors.code)
+            self.detail = None if errors.detail is None else compile_expression(errors.detail)
 
     def refusal(self, reply: FrameValue, names: Names) -> tuple[int, str] | None:
         """Code and meaning when the reply is a refusal. Raises EVALUATION_ERRORS."""
@@ -59,9 +61,10 @@ class ErrorReader:
         return code, self.meaning(code, Names({"code": code}, fields))
 
     def meaning(self, code: int, names: Names) -> str:
-        """The name of a code, '' if the protocol has none for it. Raises EVALUATION_ERRORS."""
+        """The name of a code, '' if the protocol has none for it, with its detail. Raises EVALUATION_ERRORS."""
         found = (table[code] for when, table in self.names if code in table and (when is None or when(names)))
-        return str(next(found, ""))
+        meaning, detail = str(next(found, "")), "" if self.detail is None else str(self.detail(names))
+        return f"{meaning} ({detail})" if meaning and detail else meaning or detail
 
 
 class ReplyReader:

@@ -81,7 +81,7 @@ def test_echo_and_link_settings() -> None:
     pair = Pair("slc")
     assert pair.gives("echo", data=b"\xaa\x10\x55") == b"\xaa\x10\x55"
     pair.done("set_link", address=12)
-    assert pair.gives("read_link")["value"] == 12
+    assert pair.gives("read_link") == 12
     other = Pair("plc2")
     other.done("set_variables", cycles=200, naks=5, enqs=7)
     assert (other.state["ack_timeout"], other.state["nak_limit"], other.state["enq_limit"]) == (5 * SECOND, 5, 7)
@@ -253,13 +253,13 @@ def test_logical_commands_with_two_and_three_fields() -> None:
 
 def test_program_files_are_opened_read_written_and_closed() -> None:
     pair = Pair("slc")
-    tag = pair.gives("open_file", file=0, protection=3)["value"]
+    tag = pair.gives("open_file", file=0, protection=3)
     pair.done("file_write", tag=tag, offset=2, data=b"\x01\x02\x03\x04")
     assert pair.gives("file_read", tag=tag, offset=1, size=6) == b"\0\0\x01\x02\x03\x04"
     pair.done("close_file", tag=tag)
     assert pair.refused("file_read", tag=tag, size=2) == 0xF012
     pair.memory.write("file7", "word", 0, [1, 2, 3])
-    tag = pair.gives("open_file", file=7, file_type=0x89)["value"]
+    tag = pair.gives("open_file", file=7, file_type=0x89)
     assert pair.gives("file_read", tag=tag, offset=1, size=4, file_type=0x89) == b"\x02\0\x03\0"
     assert pair.refused("file_write", tag=tag, data=b"\0\0") == 0xF00B
 
@@ -376,6 +376,36 @@ def test_codes_are_named_as_the_kind_of_node_means_them(
     names: str, service: str, arguments: dict[str, Any], meaning: str
 ) -> None:
     assert Pair("slc").call(service, {"status_names": names}, **arguments).meaning == meaning
+
+
+def test_what_an_error_reply_tells_more() -> None:
+    for tail, meaning in (
+        ("1B 09", "another node is program owner (node 9)"),
+        ("1A", "file open, another node owns it"),
+        ("12 07 00 2C 01", "invalid parameter or data (file 7, element 300)"),
+        ("12", "invalid parameter or data"),
+        ("99", ""),
+    ):
+        pair = Pair("slc")
+        results: list[TransferResult] = []
+        options: dict[str, Any] = {"station": NODE, "now": 0, "on_done": results.append}
+        pair.asking.do(pair.client.call("get_edit_resource", {}, **options))
+        pair.asking.run(SECOND // 10)
+        pair.asking.gets(b"\x10\x06")
+        packet = bytes.fromhex("00 05 4F F0 01 00" + tail)
+        pair.asking.gets(b"\x10\x02" + packet + b"\x10\x03" + crc16(packet + b"\x03"))
+        pair.asking.run(SECOND // 10)
+        assert [result.meaning for result in results] == [meaning]
+
+
+def crc16(data: bytes) -> bytes:
+    """As the link sends it."""
+    register = 0
+    for octet in data:
+        register ^= octet
+        for _ in range(8):
+            register = register >> 1 ^ (0xA001 if register & 1 else 0)
+    return register.to_bytes(2, "little")
 
 
 # ---- blocks of octets by module and family -------------------------------------------------------------------------

@@ -215,6 +215,7 @@ class ServiceLoader:
             when=reader.maybe(reader.expression, keys.get("when")),
             code=reader.maybe(reader.expression, keys.get("code")),
             names=tuple(self._name_table(item) for item in reader.items(keys.get("names"))),
+            detail=reader.maybe(reader.expression, keys.get("detail")),
             answer=None if answer is None else self.values.frame_of(answer),
             memory=self.values.expressions(keys.get("memory")),
             at=keys.at,

@@ -190,6 +190,7 @@ class Errors:
     when: Expression | None
     code: Expression | None
     names: tuple[NameTable, ...]
+    detail: Expression | None
     answer: FrameOf | None
     memory: Mapping[str, Expression]
     at: Position
