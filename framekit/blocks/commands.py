@@ -114,6 +114,13 @@ class CommandBlocks:
         except EVALUATION_ERRORS:
             return NEVER
 
+    def waits_for(self, data: bytes) -> int:
+        """As `waits`, for the command that begins with these bytes; NEVER when they are none."""
+        try:
+            return self.waits(self.words.read(data))
+        except CommandFaultError:
+            return NEVER
+
     def meaning(self, status: int) -> str:
         """The name of a status word; empty when it has none."""
         if self._meaning is None:

@@ -67,7 +67,7 @@ class RunLoader:
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
         jobs = self._jobs(grammar)
-        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs)
+        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent)
         return Run(
             name=self._text("run"),
             about=self._text("about"),

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from framekit.blocks.device import without
 from framekit.blocks.given import read_station
 from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.load_channel import needs_own, needs_station
+from framekit.blocks.load_command_block import CommandBlockLoader
 from framekit.blocks.load_frame_block import FrameBlockLoader
 from framekit.blocks.load_jobs import COMMANDS, JobBlockLoader
 from framekit.blocks.load_rules import RulesLoader
@@ -29,7 +31,7 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.numbers import unit_bits
 
 T = TypeVar("T")
-INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call")
+INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
 
 
 class BlockLoader:
@@ -43,6 +45,7 @@ class BlockLoader:
         known: Collection[str],
         root: MappingNode,
         jobs: JobsSection | Literal["wrong"] | None = None,
+        folder: Path = Path(),
     ) -> None:
         self.reader = reader
         self.grammar = grammar
@@ -53,6 +56,7 @@ class BlockLoader:
         self.rules = RulesLoader(reader, root)
         self.triggers = TriggerLoader(reader, self.place, self.condition)
         self.frames = FrameBlockLoader(reader, self.place)
+        self.commands = CommandBlockLoader(reader, folder, root, self.place)
         self.jobs = JobBlockLoader(reader, grammar, channels, jobs)
 
     def _try(self, read: Callable[[], T]) -> T | None:
@@ -121,6 +125,8 @@ class BlockLoader:
             found = self._try(lambda: self._transfer(instruction, keys, channel))
         elif instruction == "call":
             found = self._try(lambda: self._call(keys, channel))
+        elif instruction == "command":
+            found = self._try(lambda: self.commands.read(keys, channel))
         else:
             frames, protocol = self.frames, channel.protocol
             found = self._try(lambda: frames.read(instruction, keys, protocol, channel.number, number))
@@ -195,7 +201,8 @@ class BlockLoader:
     def _station(self, instruction: str, keys: MappingNode, channel: Channel, entry: Entry) -> dict[str, Any]:
         node = keys.get("station")
         asks = instruction in ("read", "write", "call")
-        if asks and channel.own is None and channel.number not in self.without_own and needs_own(channel.protocol):
+        names_own = asks or instruction == "command"
+        if names_own and channel.own is None and channel.number not in self.without_own and needs_own(channel.protocol):
             self.without_own.add(channel.number)
             what = f"requests of '{channel.protocol.name}' name the asking side, and this channel has no number"
             self.reader.note(channel.at, what, "add own: to the channel")

@@ -26,7 +26,7 @@ BLOCKS_IN_SET = 64
 SETS = 8
 """A module has so many parameter sets of so many blocks (Snet module guide, chapter 6)."""
 
-Instruction = Literal["read", "write", "send", "receive", "call", "job", "abort", "inspect"]
+Instruction = Literal["read", "write", "send", "receive", "call", "command", "job", "abort", "inspect"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +93,9 @@ class Block:
     block's own type, if it gives one. `places`: own memory, one for each target; a single one for `count` elements.
     `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE.
     `service` and `arguments`: CALL. `station`: a constant, or the place it is read from at each start. `values`:
-    constants to write or send. `job`: the command that it gives to the job table; such a block has no channel of its
-    own, and the number 0 there.
+    constants to write or send. `commands`: the application that reads the words at the block's place (COMMAND), and
+    `fault` the bit that shows words it cannot carry out. `job`: the command that it gives to the job table; such a
+    block has no channel of its own, and the number 0 there.
     """
 
     number: int
@@ -116,6 +117,8 @@ class Block:
     job: Command | None = None
     service: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    commands: Protocol | None = None
+    fault: Place | None = None
     triggers: tuple[Trigger, ...] = ()
     unless: Expression | None = None
     repeat: int | None = None

@@ -73,13 +73,25 @@ class ChannelService:
             monitor=monitor,
         )
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
-        self.transfers = BlockTransfers(self.engine, client, access.memory, protocol.frames, protocol.station)
+        self.transfers = BlockTransfers(
+            self.engine,
+            client,
+            access.memory,
+            protocol.frames,
+            protocol.station,
+            channel.mapping,
+            self._later,
+        )
         role = None if channel.role is None else protocol.roles[channel.role]
         self._role_has_session = role is not None and role.session is not None
+        self._clock = clock
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state)
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
+
+    def _later(self, delay: int, call: Callable[[], None]) -> None:
+        self._clock.call_at(self._clock.now() + delay, call)
 
     def receive_for(self, blocks: Iterable[Block]) -> None:
         """From now on these RECEIVE blocks get the frames they name, and no others."""
