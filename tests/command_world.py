@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import patch
 
+from framekit.blocks.device import Device
 from framekit.blocks.load import load_run
+from framekit.blocks.model import Run
 from framekit.service.device import DeviceService
+from framekit.service.ports import devices_of
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
@@ -22,14 +26,28 @@ blocks:
 """
 
 
+_LOADED: dict[tuple[str, str, str], tuple[Run, tuple[Device, ...]]] = {}
+
+
+def loaded(folder: Path, protocol: str, device: str, settings: str) -> tuple[Run, tuple[Device, ...]]:
+    """The run and its device; definitions of one content are read once."""
+    key = (protocol, device, settings)
+    if key not in _LOADED:
+        (folder / "there.device.yaml").write_text(f"device: there\nprotocol: {protocol}\n{device}", encoding="utf-8")
+        (folder / "r.run.yaml").write_text(RUN.format(protocol=protocol, settings=settings), encoding="utf-8")
+        run = load_run(folder / "r.run.yaml")
+        _LOADED[key] = run, tuple(devices_of(run.channels[1], folder))
+    return _LOADED[key]
+
+
 class CommandWorld:
     """The own memory, the device on the other side, and commands carried out one after the other."""
 
     def __init__(self, folder: Path, protocol: str, device: str, settings: str = "") -> None:
-        (folder / "there.device.yaml").write_text(f"device: there\nprotocol: {protocol}\n{device}", encoding="utf-8")
-        (folder / "r.run.yaml").write_text(RUN.format(protocol=protocol, settings=settings), encoding="utf-8")
+        run, devices = loaded(folder, protocol, device, settings)
         self.clock = VirtualClock()
-        self.service = RunService(load_run(folder / "r.run.yaml"), self.clock)
+        with patch("framekit.service.run.devices_of", lambda channel, folder: devices):
+            self.service = RunService(run, self.clock)
         self.service.start()
         self.clock.run_for(SECOND)
 

@@ -98,7 +98,7 @@ def test_diagnostic_status_words(world: CommandWorld) -> None:
         ([7102, *ALL, 0, R, 1, 4, R, 100], 0x1F0C),
         ([7102, *NULL, 1, R, 1, 4, R, 100], 0x1F0C),
         ([7101, *ID, 0, R, 1, 501, R, 100], 0x1C0C),
-        ([7101, *ID, 0, R, 2048, 2, R, 100], 0x0B0C),
+        ([7101, *ID, 0, R, 32640, 2, R, 100], 0x0B0C),
         ([7101, *text_words("OTHER"), 0, R, 1, 1, R, 100], 0x460C),
         ([7001, 0, 1, R, 100], 0x080C),
     ],
