@@ -5,11 +5,12 @@ The names of the API stand here; each is imported when it is first used, so that
 
 from __future__ import annotations
 
-import logging
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as typing has it, without the time that importing typing takes
 if TYPE_CHECKING:
+    from typing import Any
+
     from framekit.api.async_client import AsyncClient, aconnect
     from framekit.api.async_run import AsyncRun
     from framekit.api.async_server import AsyncServer, aserve
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from framekit.definition.problems import DefinitionError
     from framekit.link.observe import Seen
     from framekit.memory.views import Order
-
-logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __version__ = "0.1.0"
 

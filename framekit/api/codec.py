@@ -81,7 +81,9 @@ class Protocol:
             self._known(frame, [*self.definition.frames, *self.definition.groups])
         if sender not in (None, "client", "server"):
             raise RequestError(f"'{sender}' is neither client nor server")
-        found, faults = fitting(self._codec, bytes(data), candidates(self.definition, frame, sender), self._scope)
+        found, faults = fitting(
+            self._codec, self.definition.frames, bytes(data), candidates(self.definition, frame, sender), self._scope
+        )
         return [Frame(fit.frame, fit.fields, bytes(data), fit.refusal) for fit in found], faults
 
     def _known(self, frame: str, known: Any) -> None:

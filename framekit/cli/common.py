@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
+    from framekit.codec.stored import StoredCodec
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.problems import Problem
     from framekit.link.scope import Scope
@@ -36,6 +35,8 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def told(problem: Problem) -> str:
     """A problem as it is printed: with the path as seen from the current folder."""
+    from dataclasses import replace
+
     return str(replace(problem, at=replace(problem.at, file=near(problem.at.file))))
 
 
@@ -47,16 +48,24 @@ def near(file: str) -> str:
 
 def load(name: str) -> Protocol:
     """The protocol of a command line. Raises DefinitionError; warnings go to standard error."""
-    from framekit.definition.load import load_protocol
+    return load_codec(name).protocol
 
-    protocol = load_protocol(name, Path.cwd())
-    for warning in protocol.warnings:
-        print(told(warning), file=sys.stderr)
-    return protocol
+
+def load_codec(name: str) -> StoredCodec:
+    """As `load`, with its functions; the definition itself is read when somebody asks for it."""
+    from framekit.codec.stored import stored_codec
+
+    codec = stored_codec(name, Path.cwd())
+    if codec.warned:
+        for warning in codec.protocol.warnings:
+            print(told(warning), file=sys.stderr)
+    return codec
 
 
 def assignment(text: str) -> tuple[str, Any]:
     """`NAME=VALUE`; the value is JSON where it is an object, a list or a quoted string, else plain text."""
+    import json
+
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise Failure(f"'{text}' is not NAME=VALUE")
@@ -138,4 +147,6 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
 
 
 def print_json(value: Any) -> None:
+    import json
+
     print(json.dumps(value, ensure_ascii=False))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
@@ -14,7 +15,7 @@ from framekit.cli.common import (
     add_protocol,
     add_settings,
     hex_bytes,
-    load,
+    load_codec,
     print_json,
     scope_of,
     spaced,
@@ -24,7 +25,7 @@ from framekit.cli.decode_capture import add_capture_arguments, decode_capture
 from framekit.cli.main import Failure
 
 if TYPE_CHECKING:
-    from framekit.codec.codec import Codec
+    from framekit.codec.stored import StoredCodec
     from framekit.definition.model.protocol import Protocol
     from framekit.link.fitting import Fit
     from framekit.link.scope import Scope
@@ -43,32 +44,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from framekit.codec.codec import compile_protocol
     from framekit.link.fitting import fitting, reason
 
-    protocol = load(arguments.protocol)
+    codec = load_codec(arguments.protocol)
     if arguments.capture is not None:
-        return decode_capture(protocol, arguments)
-    codec = compile_protocol(protocol)
-    scope = scope_of(protocol, arguments.set)
+        return decode_capture(codec.protocol, arguments)
+    names = context(codec, arguments.set)
     data = hex_bytes(" ".join(arguments.bytes))
-    fits, faults = fitting(codec, data, tried(protocol, arguments.frame, arguments.side), scope)
+    tried = frames_tried(codec, arguments.frame, arguments.side)
+    fits, faults = fitting(codec, codec.catalogue, data, tried, names)
     if not fits:
         print(f"framekit decode: {reason(faults, data)}", file=sys.stderr)
         return 1
     if arguments.json:
-        print_json(as_json(protocol, fits))
+        print_json(as_json(codec.protocol, fits))
     else:
-        print("\n\n".join(as_text(codec, protocol, fit, data, scope) for fit in fits))
+        print("\n\n".join(as_text(codec, fit, data, names) for fit in fits))
     return 0
 
 
-def tried(protocol: Protocol, frame: str | None, side: str | None) -> list[str]:
-    """The frames to try. Raises Failure for one there is not."""
-    from framekit.definition.problems import did_you_mean
-    from framekit.link.fitting import candidates
+class StartNames(dict[str, Any]):
+    """The start values of parameters and state; those that only the whole definition knows are looked up there."""
 
-    if frame is not None and frame not in protocol.frames and frame not in protocol.groups:
+    def __init__(self, codec: StoredCodec) -> None:
+        super().__init__(codec.defaults)
+        self._codec = codec
+        self._scope: Scope | None = None
+
+    def __missing__(self, name: str) -> Any:
+        if self._scope is None:
+            self._scope = scope_of(self._codec.protocol, ())
+        return self._scope[name]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
+
+def context(codec: StoredCodec, settings: list[str]) -> Mapping[str, Any]:
+    """What the bytes depend on: as the definition starts, or with these settings. Raises Failure."""
+    return scope_of(codec.protocol, settings) if settings else StartNames(codec)
+
+
+def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> list[str]:
+    """The frames to try. Raises Failure for one there is not."""
+    from framekit.link.fitting import candidates, of_side
+
+    if frame is None:
+        return of_side(codec.catalogue, side)
+    from framekit.definition.problems import did_you_mean
+
+    protocol = codec.protocol
+    if frame not in protocol.frames and frame not in protocol.groups:
         hint = did_you_mean(frame, [*protocol.frames, *protocol.groups])
         raise Failure(f"'{protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
     return candidates(protocol, frame, side)
@@ -87,15 +116,14 @@ def as_json(protocol: Protocol, fits: list[Fit]) -> dict[str, Any]:
     return shown[0] | ({"others": shown[1:]} if len(shown) > 1 else {})
 
 
-def as_text(codec: Codec, protocol: Protocol, fit: Fit, data: bytes, scope: Scope) -> str:
+def as_text(codec: StoredCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
     """The frame's name and a table of its fields."""
-    from framekit.codec.plain import PlainValues
+    from framekit.codec.shown import shown
 
-    _, spans, _ = codec.trace(fit.frame, data, scope)
-    plain = PlainValues(protocol)
+    _, spans, _ = codec.trace(fit.frame, data, names)
     rows = []
     for path, start, end, value in spans:
-        shown = plain.to_plain("", {"": value})[""]
-        rows.append((path, str(start), spaced(data[start:end]), "" if shown is None else f"{shown}"))
+        text = "" if value is None else f"{shown(value)}"
+        rows.append((path, str(start), spaced(data[start:end]), text))
     refused = "" if fit.refusal is None else f"  (a server refuses it with 0x{fit.refusal:04X})"
     return f"{fit.frame}{refused}\n" + table(rows, ("field", "offset", "bytes", "value"))

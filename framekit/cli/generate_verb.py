@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     protocol = load(arguments.protocol)
     if arguments.what == "python":
-        from framekit.codec.codec import generate_source
+        from framekit.codec.python.generate import generate_source
 
         source = generate_source(protocol)
     else:

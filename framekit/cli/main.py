@@ -38,11 +38,11 @@ class Failure(Exception):  # noqa: N818 - a message for the user, not a fault of
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """The parser with every verb, or – quicker – with one of them complete and the others by name."""
+    """The parser with every verb; or, quicker, with this one alone; or, with '', with all of them by name only."""
     parser = argparse.ArgumentParser(prog="framekit", description="Protocols of serial field devices in YAML, and run.")
     parser.add_argument("--version", action="version", version=f"framekit {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for verb, about in VERBS.items():
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
+    for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
         one = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
         if only is None or only == verb:
             importlib.import_module(f"framekit.cli.{verb}_verb").add_arguments(one)
@@ -52,8 +52,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the console script; returns the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    verb = next((word for word in words if not word.startswith("-")), None)
-    parsed = build_parser(verb if verb in VERBS else "").parse_args(words)
+    parsed = build_parser(words[0] if words and words[0] in VERBS else "").parse_args(words)
     module = importlib.import_module(f"framekit.cli.{parsed.verb}_verb")
     try:
         return int(module.run(parsed))

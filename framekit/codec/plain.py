@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.codec.errors import EncodeError
+from framekit.codec.shown import shown
 from framekit.definition.load.scalars import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -45,7 +46,7 @@ class PlainValues:
     def to_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         """JSON-ready values: bytes as upper-case hex pairs, times as text."""
         if frame not in self.protocol.frames:
-            return {name: _show(value) for name, value in fields.items()}
+            return {name: shown(value) for name, value in fields.items()}
         return self._written(self.protocol.frames[frame].segments, fields)
 
     # ---- reading ------------------------------------------------------------------------------------------
@@ -103,17 +104,7 @@ class PlainValues:
                 return self._written(of, value)
             case Inner() if isinstance(value, dict):
                 return {frame: self.to_plain(frame, fields) for frame, fields in value.items()}
-        return _show(value)
-
-
-def _show(value: Any) -> Any:
-    if isinstance(value, (bytes, bytearray)):
-        return value.hex(" ").upper()
-    if isinstance(value, dict):
-        return {name: _show(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_show(item) for item in value]
-    return value
+        return shown(value)
 
 
 def _by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:

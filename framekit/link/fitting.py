@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import typing
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from framekit.codec.codec import Codec, Context
 from framekit.codec.errors import FrameError
-from framekit.definition.model.protocol import Protocol
+from framekit.codec.functions import Context, FrameFunctions
+
+if TYPE_CHECKING:
+    from framekit.definition.model.protocol import Protocol
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
+class FrameFacts(typing.Protocol):
+    """What has to be known of a frame."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def inner(self) -> bool: ...
+    @property
+    def side(self) -> str: ...
+    @property
+    def refuse(self) -> int | None: ...
+
+
+Catalogue = Mapping[str, FrameFacts]
+"""The frames of a protocol by their names."""
+
+
+class Fit(NamedTuple):
     """A frame that the bytes are; `refusal` is the code a server would refuse it with."""
 
     frame: str
@@ -25,22 +43,25 @@ def candidates(protocol: Protocol, frame: str | None = None, side: str | None = 
 
     Raises KeyError for a frame or group there is not.
     """
-    if frame is not None:
-        return list(protocol.frames_of(frame))
-    found = [one for one in protocol.frames.values() if not one.inner]
+    return list(protocol.frames_of(frame)) if frame is not None else of_side(protocol.frames, side)
+
+
+def of_side(frames: Catalogue, side: str | None = None) -> list[str]:
+    """The frames that stand on the line and may come from that side (None: from any); catch-all frames last."""
+    found = [one for one in frames.values() if not one.inner]
     if side is not None:
         found = [one for one in found if one.side in (side, "both")]
     return [one.name for one in sorted(found, key=lambda one: one.refuse is not None or one.side == "none")]
 
 
 def fitting(
-    codec: Codec, data: bytes, names: list[str], context: Mapping[str, Any] | Context | None = None
+    codec: FrameFunctions, frames: Catalogue, data: bytes, names: list[str], context: Context | None = None
 ) -> tuple[list[Fit], list[tuple[str, FrameError]]]:
     """The frames that the bytes are, and why they are not the others. Catch-all frames count only alone."""
     fits: list[Fit] = []
     faults: list[tuple[str, FrameError]] = []
     for name in names:
-        frame = codec.protocol.frames[name]
+        frame = frames[name]
         if fits and (frame.refuse is not None or frame.side == "none"):
             continue
         try:

@@ -1,1 +1,5 @@
 """Services: what brings engines, ports, clocks and blocks together. Callback-based on a clock, real or virtual."""
+
+import logging
+
+logging.getLogger("framekit").addHandler(logging.NullHandler())

@@ -16,7 +16,8 @@ from small_protocol import small_protocol
 
 import framekit
 from framekit.codec import errors
-from framekit.codec.codec import compile_protocol, generate_source
+from framekit.codec.codec import compile_protocol
+from framekit.codec.python.generate import generate_source
 from framekit.codec.python.source import broken
 from framekit.definition.load import load_protocol
 from framekit.definition.model.frames import Layout

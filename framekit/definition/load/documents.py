@@ -15,7 +15,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, read_nodes
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import validate
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.shipped import find_definition, shipped_folder
 
 SINGLE_KEYS = ("params", "state", "areas", "line", "receiver", "station", "errors", "server")
 """Sections in which a name given again replaces single keys, or which are one entry themselves."""
@@ -45,7 +45,10 @@ class Source:
 
 
 class Documents:
-    """Reads the files of one load, each once, with their problems noted in `reader`."""
+    """Reads the files of one load, each once, with their problems noted in `reader`.
+
+    `found`: the names by which files referred to others, the folders they were looked for in, and what was found.
+    """
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
@@ -54,6 +57,7 @@ class Documents:
         self.schema_problems: set[Problem] = set()
         self.refused: set[Position] = set()
         self.cut: set[tuple[str, int]] = set()
+        self.found: set[tuple[str, Path, Path]] = set()
 
     def root(self, path: Path, kind: str = "protocol") -> Mapping:
         """The validated nodes of a file. Raises Broken when it can't be read at all."""
@@ -97,6 +101,7 @@ class Documents:
         found = find_definition(text, beside.parent)
         if found is None:
             raise self.reader.broken(name.at, f"there is no definition '{text}'", self._near(text, beside))
+        self.found.add((text, beside.parent, found))
         return found
 
     def _near(self, text: str, beside: Path) -> str:
@@ -153,15 +158,6 @@ class Documents:
         with self.reader.going_on():
             return self.source(self.find(name, path), name.at)
         return None
-
-
-def find_definition(name: str, folder: Path) -> Path | None:
-    """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a shipped one; None if there is none."""
-    for place in (folder, shipped_folder("frames")):
-        for candidate in (place / name, place / f"{name}.yaml"):
-            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
-                return candidate
-    return None
 
 
 def merged(base: Mapping, own: Mapping) -> Mapping:

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from framekit.definition.check import check_protocol
-from framekit.definition.load.documents import Documents, find_definition
+from framekit.definition.load.documents import Documents
 from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.shipped import definition_file, shipped_folder
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A protocol, the files it was read from, and the names by which they refer to each other (see `Documents`)."""
+
+    protocol: Protocol
+    files: tuple[Path, ...]
+    found: tuple[tuple[str, Path, Path], ...]
 
 
 def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
@@ -21,6 +30,11 @@ def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
 
     Raises DefinitionError with every problem of it and of the files it stands on; warnings are in the result.
     """
+    return load_with_files(name, folder).protocol
+
+
+def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
+    """As `load_protocol`, with what was read."""
     path = definition_path(name, folder)
     reader = Reader()
     documents = Documents(reader)
@@ -32,7 +46,7 @@ def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
     problems = documents.first_words(reader.problems)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
-    return replace(protocol, warnings=tuple(problems))
+    return Loaded(replace(protocol, warnings=tuple(problems)), tuple(documents.roots), tuple(documents.found))
 
 
 def load_protocol_text(text: str, name: str = "definition", folder: Path | None = None) -> Protocol:
@@ -48,13 +62,10 @@ def load_protocol_text(text: str, name: str = "definition", folder: Path | None 
 
 def definition_path(name: str | Path, folder: Path | None = None) -> Path:
     """Where a definition stands. Raises DefinitionError when there is none of that name."""
-    path = Path(name)
-    if path.suffix in (".yaml", ".yml") or path.is_file():
-        if path.is_file():
-            return path
-        what = f"there is no file '{path.name}'"
+    found = definition_file(name, folder or Path.cwd())
+    if found is None and Path(name).suffix in (".yaml", ".yml"):
+        what = f"there is no file '{Path(name).name}'"
         raise DefinitionError([Problem(Position(str(name), 1, 1), what, "check its name and folder")])
-    found = find_definition(str(name), folder or Path.cwd())
     if found is None:
         folders = (folder or Path.cwd(), shipped_folder("frames"))
         files = [file for one in folders for file in one.glob("*.yaml")]

@@ -1,0 +1,159 @@
+"""Compiled protocols in the user's cache folder: what is kept, and what of it is never believed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import shipped
+
+from framekit.codec import stored
+from framekit.codec.codec import compile_protocol
+from framekit.codec.kept_files import MOST_FILES, cache_folder, keep, read_kept
+from framekit.codec.stored import StoredCodec, stored_codec
+from framekit.definition.load import load_protocol
+from framekit.link.fitting import candidates, of_side
+from framekit.link.scope import Scope
+
+REQUEST = bytes.fromhex("01 03 00 00 00 0A C5 CD")
+OWN = "protocol: own\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}, {field: value, type: u8}]}\n"
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="there are no owners to check")
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("FRAMEKIT_CACHE", str(folder))
+    return folder
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of protocols that were loaded and compiled, not taken from the cache."""
+    found: list[str] = []
+    make = stored._made
+
+    def noting(name: str | Path, *more: object) -> StoredCodec:
+        found.append(str(name))
+        return make(name, *more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(stored, "_made", noting)
+    return found
+
+
+def written(folder: Path, text: str = OWN, name: str = "own") -> Path:
+    folder.mkdir(exist_ok=True)
+    file = folder / f"{name}.yaml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+# ---- kept and read again -----------------------------------------------------------------------------------
+
+
+def test_what_was_kept_decodes_as_what_was_compiled(cache: Path, made: list[str], tmp_path: Path) -> None:
+    first, again = stored_codec("modbus-rtu", tmp_path), stored_codec("modbus-rtu", tmp_path)
+    assert made == ["modbus-rtu"]
+    fields = again.decode("request_adu", REQUEST)
+    assert fields == first.decode("request_adu", REQUEST)
+    assert fields["pdu"]["read_holding"]["count"] == 10
+    assert again.protocol == first.protocol == load_protocol("modbus-rtu")
+    assert compile_protocol(again.protocol).encode("request_adu", fields) == REQUEST
+
+
+@pytest.mark.parametrize("name", shipped.PROTOCOLS)
+def test_the_catalogue_and_the_start_values_are_those_of_the_definition(cache: Path, name: str) -> None:
+    codec = stored_codec(name, Path.cwd())
+    protocol = codec.protocol
+    assert list(codec.catalogue) == list(protocol.frames)
+    for side in (None, "client", "server"):
+        assert of_side(codec.catalogue, side) == candidates(protocol, None, side)
+    scope = Scope(protocol)
+    assert {name: scope[name] for name in codec.defaults} == dict(codec.defaults)
+
+
+def test_only_this_user_can_read_what_is_kept(cache: Path, tmp_path: Path) -> None:
+    stored_codec(written(tmp_path), tmp_path)
+    (file,) = cache.iterdir()
+    assert (cache.stat().st_mode & 0o777, file.stat().st_mode & 0o777) == (0o700, 0o600)
+
+
+# ---- not believed ------------------------------------------------------------------------------------------
+
+
+def test_a_definition_that_has_changed_is_compiled_again(cache: Path, made: list[str], tmp_path: Path) -> None:
+    file = written(tmp_path)
+    stored_codec(file, tmp_path)
+    written(tmp_path, OWN.replace("01", "02"))
+    assert stored_codec(file, tmp_path).decode("one", b"\x02\x07")["value"] == 7
+    assert len(made) == 2
+
+
+def test_a_file_that_now_goes_before_a_shipped_one_counts(cache: Path, made: list[str], tmp_path: Path) -> None:
+    file = written(tmp_path / "here", "protocol: mine\nextends: modbus-rtu\n", "mine")
+    stored_codec(file, tmp_path)
+    beside = "protocol: modbus-rtu\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}]}\n"
+    written(tmp_path / "here", beside, "modbus-rtu")
+    assert list(stored_codec(file, tmp_path).catalogue) == ["one"]
+    assert len(made) == 2
+
+
+def test_another_version_compiles_for_itself(
+    cache: Path, made: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = written(tmp_path)
+    stored_codec(file, tmp_path)
+    monkeypatch.setattr(stored, "__version__", "9.9.9")
+    stored_codec(file, tmp_path)
+    assert len(made) == 2
+
+
+@pytest.mark.parametrize("harm", ["cut", "changed", "open", "link"])
+def test_what_is_damaged_or_could_be_another_users_is_not_run(
+    cache: Path, made: list[str], tmp_path: Path, harm: str
+) -> None:
+    file = written(tmp_path)
+    stored_codec(file, tmp_path)
+    (kept,) = cache.iterdir()
+    data = kept.read_bytes()
+    if harm == "cut":
+        kept.write_bytes(data[:-1])
+    elif harm == "changed":
+        kept.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    elif harm == "open":
+        kept.chmod(0o620)
+    else:
+        kept.rename(tmp_path / "elsewhere")
+        kept.symlink_to(tmp_path / "elsewhere")
+    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
+    assert len(made) == 2
+
+
+def test_a_folder_that_others_can_write_is_no_cache(cache: Path, made: list[str], tmp_path: Path) -> None:
+    cache.mkdir()
+    cache.chmod(0o777)
+    assert cache_folder() is None
+    file = written(tmp_path)
+    for _ in range(2):
+        stored_codec(file, tmp_path)
+    assert len(made) == 2
+    assert list(cache.iterdir()) == []
+
+
+def test_an_empty_name_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FRAMEKIT_CACHE", "")
+    assert cache_folder() is None
+
+
+def test_the_oldest_files_go(cache: Path) -> None:
+    folder = cache_folder()
+    assert folder == cache
+    for number in range(MOST_FILES + 3):
+        keep(folder, f"{number}", b"data")
+        os.utime(folder / f"{number}", ns=(number, number))
+    keep(folder, "last", b"data")
+    assert len(list(folder.iterdir())) == MOST_FILES
+    assert read_kept(folder, "0") is None
+    assert read_kept(folder, "last") == b"data"
