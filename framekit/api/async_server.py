@@ -138,6 +138,7 @@ def aserve(
     station: Any = None,
     memory: str | None = None,
     initial: Mapping[str, Any] | None = None,
+    sizes: Mapping[str, int] | None = None,
     map: Mapping[str, str] | None = None,
     params: Mapping[str, Any] | None = None,
     role: str | None = None,
@@ -152,6 +153,7 @@ def aserve(
         stations=tuple(_text(one) for one in stations),
         role=role,
         memory=memory,
+        sizes={name: _text(value) for name, value in (sizes or {}).items()},
         params={name: _text(value) for name, value in (params or {}).items()},
         mapping=dict(map or {}),
     )

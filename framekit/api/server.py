@@ -89,6 +89,7 @@ def serve(
     station: Any = None,
     memory: str | None = None,
     initial: Mapping[str, Any] | None = None,
+    sizes: Mapping[str, int] | None = None,
     map: Mapping[str, str] | None = None,
     params: Mapping[str, Any] | None = None,
     role: str | None = None,
@@ -102,14 +103,15 @@ def serve(
     `device`: a protocol, whose services are served, or a device file; several share the line. `port`: `tcp://HOST:PORT`
     listens there (0 for any number that is free), `pty:` makes a pseudo-terminal, else a port as for `connect`.
     `station`: a number, or a list for as many devices. `memory`: a profile, instead of the protocol's own areas; `map`:
-    where areas of the protocol begin in it. `initial`: ADDRESS → value or values. `params`, `role`, `speed`, `format`,
-    `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with what the devices send.
+    where areas of the protocol begin in it. `initial`: ADDRESS → value or values. `sizes`: ADDRESS → elements of the
+    area there, also of one the protocol has not by itself. `params`, `role`, `speed`, `format`, `monitor`: as for
+    `connect`. `faults`: a fault plan, of what goes wrong with what the devices send.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """
     return Server(
         aserve(
-            device, port, station=station, memory=memory, initial=initial, map=map, params=params, role=role,
-            speed=speed, format=format, faults=faults, monitor=monitor,
+            device, port, station=station, memory=memory, initial=initial, sizes=sizes, map=map, params=params,
+            role=role, speed=speed, format=format, faults=faults, monitor=monitor,
         )
     )  # fmt: skip

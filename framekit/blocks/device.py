@@ -12,6 +12,7 @@ from framekit.blocks.device_settings import DeviceSettings
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.load_fault_plan import read_fault_plan
+from framekit.blocks.memory_sizes import areas_with, read_sizes
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import ProtocolAddresses, addresses_of
 from framekit.definition.check import check_protocol
@@ -22,6 +23,7 @@ from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Node, Scalar, read_nodes
 from framekit.definition.nodes import Mapping as MappingNode
@@ -34,7 +36,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import MemoryProfile
 
 SERVING_ROLES = ("device", "server", "slave", "full")
-NO_PROFILE = ("set", "map", "about", "source")
+NO_PROFILE = ("set", "map", "sizes", "about", "source")
 """Keys of `memory:` that do not make a memory of its own."""
 
 
@@ -59,7 +61,9 @@ class Device:
     faults: FaultPlan | None = None
 
     def areas_without_memory(self) -> list[str]:
-        """Areas of the protocol that its memory does not have: every request for them is refused."""
+        """Areas of the protocol that a memory of its own does not have: every request for them is refused."""
+        if self.profile is None:
+            return []
         known = {name for area in self.areas for name in (area.name, *area.aliases)}
         return [
             area.name
@@ -145,8 +149,9 @@ class _DeviceLoader:
         ]
         params = read_params(reader, settings, self.protocol)
         profile = self._profile()
+        sizes = self._sizes(profile)
         if profile is None:
-            areas, grammar = memory_of(self.protocol)
+            areas, grammar = memory_of(self.protocol, sizes)
         else:
             areas, grammar = tuple(profile.create()), addresses_of(profile)
         reader.problems.extend(check_places(self.protocol, grammar))
@@ -219,11 +224,21 @@ class _DeviceLoader:
         try:
             folder = self.definition.path.parent
             if isinstance(node, MappingNode):
-                return load_profile_node(without(without(node, "set"), "map"), folder)
+                return load_profile_node(without(without(without(node, "set"), "map"), "sizes"), folder)
             return load_profile(self.reader.text(node), folder, node.at)
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
             raise Broken("memory") from None
+
+    def _sizes(self, profile: MemoryProfile | None) -> dict[str, AreaModel]:
+        """How large areas of the protocol are, where the file says so."""
+        memory = self.root.get("memory")
+        node = memory.get("sizes") if isinstance(memory, MappingNode) else None
+        if node is not None and profile is not None:
+            what, todo = "sizes are for the areas of a protocol, and this memory has its own", "say them there"
+            self.reader.note(node.at, what, todo)
+            return {}
+        return read_sizes(self.reader, node, self.protocol)
 
     def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
         node = self.root.get("memory")
@@ -231,14 +246,11 @@ class _DeviceLoader:
         return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
 
 
-def memory_of(protocol: Protocol) -> tuple[tuple[Area, ...], AddressGrammar]:
-    """A memory with the areas a protocol knows, addressed as the protocol does."""
-    sizes: dict[str, tuple[str, int]] = {}
-    for area in protocol.areas.values():
-        if area.layout is None:
-            sizes.setdefault(area.memory, (area.unit, area.size))
-    areas = tuple(Area(name, size=size, unit=unit) for name, (unit, size) in sizes.items())
-    return areas, ProtocolAddresses(protocol)
+def memory_of(
+    protocol: Protocol, sizes: Mapping[str, AreaModel] | None = None
+) -> tuple[tuple[Area, ...], AddressGrammar]:
+    """A memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol does."""
+    return areas_with(protocol, sizes or {}), ProtocolAddresses(protocol, sizes)
 
 
 def read_mapping(

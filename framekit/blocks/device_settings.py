@@ -17,14 +17,15 @@ from framekit.definition.problems import Position
 class DeviceSettings:
     """Several `stations` are so many devices, each with a memory of its own.
 
-    `memory` is a profile's name; `initial` ADDRESS → values with commas between them; `params` NAME → value; `mapping`
-    AREA of the protocol → ADDRESS in the memory where it begins.
+    `memory` is a profile's name; `initial` ADDRESS → values with commas between them; `sizes` ADDRESS → elements of
+    the area there; `params` NAME → value; `mapping` AREA of the protocol → ADDRESS in the memory where it begins.
     """
 
     stations: tuple[str, ...] = ()
     role: str | None = None
     memory: str | None = None
     initial: Mapping[str, str] = field(default_factory=dict)
+    sizes: Mapping[str, str] = field(default_factory=dict)
     params: Mapping[str, str] = field(default_factory=dict)
     mapping: Mapping[str, str] = field(default_factory=dict)
 
@@ -38,7 +39,7 @@ class DeviceSettings:
             changes["role"] = Scalar(self.role, _at("role", self.role))
         if self.params:
             changes["params"] = _joined(root.get("params"), _texts("param", self.params))
-        if self.memory is not None or self.initial or self.mapping:
+        if self.memory is not None or self.initial or self.sizes or self.mapping:
             changes["memory"] = self._memory(root.get("memory"))
         return _joined(root, changes)
 
@@ -49,7 +50,8 @@ class DeviceSettings:
         changes: dict[str, Node] = {}
         if self.memory is not None:
             changes["profile"] = Scalar(self.memory, _at("memory", self.memory))
-        for key, flag, texts in (("set", "set", self.initial), ("map", "map", self.mapping)):
+        given = {"set": ("set", self.initial), "sizes": ("size", self.sizes), "map": ("map", self.mapping)}
+        for key, (flag, texts) in given.items():
             if texts:
                 changes[key] = _joined(None if old is None else old.get(key), _texts(flag, texts))
         return _joined(old, changes)

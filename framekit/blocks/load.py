@@ -116,7 +116,9 @@ class RunLoader:
             raise Broken("memory")
         try:
             if isinstance(node, Mapping):
-                return load_profile_node(without(node, "set"), self.path.parent)
+                if (sizes := node.get("sizes")) is not None:
+                    self.reader.note(sizes.at, "sizes are for devices, a run has a memory of its own", "say them there")
+                return load_profile_node(without(without(node, "set"), "sizes"), self.path.parent)
             return load_profile(self.reader.text(node), self.path.parent, node.at)
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)

@@ -13,7 +13,7 @@ from framekit.blocks.model import Place
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
-from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.errors import AccessError, MemoryRangeError
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import MemoryProfile
@@ -38,25 +38,36 @@ class OwnAddresses(AddressGrammar):
 
 
 class ProtocolAddresses(AddressGrammar):
-    """The addresses of a memory that has a protocol's areas.
+    """The addresses of a memory that has a protocol's areas, those in `sizes` as large as there.
 
     An area stands there under its `memory` name; an address form may say another one by a result `memory`.
     """
 
-    def __init__(self, protocol: Protocol) -> None:
+    def __init__(self, protocol: Protocol, sizes: Mapping[str, Area] | None = None) -> None:
         super().__init__(protocol.addresses, protocol.areas, protocol.tables)
         self._memory = {name: area.memory for name, area in protocol.areas.items()}
-        self.areas = {area.memory: area for area in protocol.areas.values()} | dict(protocol.areas)
+        self._there = {area.memory: area for area in protocol.areas.values()} | dict(protocol.areas) | dict(sizes or {})
+
+    def place(self, text: str, unit: str | None = None) -> Address:
+        """The place in memory, which need not be there; the part `area` is the area of the protocol."""
+        address = super().parse(text, unit, check=False)
+        memory = str(address.parts.get("memory") or self._memory[address.area])
+        return replace(address, area=memory, parts={**address.parts, "area": address.area})
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
         """As for every grammar; `area` is the memory's."""
-        address = super().parse(text, unit, check=check)
-        return replace(address, area=str(address.parts.get("memory") or self._memory[address.area]))
+        address = self.place(text, unit)
+        if check:
+            self.check(address)
+        return address
 
     def check(self, address: Address, count: int = 1) -> None:
-        """As for every grammar; how large an area is that only the memory knows is not judged."""
-        if address.area in self.areas:
-            super().check(address, count)
+        """As for every grammar. Raises AddressError for an area that the memory does not have, too."""
+        area = self._there.get(address.area)
+        if area is None or not area.size:
+            what = f"{address} is in {address.area}, which this memory does not have"
+            raise AddressError(f"{what} – say under 'sizes' how many elements it has")
+        self.check_in(area, address, count)
 
 
 def addresses_of(profile: MemoryProfile) -> OwnAddresses:

@@ -43,6 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where an area of the protocol begins in the memory; may be repeated",
     )  # fmt: skip
     parser.add_argument(
+        "--size", action="append", default=[], metavar="ADDRESS=N",
+        help="how many elements the area has that begins there, also one that is not there without; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
         "--set", action="append", default=[], metavar="ADDRESS=VALUE[,VALUE…]",
         help="start value in memory; may be repeated",
     )  # fmt: skip
@@ -87,6 +91,7 @@ def _settings(arguments: argparse.Namespace) -> DeviceSettings:
         role=arguments.role,
         memory=arguments.memory,
         initial=dict(_assigned(arguments.set, "ADDRESS=VALUE")),
+        sizes=dict(_assigned(arguments.size, "ADDRESS=N")),
         params=dict(_assigned(arguments.param, "NAME=VALUE")),
         mapping=dict(_assigned(arguments.map, "AREA=ADDRESS")),
     )

@@ -116,12 +116,16 @@ class AddressGrammar:
 
     def check(self, address: Address, count: int = 1) -> None:
         """Raises AddressError if any of `count` elements is beyond the area."""
-        area, width = self.areas[address.area], address.unit_bits
+        self.check_in(self.areas[address.area], address, count)
+
+    def check_in(self, area: Area, address: Address, count: int) -> None:
+        """The same, of an area as large as `area`."""
+        width = address.unit_bits
         there = area.size * area.element_bits // width
         if address.start < 0 or address.start + count > there:
             has = f"{address.unit} 0 to {there - 1}" if there else f"no whole {address.unit}"
             asked = str(address) if count == 1 else f"{count} × {address.unit} from {address} on"
-            raise AddressError(f"{asked} is not in area {address.area}, which has {has}")
+            raise AddressError(f"{asked} is not in area {area.name}, which has {has}")
 
     # ---- places -------------------------------------------------------------------------------------------
 

@@ -96,6 +96,8 @@ def _take_bytes(value: Any) -> bytes:
 
 
 def _take_list(value: Any) -> list[Any]:
+    if isinstance(value, str):
+        value = [item.strip() for item in value.strip("[] ").split(",") if item.strip()]
     if not isinstance(value, (list, tuple)):
         raise ValueError(f"{value!r} is not a list")
     return [scalars.parse_constant(item) if isinstance(item, str) else item for item in value]
