@@ -14,9 +14,15 @@ from framekit.api.errors import RequestError, raise_for
 from framekit.api.results import Answer, Reading
 from framekit.api.settings import ProtocolGiven, checked_params, line_settings
 from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
+from framekit.blocks.commands import CommandBlocks, CommandEnd
+from framekit.blocks.device import memory_of
+from framekit.blocks.load_channel import needs_own
+from framekit.codec.codec import compile_protocol
+from framekit.definition.model.protocol import Protocol
 from framekit.link.observe import Seen
 from framekit.link.transfer import TransferResult
 from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemory
 from framekit.service.client import Begin
 
 
@@ -152,6 +158,40 @@ class AsyncClient(AsyncLine):
             )
         )  # fmt: skip
         return Answer(result.gives, None if result.reply is None else frame_of(result.reply), result.raw)
+
+    # ---- command blocks -----------------------------------------------------------------------------------
+
+    def command_blocks(self, application: Protocol, memory: DeviceMemory | None = None) -> CommandBlocks:
+        """Command blocks of an application on this line, over a memory of the application's areas.
+
+        Raises ValueError when it has no command blocks.
+        """
+        service = self._working()
+        own = DeviceMemory(memory_of(application)[0]) if memory is None else memory
+        codec = compile_protocol(application)
+        return CommandBlocks(
+            application, codec, own, channel=service.engine.scope, engine=service.engine, client=service.client
+        )
+
+    async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
+        """Carries out the command block that begins with these bytes; how it ended, failures too.
+
+        Raises RequestError where requests need a number of the own side, LineClosedError.
+        """
+        service = self._working()
+        if self.settings.own is None and needs_own(self.settings.protocol):
+            raise RequestError(
+                f"requests of '{self.settings.protocol.name}' name the asking side – say its number as own"
+            )
+        future: asyncio.Future[CommandEnd] = asyncio.get_running_loop().create_future()
+        station = self.settings.station
+
+        def ended(end: CommandEnd) -> None:
+            if not future.done():
+                future.set_result(end)
+
+        service.driver.do(lambda now: blocks.start(words, station, now, ended))
+        return await future
 
     def _params(self, params: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
         return None if params is None else checked_params(self.settings.protocol, params)

@@ -18,8 +18,10 @@ from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.results import Answer, Frame, Reading
 from framekit.api.settings import ProtocolGiven, line_settings
 from framekit.api.typed import FloatType, IntType, Order, TextType, Value
+from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.definition.model.protocol import Protocol
 from framekit.link.observe import Seen
+from framekit.memory.memory import DeviceMemory
 
 T = TypeVar("T")
 
@@ -120,6 +122,12 @@ class Client:
     ) -> None:  # fmt: skip
         """Writes one value to each address."""
         self._wait(self._client.write_many(values, station=station, type=type, order=order, params=params))
+
+    def command_blocks(self, application: Protocol, memory: DeviceMemory | None = None) -> CommandBlocks:
+        return self._client.command_blocks(application, memory)
+
+    def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
+        return self._wait(self._client.command(blocks, words))
 
     def call(
         self, service: str, arguments: Mapping[str, Any] | None = None, *, station: Any = None,

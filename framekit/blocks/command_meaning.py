@@ -43,8 +43,8 @@ class Meaning:
     because: str
 
 
-def meaning_of(command: Command, blocks: CommandBlocks, channel: Protocol) -> Meaning:
-    """What a command means on a channel that speaks `channel`."""
+def meaning_of(command: Command, blocks: CommandBlocks, channel: Protocol, *, judge: bool = True) -> Meaning:
+    """What a command means on a channel that speaks `channel`; without `judge` not whether it would be refused."""
     application = blocks.words.application
     show = PlainValues(application)
     fields = plain(command.request.fields)
@@ -55,7 +55,7 @@ def meaning_of(command: Command, blocks: CommandBlocks, channel: Protocol) -> Me
         does = [] if block is None else list(speaks.lines(block, names))
     except (RefusedError, DeviceMemoryError, *EVALUATION_ERRORS):
         does = []
-    refused, _, _ = blocks.plan(command)
+    refused = blocks.plan(command)[0] if judge else 0
     return Meaning(
         words=words_of(command.raw),
         request=command.request.frame,

@@ -1,6 +1,6 @@
-"""The verb for command blocks: says what words, or a command with named fields, mean.
+"""The verb for command blocks: words, or a command with named fields, are explained, or carried out on a port.
 
-Exit status: 0 it is a command block, 1 the files are wrong, 2 it is none.
+Exit status: 0 done, 1 refused, 2 it is no command block, 3 no good answer came.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, add_protocol, assignment, load, print_json
+from framekit.cli.common import assignment, load, print_json
 from framekit.cli.main import Failure
+from framekit.cli.one_shot import add_line, carry_out
 
 if TYPE_CHECKING:
+    from framekit.api.client import Client
     from framekit.blocks.command_meaning import Meaning
     from framekit.blocks.command_words import CommandWords
     from framekit.blocks.commands import CommandBlocks
@@ -24,14 +26,18 @@ NO_COMMAND = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_protocol(parser)
-    parser.add_argument("--role", help="the own role, where the protocol leaves a choice")
-    add_json(parser)
+    add_line(parser, port_required=False)
     parser.add_argument(
-        "words", nargs="+", metavar="WORD", help="decimal, 0x… or @FILE; or the name of a command, and FIELD=VALUE …"
+        "words",
+        nargs="+",
+        metavar="WORD",
+        help="decimal, 0x… or @FILE; or the name of a command, and FIELD=VALUE …; + and the next command",
     )
     parser.add_argument("--commands", metavar="NAME", help="the application of commands; default: the protocol's")
-    parser.add_argument("--explain", action="store_true", help="only say what the words mean")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="ADDRESS=VALUE,…", help="own memory; may be repeated"
+    )
+    parser.add_argument("--explain", action="store_true", help="only say what the words mean, as without --port")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -43,11 +49,41 @@ def run(arguments: argparse.Namespace) -> int:
     application = commands_for(protocol, arguments.commands, Path.cwd(), at)
     blocks = _blocks(application, protocol, arguments)
     try:
-        data = record_of(blocks.words, _with_files(arguments.words))
+        records = [record_of(blocks.words, given) for given in _commands(_with_files(arguments.words))]
     except ValueError as error:
         print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
         return NO_COMMAND
-    return explain(blocks, protocol, data, arguments)
+    if arguments.port is None or arguments.explain:
+        return max(explain(blocks, protocol, data, arguments) for data in records)
+    return _carry_out(application, records, arguments)
+
+
+def _carry_out(application: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
+    """Carries the commands out until one fails; the exit status."""
+    from framekit.cli.commreq_run import CommandRun
+
+    status = 0
+
+    def act(client: Client) -> None:
+        nonlocal status
+        commands = CommandRun(client, client.command_blocks(application), arguments)
+        for data in records:
+            status = commands.carry_out(data)
+            if status:
+                return
+
+    return carry_out(arguments, act, to_station=False) or status
+
+
+def _commands(words: list[str]) -> list[list[str]]:
+    """The words of each command; + stands between two."""
+    found: list[list[str]] = [[]]
+    for word in words:
+        if word == "+":
+            found.append([])
+        else:
+            found[-1].append(word)
+    return found
 
 
 def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
@@ -140,15 +176,17 @@ def _as_json(meaning: Meaning) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _lines(meaning: Meaning) -> list[str]:
+def command_line(meaning: Meaning) -> str:
+    """The command with its fields."""
     shown = [
         f"{name} {value}" + (f" ({meaning.names[name]})" if name in meaning.names else "")
         for name, value in meaning.fields.items()
     ]
-    lines = [
-        "words    " + " ".join(f"{word:04X}" for word in meaning.words),
-        f"command  {meaning.request}: " + ", ".join(shown),
-    ]
+    return f"command  {meaning.request}: " + ", ".join(shown)
+
+
+def _lines(meaning: Meaning) -> list[str]:
+    lines = ["words    " + " ".join(f"{word:04X}" for word in meaning.words), command_line(meaning)]
     lines += [f"{'' if number else 'does':<9}{line}" for number, line in enumerate(meaning.does)]
     lines.append(f"status   {meaning.status}")
     if meaning.refused:

@@ -23,7 +23,7 @@ VERBS = {
     "read": "read values of a device",
     "write": "write values into a device",
     "call": "run another service of a device",
-    "commreq": "say what the words of a command block mean",
+    "commreq": "explain or carry out command blocks",
     "run": "carry out a run file",
     "serve": "answer requests on a port, with memory",
     "monitor": "listen to a line between others",

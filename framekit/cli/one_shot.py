@@ -22,11 +22,11 @@ TIMEOUT, RETRIES = "reply_timeout", "retries"
 """The parameters that --timeout and --retries stand for."""
 
 
-def add_line(parser: argparse.ArgumentParser) -> None:
+def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> None:
     """PROTOCOL and the options that name a line and a device on it."""
     add_protocol(parser)
     parser.add_argument(
-        "--port", required=True, help="/dev/ttyUSB0, COM3, tcp://HOST:PORT, a pyserial URL, or sim:FILE"
+        "--port", required=port_required, help="/dev/ttyUSB0, COM3, tcp://HOST:PORT, a pyserial URL, or sim:FILE"
     )
     parser.add_argument("--station", metavar="N", help="the device's station")
     parser.add_argument("--speed", type=int, metavar="BITS", help="bits a second; default: the protocol's")

@@ -70,3 +70,61 @@ def test_protocols_without_commands_say_so(capsys: pytest.CaptureFixture[str]) -
 def test_files_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["commreq", "ccm", "--explain", "@nowhere.txt"]) == 1
     assert "nowhere.txt" in capsys.readouterr().err
+
+
+# ---- carried out ---------------------------------------------------------------------------------------------
+
+CCM = "device: five\nprotocol: ccm\nstation: 5\nmemory: {set: {'%R101': [11, 22, 33]}}\n"
+
+
+@pytest.fixture
+def port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    (tmp_path / "five.device.yaml").write_text(CCM, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return ["commreq", "ccm", "--port", "sim:five.device.yaml", "--own", "1", "--param", "enq_count=1"]
+
+
+def test_commands_share_the_memory_and_show_what_has_changed(
+    port: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["6101", "5", "1", "101", "3", "200", "status_offset=9", "+", "6111", "5", "1", "1", "2", "201"]
+    assert main([*port, *words, "+", "6101", "5", "1", "1", "2", "50"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert "%R200    11 22 33" in shown and "%R50     22 33" in shown
+    assert "status   %R10 = 0001h success" in shown and "status   %R1 = 0001h success" in shown
+
+
+def test_the_own_memory_can_be_set(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--json", "--set", "%R2=7,0x10", "6111", "5", "1", "1", "2", "2", "+", "6101", "5", "1", "1", "2", "50"]
+    assert main([*port, *words]) == 0
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert first["memory"] == {"%R1": [1]} and second["memory"] == {"%R50": [7, 16]}
+    assert second["status"] == 1 and second["outcome"] == ""
+    assert main([*port, "--set", "%X2=7", "6002"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "told"),
+    [
+        (["6101", "5", "4", "1", "1", "1"], 1, "000Ah invalid memory type"),
+        (["6101", "9", "1", "1", "1", "1"], 3, "0017h no valid acknowledge to a master enquiry (no_enquiry_answer)"),
+        (["1", "0", "8", "65535", "0", "0", "6002"], 0, "%R65536 = 0001h"),
+    ],
+)
+def test_the_exit_status(
+    port: list[str], words: list[str], status: int, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*port, *words, "+", "6002"]) == status
+    shown = capsys.readouterr().out
+    assert told in shown
+    assert shown.count("\nstatus ") == (2 if status == 0 else 1), "nothing is done after a failure"
+
+
+def test_words_that_are_no_block_exit_with_2(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*port, "ccm_read", "wait=7"]) == 2
+    assert "wait" in capsys.readouterr().err
+
+
+def test_the_own_number_is_asked_for(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*port[:4], "6002"]) == 2
+    assert "say its number as own" in capsys.readouterr().err
