@@ -15,8 +15,9 @@ from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field
 from framekit.definition.model.sizes import flat
+from framekit.definition.times import format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.link.block_work import CompiledBlock
+from framekit.link.block_work import CompiledBlock, CompiledJob
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.places import address_of, codes_of
 from framekit.link.serving import RefusedError
@@ -105,6 +106,12 @@ class _Speaks:
             given = place.where(names)
             line = f"{word} {self.other(given)}"
             yield line if own is None else f"{line} {between} the own {self.own(own.on(names))}"
+        if block.job is not None:
+            yield _job(block.job, names)
+            if block.job.report is not None:
+                yield f"reports the own {self.own(block.job.report.where(names))}"
+            if block.job.kind == "inspect" and block.into is not None:
+                yield f"stores two words from the own {self.own(block.into.on(names))} on"
         for service, arguments in block.calls:
             yield f"calls {service}" + "".join(f" {name}={_value(arguments[name], names)}" for name in arguments)
         for after in block.then:
@@ -135,6 +142,20 @@ def _with_count(grammar: AddressGrammar, address: Address, count: Any) -> str:
     except AddressError:
         text = f"{address.unit} {address.start} of {address.area}"
     return text if count in (None, 1) else f"{text} ({count} × {address.unit})"
+
+
+def _job(job: CompiledJob, names: Names) -> str:
+    """A command to jobs: which slot, and how often the transfer is repeated."""
+    slot = job.slot(names)
+    if job.kind != "job":
+        return f"{job.kind}s " + ("all jobs" if slot == "all" else f"the job in slot {slot}")
+    every, late, times = (0 if one is None else int(one(names)) for one in (job.every, job.late, job.times))
+    line = f"as the job in slot {slot}"
+    if job.host is not None:
+        line += f", with {job.host(names)}"
+    line += f", every {format_time(every)}" if every else ", back to back"
+    line += f", {times} times" if times else ", until it is aborted"
+    return line + (f", late after {format_time(late)}" if late else "")
 
 
 def _value(compute: Any, names: Names) -> str:

@@ -162,6 +162,9 @@ class CommandBlocks:
         if block is None:
             done(OperationEnd())
             return []
+        if block.job is not None:
+            done(OperationEnd(outcome="no_sequence", cause="jobs are run by the run, not by a channel"))
+            return []
         assert self.engine is not None and self.client is not None
         return Operation(self, self.engine, self.client, block, names, done).begin(station, now)
 

@@ -44,6 +44,19 @@ class CompiledAfter:
 
 
 @dataclass(frozen=True, slots=True)
+class CompiledJob:
+    """A `JobWork` ready to be worked out; what it does not say is None."""
+
+    kind: str
+    slot: Compute
+    report: CompiledPlace | None
+    host: Compute | None
+    every: Compute | None
+    late: Compute | None
+    times: Compute | None
+
+
+@dataclass(frozen=True, slots=True)
 class CompiledBlock:
     """A `BlockWork` ready to be worked out. `calls` are services of the channel's protocol with their arguments."""
 
@@ -57,6 +70,7 @@ class CompiledBlock:
     source: CompiledPlace | None
     calls: Sequence[tuple[str, Mapping[str, Compute]]]
     then: Sequence[CompiledAfter]
+    job: CompiledJob | None = None
 
 
 def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], part: CompilePart) -> CompiledBlock:
@@ -68,7 +82,22 @@ def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], pa
     def values(fields: Mapping[str, Value]) -> dict[str, Compute]:
         return {name: compile_value(value) for name, value in fields.items()}
 
+    def one(value: Value | None) -> Compute | None:
+        return None if value is None else compile_value(value)
+
+    job = work.job
     return CompiledBlock(
+        job=None
+        if job is None
+        else CompiledJob(
+            kind=job.kind,
+            slot=compile_value(job.slot),
+            report=place(job.report),
+            host=one(job.host),
+            every=one(job.every),
+            late=one(job.late),
+            times=one(job.times),
+        ),
         work=work,
         station=None if work.station is None else compile_value(work.station),
         params=values(work.params),

@@ -29,7 +29,8 @@ def check_commands(protocol: Protocol, broken: Collection[str] = ()) -> Iterator
         if rules is None and not protocol.commands_file and "commands" not in broken:
             what = "nothing makes exchanges of these requests"
             yield Problem(work.at, what, "add commands: to the application", warning=True)
-        for where in (work.read, work.write, work.into, work.source):
+        report = None if work.job is None else work.job.report
+        for where in (work.read, work.write, work.into, work.source, report):
             yield from _place(work.at, where)
         for after in work.then:
             yield from _stored(after.store, after.at)

@@ -8,12 +8,13 @@ from itertools import pairwise
 from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.values import ValueLoader
-from framekit.definition.model.commands import After, BlockWork, CallOf, CommandRules, PlaceOf
+from framekit.definition.model.commands import After, BlockWork, CallOf, CommandRules, JobWork, PlaceOf
 from framekit.definition.model.values import Value
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import did_you_mean
 
 SESSION_WORDS = ("new", "end")
+JOBS = ("job", "abort", "inspect")
 DEFAULT_MOST = 512
 """The most words of a command block where the definition does not say."""
 
@@ -38,7 +39,7 @@ class CommandLoader:
         for kind, own in (("read", "into"), ("write", "from")):
             if kind in keys and not {own, "then"} & {*_words(keys)} and "data" not in _words(keys.get(kind)):
                 reader.note(node.at, f"a block has {kind}, but no {own}", f"add {own}: with a place of the own memory")
-            if own in keys and kind not in keys:
+            if own in keys and kind not in keys and "inspect" not in keys:
                 reader.note(node.at, f"a block has {own}, but no {kind}", f"add {kind}: with a place of the other side")
         return BlockWork(
             station=reader.maybe(values.value, keys.get("station")),
@@ -50,6 +51,26 @@ class CommandLoader:
             source=self._place(keys.get("from")),
             calls=self._calls(keys.get("call")),
             then=self._then(keys.get("then")),
+            job=self._job(keys),
+            at=keys.at,
+        )
+
+    def _job(self, keys: Mapping) -> JobWork | None:
+        """The command to the run's jobs, if it is one."""
+        kind = next((name for name in JOBS if name in keys), None)
+        if kind is None:
+            return None
+        reader, values = self.reader, self.values
+        if kind == "job" and not {"read", "write", "report"} & {*_words(keys)}:
+            reader.note(keys.at, "a job moves nothing", "add read:, write: or report:")
+        return JobWork(
+            kind=kind,
+            slot=values.value(keys.get(kind) or keys),
+            report=self._place(keys.get("report")),
+            host=reader.maybe(values.value, keys.get("host")),
+            every=reader.maybe(values.value, keys.get("every")),
+            late=reader.maybe(values.value, keys.get("late")),
+            times=reader.maybe(values.value, keys.get("times")),
             at=keys.at,
         )
 

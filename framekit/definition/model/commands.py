@@ -37,12 +37,30 @@ class CallOf:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class JobWork:
+    """A command to the jobs of a run: `kind` is job, abort or inspect, `slot` its number, or 'all'.
+
+    A job says beside the transfer where its `host` is, how often (`every`, ns), after which time it is `late`, how many
+    `times`; `report` is the own place that a report sends.
+    """
+
+    kind: str
+    slot: Value
+    report: PlaceOf | None = None
+    host: Value | None = None
+    every: Value | None = None
+    late: Value | None = None
+    times: Value | None = None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BlockWork:
     """The exchange that a request asks for: a template of values over the request.
 
     One of `read` (with `into`), `write` (with `source`) and `calls`; with none of them only the session changes.
     `session` gives 'new', 'end' or ''. `read` and `write` are places of the other side, `into` and `source` of the
-    own memory.
+    own memory. With `job` it is a command to the run's jobs.
     """
 
     station: Value | None = None
@@ -54,6 +72,7 @@ class BlockWork:
     source: PlaceOf | None = None
     calls: tuple[CallOf, ...] = ()
     then: tuple[After, ...] = ()
+    job: JobWork | None = None
     at: Position
 
 
