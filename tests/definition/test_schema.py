@@ -516,7 +516,7 @@ OTHERS = [
     ),
     (
         "run: r\nchannels: {1: {port: x, protocol: p}}\nblocks: {2: {channel: 1}}\n",
-        "f:3:13: block 2 has no instruction – add one of read, write, send, receive, call, report, abort, inspect",
+        "f:3:13: block 2 has no instruction – add one of read, write, send, receive, call, command, report, abort, …",
     ),
     (
         "run: r\nchannels: {1: {port: x, protocol: p}}\nblocks: {2: {send: a, every: soon}}\n",
