@@ -12,13 +12,12 @@ from typing import Any, overload
 from framekit.api.async_line import OPEN_WITHIN, AsyncLine, frame_of
 from framekit.api.errors import RequestError, raise_for
 from framekit.api.results import Answer, Reading
-from framekit.api.settings import ProtocolGiven, checked_params, line_settings
+from framekit.api.settings import ProtocolGiven, checked_params, line_settings, protocol_of
 from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.blocks.device import memory_of
 from framekit.blocks.load_channel import needs_own
 from framekit.codec.codec import compile_protocol
-from framekit.definition.model.protocol import Protocol
 from framekit.link.observe import Seen
 from framekit.link.transfer import TransferResult
 from framekit.memory.errors import DeviceMemoryError
@@ -161,16 +160,24 @@ class AsyncClient(AsyncLine):
 
     # ---- command blocks -----------------------------------------------------------------------------------
 
-    def command_blocks(self, application: Protocol, memory: DeviceMemory | None = None) -> CommandBlocks:
-        """Command blocks of an application on this line, over a memory of the application's areas.
+    def command_blocks(
+        self, application: ProtocolGiven | None = None, memory: DeviceMemory | None = None
+    ) -> CommandBlocks:
+        """Command blocks on this line, as an application of commands reads them; default: the one its protocol names.
 
-        Raises ValueError when it has no command blocks.
+        `memory`: where their data and status words stand; default: one with the application's areas. Raises
+        DefinitionError and LineClosedError, ValueError when the application has no command blocks.
         """
         service = self._working()
-        own = DeviceMemory(memory_of(application)[0]) if memory is None else memory
-        codec = compile_protocol(application)
+        found = protocol_of(application or self.settings.protocol.commands_file)
+        own = DeviceMemory(memory_of(found)[0]) if memory is None else memory
         return CommandBlocks(
-            application, codec, own, channel=service.engine.scope, engine=service.engine, client=service.client
+            found,
+            compile_protocol(found),
+            own,
+            channel=service.engine.scope,
+            engine=service.engine,
+            client=service.client,
         )
 
     async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:

@@ -123,10 +123,14 @@ class Client:
         """Writes one value to each address."""
         self._wait(self._client.write_many(values, station=station, type=type, order=order, params=params))
 
-    def command_blocks(self, application: Protocol, memory: DeviceMemory | None = None) -> CommandBlocks:
+    def command_blocks(
+        self, application: ProtocolGiven | None = None, memory: DeviceMemory | None = None
+    ) -> CommandBlocks:
+        """Command blocks on this line."""
         return self._client.command_blocks(application, memory)
 
     def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
+        """Carries a command block out."""
         return self._wait(self._client.command(blocks, words))
 
     def call(
