@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.memory.memory import DeviceMemory
@@ -22,9 +22,16 @@ class Condition:
         self.expression = expression
         self.addresses = {name: resolve(name) for name in names_in(expression.root)}
         self._evaluate = compile_expression(expression)
+        root = expression.root
+        self._bit = self.addresses[root.name] if isinstance(root, Name) else None
+        if self._bit is not None and self._bit.unit != "bit":
+            self._bit = None
 
     def holds(self, memory: DeviceMemory) -> bool:
         """Whether it is true now; a condition that cannot be worked out is not."""
+        bit = self._bit
+        if bit is not None:  # most conditions are a bit, looked at whenever its word is written
+            return memory.area(bit.area).read_bit(bit.start)
         values = {
             name: memory.read(place.area, place.unit, place.start, 1)[0] for name, place in self.addresses.items()
         }

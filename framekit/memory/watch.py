@@ -69,8 +69,10 @@ class WatchTable:
     def changed(self, first: int, before: bytes, after: bytes) -> list[tuple[Watch, int, int]]:
         """In order of registration: watch, its first changed word, words from it to the last changed one.
 
-        `before` and `after` are the bytes from word `first` on; the last word may be half a word.
+        `before` and `after` are the bytes from word `first` on, and differ; the last word may be half a word.
         """
+        if len(after) <= 2:  # the usual write: one word, which has changed
+            return [(watch, first, 1) for watch in self._by_word.get(first, ())]
         found: dict[Watch, tuple[int, int]] = {}
         for word in self._watched(first, first + (len(after) + 1) // 2):
             at = 2 * (word - first)
