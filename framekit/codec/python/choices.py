@@ -16,8 +16,8 @@ from framekit.definition.model.segments import Bits, Const, Field, FieldType, Re
 
 Allowed = Mapping[int, frozenset[int]]
 """Place in the frame → the values its byte can have."""
-_FEW = 16
-"""A frame that allows more values of a byte is not told apart by it."""
+_FEW = 128
+"""A frame that allows more values of a byte is not told apart by it; a single bit leaves so many."""
 
 
 @dataclass(frozen=True, slots=True)
