@@ -108,7 +108,8 @@ class BlockLoader:
     def block(self, number: int, set_number: int, entry: Entry) -> Block:
         """Raises Broken when anything of it is wrong, after all of it has been looked at."""
         keys = self.reader.mapping(entry.value)
-        if any(name in keys for name in COMMANDS):
+        in_memory = "command" in keys and "channel" not in keys and "commands" not in keys and self.jobs.reads_records
+        if in_memory or any(name in keys for name in COMMANDS):
             return self._command(number, set_number, keys, entry)
         kinds = [name for name in INSTRUCTIONS if name in keys]
         if len(kinds) != 1:
@@ -136,12 +137,16 @@ class BlockLoader:
 
     def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
         """A block that establishes, aborts or inspects a job; what it says of its cycle is the job's."""
-        instruction = next(name for name in COMMANDS if name in keys)
+        instruction: Instruction = next((name for name in COMMANDS if name in keys), "command")
         self.spoilt = False
         started = without(keys, "every")
         common = self._common(number, set_number, instruction, started, entry)
         self._starts(instruction, started, entry)
-        command = self.jobs.command(keys, entry, BLOCKS_IN_SET * (set_number - 1) + number)
+        block_id = BLOCKS_IN_SET * (set_number - 1) + number
+        if instruction == "command":
+            record = self.jobs.record(keys, block_id)
+            return Block(**common, channel=0, job=record, targets=(record.place.text,))
+        command = self.jobs.command(keys, entry, block_id)
         if self.spoilt:
             raise Broken(entry.key.text)
         targets = () if command.order is None else (command.order.remote,)

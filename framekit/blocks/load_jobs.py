@@ -9,21 +9,27 @@ from typing import Any, Literal
 
 from framekit.blocks.given import read_station
 from framekit.blocks.jobs.load import load_job_profile
-from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order
+from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
 from framekit.blocks.jobs.profile import AfterLate, JobProfile
 from framekit.blocks.jobs.profile_loader import read_scan
 from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
 from framekit.blocks.model import Channel, Place
+from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.commands import JobWork
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Entry, Node
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError
+from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.numbers import unit_bits
 
 COMMANDS: tuple[CommandKind, ...] = ("job", "abort", "inspect")
 ALL = "all"
+RECORD_SAYS = ("station", "type", "count", "into", "from", "values", "with", "status")
+"""Keys of a block that the words of its command say instead."""
 MOST_TIMES = 0xFFFF
 
 _KINDS: dict[str, Kind] = {"read": "read", "write": "write", "report": "report"}
@@ -57,7 +63,30 @@ def read_jobs(reader: Reader, node: Node, folder: Path, grammar: AddressGrammar)
     hosts = {entry.key.text: reader.text(entry.value) for entry in reader.entries(keys.get("hosts"))}
     surplus = keys.get("surplus")
     waits = surplus is None or reader.text(surplus) == "wait"
-    return JobsSection(profile=replace(profile, **changed), status=status, hosts=hosts, waits=waits, at=node.at)
+    commands = reader.maybe(lambda given: read_commands(reader, given, folder), keys.get("commands"))
+    return JobsSection(
+        profile=replace(profile, **changed),
+        status=status,
+        hosts=hosts,
+        waits=waits,
+        commands=commands,
+        at=node.at,
+    )
+
+
+def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
+    """The application that reads the words of commands to jobs. Raises Broken."""
+    name = reader.text(node)
+    try:
+        application = load_protocol(name, folder)
+    except DefinitionError as error:
+        for problem in error.problems:
+            there = problem.at.file != name
+            reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
+        raise Broken(name) from None
+    if application.commands is None or not any(parts_of(dict(application.services), JobWork)):
+        raise reader.broken(node.at, f"'{name}' has no commands to jobs", "name an application that has them")
+    return application
 
 
 def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int) -> Place:
@@ -111,6 +140,27 @@ class JobBlockLoader:
         if any(not problem.warning for problem in self.reader.problems[before:]):
             raise Broken(entry.key.text)
         return Command(kind=kind, slot=slot, order=order, status=status, into=into, id=number)
+
+    @property
+    def reads_records(self) -> bool:
+        """Whether the jobs of the run take commands whose words stand in memory."""
+        return isinstance(self.section, JobsSection) and self.section.commands is not None
+
+    def record(self, keys: MappingNode, number: int) -> Record:
+        """The command of a block whose words stand in memory. Raises Broken."""
+        section = self.section
+        assert isinstance(section, JobsSection) and section.commands is not None
+        for key in RECORD_SAYS:
+            if (other := keys.get(key)) is not None:
+                self.reader.note(other.at, f"{key}: does not belong to a command", "the words in memory say it")
+        node, fault = keys.get("command"), keys.get("fault")
+        assert node is not None
+        return Record(
+            place=read_place(self.reader, self.grammar, node, 16),
+            application=section.commands,
+            fault=None if fault is None else read_place(self.reader, self.grammar, fault, 1),
+            id=number,
+        )
 
     def _slot(self, node: Node | None, kind: str, profile: JobProfile) -> int | None:
         if kind == "abort" and node is not None and self.reader.text(node).strip() == ALL:
@@ -229,7 +279,7 @@ class JobBlockLoader:
         model = self.channels[channel]
         return model.station if node is None else read_station(self.reader, node, model.protocol)
 
-    def _times(self, keys: MappingNode, entry: Entry, profile: JobProfile) -> dict[str, int]:
+    def _times(self, keys: MappingNode, entry: Entry, profile: JobProfile) -> dict[str, Any]:
         reader = self.reader
         period = reader.maybe(reader.time, keys.get("every")) or 0
         at = self._at(keys, "every", entry)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from framekit.blocks.fault_plan import FaultPlan
-from framekit.blocks.jobs.order import Command
+from framekit.blocks.jobs.order import Command, Record
 from framekit.blocks.jobs.section import JobsSection
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.line_settings import PLAIN, LineSettings
@@ -114,7 +114,7 @@ class Block:
     data: Mapping[str, Place] = field(default_factory=dict)
     sizes: Mapping[str, int] = field(default_factory=dict)
     values: Any = None
-    job: Command | None = None
+    job: Command | Record | None = None
     service: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
     commands: Protocol | None = None

@@ -44,7 +44,9 @@ def percent(part: float) -> str:
 
 def what_of(block: Block) -> str:
     """`READ M0100, M0110`, `SEND WR.REQ`."""
-    if block.job is not None:
+    from framekit.blocks.jobs.order import Command
+
+    if isinstance(block.job, Command):
         slot = "ALL" if block.job.slot is None else str(block.job.slot)
         order = block.job.order
         return f"{block.instruction.upper()} {slot}" + (f" {order.kind} {order.remote}".rstrip() if order else "")

@@ -12,7 +12,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 
 from framekit.blocks.block_status import Failure
-from framekit.blocks.jobs.order import Command, Order
+from framekit.blocks.command_words import CommandFaultError
+from framekit.blocks.jobs.order import Command, Order, Record
+from framekit.blocks.jobs.records import RecordReader
 from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
 from framekit.blocks.jobs.slot import Attempt
 from framekit.blocks.jobs.table import JobTable
@@ -61,6 +63,7 @@ class JobService:
         self._channel_of: dict[int, int] = {}
         self._waiting: dict[int, list[Attempt]] = {}
         self._surplus: deque[Command] = deque()
+        self._records: RecordReader | None = None
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -94,8 +97,14 @@ class JobService:
             self.table.take(self._surplus.popleft(), now)
         self.table.tick(now)
 
-    def take(self, command: Command) -> None:
-        """Carries a block's command out. Its status word is 0 from here until it has its answer."""
+    def take(self, command: Command | Record) -> None:
+        """Carries a block's command out. Its status word is 0 from here until it has its answer.
+
+        A record in memory is taken as it stands: who writes it clears its status word, and commands too many are lost.
+        """
+        if isinstance(command, Record):
+            self._take_record(command)
+            return
         if command.status is not None:
             self.write_words(command.status, (0,))
         now = self.clock.now()
@@ -104,6 +113,24 @@ class JobService:
         else:
             self.table.take(command, now)
         self._wake()
+
+    def _take_record(self, record: Record) -> None:
+        if self._records is None:
+            self._records = RecordReader(record.application, self.memory)
+        try:
+            command, refusal = self._records.read(record)
+        except CommandFaultError as error:
+            self._show_fault(record, True)
+            if record.id is not None:
+                self._finished(record.id, Failure(outcome="cannot_send", cause=str(error)))
+            return
+        self._show_fault(record, False)
+        self.table.take(command, self.clock.now(), refusal)
+        self._wake()
+
+    def _show_fault(self, record: Record, fault: bool) -> None:
+        if record.fault is not None:
+            store_pieces(self.memory, [(record.fault, 1, bytes([fault]))])
 
     # ---- connections --------------------------------------------------------------------------------------
 
@@ -199,11 +226,21 @@ class JobService:
         assert client is not None
         station = channel.channel.station if order.station is None else order.station
         if order.kind == "read":
-            return client.read(order.remote, station=station, unit=order.unit, count=order.count, now=now, on_done=done)
+            return client.read(
+                order.remote,
+                station=station,
+                unit=order.unit,
+                count=order.count,
+                params=order.params,
+                now=now,
+                on_done=done,
+            )
         unit = order.unit or client.grammar.parse(order.remote).unit
         data = read_piece(self.memory, order.place, order.count * unit_bits(unit))
         values = values_of(data, unit, order.count)
-        return client.write(order.remote, values, station=station, unit=order.unit, now=now, on_done=done)
+        return client.write(
+            order.remote, values, station=station, unit=order.unit, params=order.params, now=now, on_done=done
+        )
 
     def _store(self, order: Order, result: TransferResult) -> Failure | None:
         """What was read, at its place in the own memory, whole."""

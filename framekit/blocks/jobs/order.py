@@ -5,11 +5,13 @@ Places of the own memory are resolved; those of the other side are kept as text,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Place
+    from framekit.definition.model.protocol import Protocol
 
 Kind = Literal["read", "write", "report"]
 CommandKind = Literal["job", "abort", "inspect"]
@@ -21,6 +23,7 @@ class Order:
 
     `count` elements of `unit` (None: what the address says). The other side is `host`, by number or name, or `channel`
     of the run. `period` 0: back to back. `late` (ns) 0: no time-out is told. `times` 0: until it is aborted.
+    `params` go before the protocol's parameters.
     """
 
     slot: int
@@ -32,6 +35,7 @@ class Order:
     host: str = ""
     channel: int | None = None
     station: Any = None
+    params: Mapping[str, Any] = field(default_factory=dict)
     period: int = 0
     late: int = 0
     times: int = 0
@@ -49,4 +53,17 @@ class Command:
     order: Order | None = None
     into: Place | None = None
     status: Place | None = None
+    id: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """A command whose words stand in the own memory at `place`, as `application` reads them when it is given.
+
+    `fault`: the own bit that shows words that are no command; `id` as for commands.
+    """
+
+    place: Place
+    application: Protocol
+    fault: Place | None = None
     id: int | None = None

@@ -16,6 +16,7 @@ from framekit.definition.problems import Position
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Channel, Place
+    from framekit.definition.model.protocol import Protocol
 
 _HOST = re.compile(r"(?:tcp|udp)://(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?")
 
@@ -24,13 +25,15 @@ _HOST = re.compile(r"(?:tcp|udp)://(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?")
 class JobsSection:
     """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name.
 
-    `waits`: commands of blocks that are too many for a scan wait for the next one; else they are lost.
+    `waits`: commands of blocks that are too many for a scan wait for the next one; else they are lost. `commands` reads
+    commands whose words stand in memory.
     """
 
     profile: JobProfile
     status: Place | None = None
     hosts: Mapping[str, str] = field(default_factory=dict)
     waits: bool = True
+    commands: Protocol | None = None
     at: Position
 
 

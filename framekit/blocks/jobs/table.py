@@ -95,8 +95,11 @@ class JobTable:
 
     # ---- commands -----------------------------------------------------------------------------------------
 
-    def take(self, command: Command, now: int) -> None:
-        """Carries a command out, or answers why not. One too many in a scan is lost, and never answered."""
+    def take(self, command: Command, now: int, refusal: int = 0) -> None:
+        """Carries a command out, or answers why not; `refusal` is the answer to one that is known to be wrong.
+
+        One too many in a scan is lost, and never answered.
+        """
         if not self.running or not self._limit.takes(now):
             self.counters.lost += 1
             self.log.add("lost", now, command.slot)
@@ -106,7 +109,9 @@ class JobTable:
             return
         self.counters.taken += 1
         self.counters.kinds[command.kind] = self.counters.kinds.get(command.kind, 0) + 1
-        if command.slot is not None and command.slot not in self.slots:
+        if refusal:
+            self.refuse(command, refusal, now)
+        elif command.slot is not None and command.slot not in self.slots:
             self.refuse(command, self.profile.words["no_slot"], now)
         elif command.kind == "abort":
             self._clear(list(self.slots) if command.slot is None else [command.slot], now)

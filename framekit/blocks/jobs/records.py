@@ -1,0 +1,103 @@
+"""Commands to jobs whose words stand in the own memory: copied, understood, and given to the table as any other.
+
+What the words mean is the application's. Nothing is carried out here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from framekit.blocks.command_words import CommandFaultError
+from framekit.blocks.commands import CommandBlocks
+from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
+from framekit.blocks.model import Place
+from framekit.codec.codec import compile_protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.link.addresses import Address
+from framekit.link.block_work import CompiledBlock, CompiledJob, CompiledPlace
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.scope import Scope
+from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.numbers import unit_bits
+
+KINDS: dict[str, CommandKind] = {"job": "job", "abort": "abort", "inspect": "inspect"}
+ALL = "all"
+
+
+class RecordReader:
+    """Reads the commands of one application from `memory`."""
+
+    def __init__(self, application: Protocol, memory: DeviceMemory) -> None:
+        self.memory = memory
+        self.blocks = CommandBlocks(
+            application, compile_protocol(application), memory, channel=Scope(application, role=None)
+        )
+
+    def read(self, record: Record) -> tuple[Command, int]:
+        """The command that stands there now, and the code of its refusal or 0.
+
+        Raises CommandFaultError for words that are none, or whose status word has no place.
+        """
+        area = self.memory.area(record.place.address.area)
+        first = record.place.address.first_bit // 8
+        data = area.read_bytes(first, min(2 * self.blocks.rules.most, area.size_bytes - first))
+        words = self.blocks.words.read(data)
+        try:
+            status = self._place(self.blocks.status_words(words), 16)
+            refusal, block, names = self.blocks.plan(words)
+            if refusal or block is None or block.job is None:
+                return Command(kind="job", slot=None, status=status, id=record.id), refusal
+            return self._command(block, block.job, names, status, record.id), 0
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            raise CommandFaultError(str(error)) from None
+
+    def _command(
+        self, block: CompiledBlock, job: CompiledJob, names: Names, status: Place, number: int | None
+    ) -> Command:
+        slot = job.slot(names)
+        kind = KINDS[job.kind]
+        into = self._place(block.into.on(names), 32) if kind == "inspect" and block.into is not None else None
+        return Command(
+            kind=kind,
+            slot=None if slot == ALL else int(slot),
+            order=self._order(block, job, names, int(slot)) if kind == "job" else None,
+            into=into,
+            status=status,
+            id=number,
+        )
+
+    def _order(self, block: CompiledBlock, job: CompiledJob, names: Names, slot: int) -> Order:
+        kind: Kind = "report"
+        moved, own = job.report, job.report
+        if block.read is not None:
+            kind, moved, own = "read", block.read, block.into
+        elif block.write is not None:
+            kind, moved, own = "write", block.write, block.source
+        assert moved is not None and own is not None
+        there = moved.on(names)
+        every, late, times = (0 if one is None else int(one(names)) for one in (job.every, job.late, job.times))
+        return Order(
+            slot=slot,
+            kind=kind,
+            place=self._own(own, names),
+            remote="" if kind == "report" else str(there["text"]),
+            unit=there.get("unit"),
+            count=int(there.get("count", 1)),
+            host="" if job.host is None else str(job.host(names)),
+            params={name: value(names) for name, value in block.params.items()},
+            period=every,
+            late=late,
+            times=times,
+        )
+
+    def _own(self, place: CompiledPlace, names: Names) -> Place:
+        given = place.on(names)
+        return self._place({name: value for name, value in given.items() if name not in ("unit", "count")}, 1)
+
+    def _place(self, given: dict[str, Any], bits: int) -> Place:
+        """A place of the own memory with room for so many bits. Raises DeviceMemoryError."""
+        span = self.blocks.own_span(given)
+        span = self.blocks.own_span({**given, "count": -(-bits // unit_bits(span.unit))})
+        self.blocks.areas.check(span, write=False)
+        return Place(address=Address(span.memory, span.unit, span.start), text=str(given.get("text", span.memory)))
