@@ -37,7 +37,7 @@ class Case:
 
     @property
     def codec(self) -> Codec:
-        return _codec(self.protocol)
+        return codec_of(self.protocol)
 
     def checked(self) -> tuple[bytes, Fields]:
         """The frame's bytes and everything read from them; by hand they are the same, or this raises."""
@@ -49,7 +49,8 @@ class Case:
 
 
 @cache
-def _codec(protocol: str) -> Codec:
+def codec_of(protocol: str) -> Codec:
+    """The codec of a shipped protocol."""
     return compile_protocol(load_protocol(protocol))
 
 

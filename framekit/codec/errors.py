@@ -5,7 +5,7 @@ Generated modules that stand alone hold a copy of these classes, so nothing here
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 
@@ -36,6 +36,30 @@ class FrameError(ValueError):
         self.found = found
         self.refuse = refuse
         self.fields: dict[str, Any] = dict(fields or {})
+
+
+class Misread(FrameError):  # noqa: N818 - what it is a case of says so
+    """A FrameError that finds out what is wrong when somebody asks: most are only asked whether a frame fits.
+
+    Only for frames that are never refused; that alone is known without reading.
+    """
+
+    def __init__(self, frame: str, examine: Callable[..., Any], data: bytes, ctx: Mapping[str, Any]) -> None:
+        ValueError.__init__(self)
+        self.refuse = None
+        self._read = frame, examine, bytes(data), ctx
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in ("cause", "segment", "offset", "expected", "found", "fields"):
+            raise AttributeError(name)
+        frame, examine, data, ctx = self._read
+        error: FrameError = examine(data, ctx).error(frame)
+        self.args = error.args
+        vars(self).update(vars(error))
+        return vars(self)[name]
+
+    def __str__(self) -> str:
+        return str(self.args[0]) if self.cause else ""
 
 
 class EncodeError(ValueError):

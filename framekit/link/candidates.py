@@ -7,8 +7,10 @@ codecs answer (`measure`, `decode`) and nothing of who waits for what.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from framekit.codec.errors import FrameError
 from framekit.link.arrivals import BadFrame
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameInfo
@@ -26,12 +28,24 @@ class Good:
 
 
 class Bad:
-    """A frame with a fault. `known_end`: its end does not depend on content that may be damaged."""
+    """A frame with a fault. `known_end`: its end does not depend on content that may be damaged.
 
-    __slots__ = ("bad", "known_end")
+    What the fault is costs much more to find out than that there is one, so it is found out when somebody asks; that
+    has to be before the place in the stream changes.
+    """
 
-    def __init__(self, bad: BadFrame, known_end: bool) -> None:
-        self.bad, self.known_end = bad, known_end
+    __slots__ = ("_bad", "_report", "known_end")
+
+    def __init__(self, report: Callable[[], BadFrame], known_end: bool) -> None:
+        self._report = report
+        self._bad: BadFrame | None = None
+        self.known_end = known_end
+
+    @property
+    def bad(self) -> BadFrame:
+        if self._bad is None:
+            self._bad = self._report()
+        return self._bad
 
 
 class Complete:
@@ -47,13 +61,14 @@ class Unfinished:
     """Fits so far and wants more, or, if `silent`, waits for a silence.
 
     Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it
-    had at the call before (`had`) is what is certain.
+    had at the call before is what is certain, so `seen` is one call behind `had`. With fewer than `wanted` bytes it is
+    surely not complete.
     """
 
-    __slots__ = ("had", "seen", "silent")
+    __slots__ = ("had", "seen", "silent", "wanted")
 
-    def __init__(self, silent: bool, had: int, seen: int) -> None:
-        self.silent, self.had, self.seen = silent, had, seen
+    def __init__(self, silent: bool, had: int, seen: int, wanted: int) -> None:
+        self.silent, self.had, self.seen, self.wanted = silent, had, seen, wanted
 
 
 class _No:
@@ -106,7 +121,8 @@ class Candidates:
         elif length == self._lost:
             result = self._without_end(info, position, end)
         else:
-            result = Unfinished(length == self._quiet, end - position, before)
+            silent = length == self._quiet
+            result = Unfinished(silent, end - position, before, 0 if silent else end - position - length)
         self.said[info.name] = result
         return result
 
@@ -159,31 +175,37 @@ class Candidates:
         raw = bytes(self._stream.buffer[start:end])
         fault = self._stream.fault_in(start, end)
         if fault is not None:
-            return Bad(self._report(info, raw, fault.value, found="a damaged character"), True)
+            return self._bad(info, raw, fault.value, found="a damaged character", known_end=True)
         try:
             return Good(info, raw, info.decode(raw, self._context), None)
         except EVALUATION_ERRORS as error:
             return self._judged(info, raw, error, True)
 
     def _judged(self, info: FrameInfo, raw: bytes, error: Exception, known_end: bool) -> Result:
-        cause = getattr(error, "cause", None)
-        if cause is None:
+        if not isinstance(error, FrameError):
             self._trouble(info.name, error)
             return NO
-        refuse: int | None = getattr(error, "refuse", None)
-        if refuse is not None:
-            return Good(info, raw, dict(getattr(error, "fields", {})), refuse)
-        bad = self._report(
+        if error.refuse is not None:
+            return Good(info, raw, dict(error.fields), error.refuse)
+        return Bad(partial(self._misread, info, raw, error), known_end)
+
+    def _misread(self, info: FrameInfo, raw: bytes, error: FrameError) -> BadFrame:
+        return self._report(
             info,
             raw,
-            cause,
-            segment=str(getattr(error, "segment", "")),
-            place=int(getattr(error, "offset", 0) or 0),
-            expected=str(getattr(error, "expected", "")),
-            found=str(getattr(error, "found", "")),
+            error.cause,
+            segment=error.segment,
+            place=error.offset,
+            expected=error.expected,
+            found=error.found,
             message=str(error),
         )
-        return Bad(bad, known_end)
+
+    def _bad(
+        self, info: FrameInfo, raw: bytes, cause: str, *, expected: str = "", found: str = "",
+        place: int = 0, known_end: bool = False,
+    ) -> Bad:  # fmt: skip
+        return Bad(partial(self._report, info, raw, cause, expected=expected, found=found, place=place), known_end)
 
     def _without_end(self, info: FrameInfo, start: int, end: int) -> Result:
         """A frame whose end is lost: the fewest bytes that show it, however many came at once."""
@@ -197,7 +219,7 @@ class Candidates:
         raw = bytes(self._stream.buffer[start:low])
         fault = self._stream.fault_in(start, low)
         if fault is not None:
-            return Bad(self._report(info, raw, fault.value, found="a damaged character"), False)
+            return self._bad(info, raw, fault.value, found="a damaged character")
         try:
             info.decode(raw, self._context)
         except EVALUATION_ERRORS as error:
@@ -206,7 +228,7 @@ class Candidates:
         return self._endless(info, raw)
 
     def _endless(self, info: FrameInfo, raw: bytes) -> Bad:
-        return Bad(self._report(info, raw, "length", expected="a findable end", found="none"), False)
+        return self._bad(info, raw, "length", expected="a findable end", found="none")
 
     def cut(self, info: FrameInfo, end: int) -> Bad:
         """A frame that fitted and was broken off before buffer index `end`."""
@@ -214,7 +236,7 @@ class Candidates:
         raw = bytes(self._stream.buffer[start:end])
         fault = self._stream.fault_in(start, end)
         cause = "cut" if fault is None else fault.value
-        return Bad(self._report(info, raw, cause, expected="more bytes", found="a pause", place=len(raw)), False)
+        return self._bad(info, raw, cause, expected="more bytes", found="a pause", place=len(raw))
 
     def _report(
         self, info: FrameInfo, raw: bytes, cause: str, *, segment: str = "", place: int = 0,

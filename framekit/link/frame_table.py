@@ -149,18 +149,32 @@ class FrameTable:
     ) -> FrameValue:
         """As `received`, for a frame that is known."""
         value = FrameValue(info.name, fields, raw, info.refuse if refusal is None else refusal)
-        if info.shape:
-            self._convert(info.shape, value, fields)
+        for kind, name, below in info.shape:
+            if kind == "inner":
+                self._take_inner(name, value, fields)
+            else:
+                self._convert(((kind, name, below),), value, fields)
         return value
+
+    def _take_inner(self, name: str, outer: FrameValue, fields: dict[str, Any]) -> None:
+        """The frame inside becomes a frame value; if it is to be refused, so is the one around it."""
+        found = fields.get(name)
+        if type(found) is dict and len(found) == 1:
+            ((frame, content),) = found.items()
+            info = self.infos.get(frame)
+            refusal = outer.refusal
+            if info is None or info.shape:
+                fields[name] = inner = self.received(frame, content, None, refusal)
+            else:  # the usual case, and the one that has to be quick
+                fields[name] = inner = FrameValue(frame, content, None, info.refuse if refusal is None else refusal)
+            if refusal is None:
+                outer.refusal = inner.refusal
 
     def _convert(self, shape: Shape, outer: FrameValue, fields: dict[str, Any]) -> None:
         for kind, name, below in shape:
             found = fields.get(name)
-            if kind == "inner" and type(found) is dict and len(found) == 1:
-                ((frame, content),) = found.items()
-                fields[name] = inner = self.received(frame, content, None, outer.refusal)
-                if outer.refusal is None:
-                    outer.refusal = inner.refusal
+            if kind == "inner":
+                self._take_inner(name, outer, fields)
             elif kind == "record" and type(found) is dict:
                 self._convert(below, outer, found)
             elif kind == "list" and type(found) is list:

@@ -6,6 +6,8 @@ escape nor the region's end. It knows no protocol, only the segments of a frame.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from framekit.definition.model.segments import Const, Field, Segment, Skip, Wrap
@@ -62,12 +64,14 @@ def plain_end(buffer: bytearray, position: int, end: int, escape: int) -> int | 
 class InsideFinder:
     """Looks through what is arriving for frames in the middle of others, every byte once."""
 
-    __slots__ = ("_names", "_places", "_rules")
+    __slots__ = ("_clear_to", "_marks", "_names", "_places", "_rules")
 
     def __init__(self, table: FrameTable, names: Names) -> None:
         self._names = names
         self._rules = inside_rules(table)
         self._places: dict[str, int] = {}
+        self._marks = marks_of(self._rules.values())
+        self._clear_to = 0
 
     def __bool__(self) -> bool:
         return bool(self._rules)
@@ -76,6 +80,24 @@ class InsideFinder:
         """The place in the stream has changed."""
         if self._places:
             self._places.clear()
+
+    def nothing_in(
+        self, stream: Stream, end: int, outer: FrameInfo, levels: tuple[tuple[FrameInfo, ...], tuple[FrameInfo, ...]]
+    ) -> bool:
+        """Whether there is surely no frame inside `outer`, which ends at buffer index `end`, nor inside a rival."""
+        for infos in levels:
+            for info in infos:
+                rule = None if info is outer else self._rules.get(info.name)
+                if rule is not None and rule.region(stream.buffer, stream.position, len(stream.buffer)) is not None:
+                    return False
+        if outer.name not in self._rules:
+            return True
+        if self._marks is None:
+            return False
+        if stream.base + end > self._clear_to:
+            found = self._marks.search(stream.buffer, max(stream.position, self._clear_to - 1 - stream.base))
+            self._clear_to = stream.base + (len(stream.buffer) if found is None else found.start())
+        return stream.base + end <= self._clear_to
 
     def end_for(self, outer: str, limit: int, base: int) -> int:
         """How far `outer` may be measured: not over what has not been looked through."""
@@ -112,11 +134,23 @@ class InsideFinder:
         for info in rule.frames:
             length = info.measure(stream.buffer, place, len(stream.buffer), self._names, 0)
             if length > 0:
+                self._clear_to = 0  # what is behind it moves up
                 return info, place, place + length
             if length < 0:
                 return None
         self._places[outer] = DONE
         return None
+
+
+def marks_of(rules: Iterable[InsideRule]) -> re.Pattern[bytes] | None:
+    """Matches the first two bytes of every frame that may stand inside another; None if they are not constants."""
+    starts = set()
+    for info in (info for rule in rules for info in rule.frames):
+        first = info.frame.segments[0]
+        if not isinstance(first, Const) or first.when is not None or len(first.data) < 2:
+            return None
+        starts.add(re.escape(first.data[:2]))
+    return re.compile(b"|".join(sorted(starts))) if starts else None
 
 
 def inside_rules(table: FrameTable) -> dict[str, InsideRule]:

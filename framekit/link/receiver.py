@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived, Noise
-from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, worse
+from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, Unfinished, worse
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import Codec, FrameInfo, FrameTable
@@ -105,8 +106,7 @@ class Receiver(Recovery):
         interest = self._interest
         if interest.expected is not expected or interest.others is not others:
             interest = self._interest_of(expected, others)
-        if self._scope is not None and self._scope.version != self._version:
-            self._version = self._scope.version
+        if self._candidates.said and self._scope is not None and self._scope.version != self._version:
             self._candidates.forget()
         stream = self.stream
         if stream.position >= len(stream.buffer) and not self._noise.data and not self._skipping:
@@ -116,6 +116,8 @@ class Receiver(Recovery):
         usual = self._at_once(interest)
         if usual is not None:
             return usual
+        if self._scope is not None:
+            self._version = self._scope.version
         while True:
             found = self._look(interest)
             if not isinstance(found, Again):
@@ -164,15 +166,22 @@ class Receiver(Recovery):
     def _at_once(self, interest: Interest) -> FrameArrived | None:
         """The usual case: nothing strange has happened, and a frame is there whole. Else None; nothing is changed."""
         stream = self.stream
-        if self._noise.data or self._skipping or self._inside is not None or self._candidates.said:
-            return None
-        if stream.pauses or stream.faults or self._now != stream.last:
+        if self._noise.data or self._skipping or self._now != stream.last or stream.pauses or stream.faults:
             return None
         buffer, position, names = stream.buffer, stream.position, self._names
         end, whole = len(buffer), []
+        said = self._candidates.said
         try:
-            for info in interest.at(buffer[position])[0]:
-                length = info.measure(buffer, position, end, names)
+            for info in interest.likely(buffer, position):
+                seen = 0
+                if said:
+                    before = said.get(info.name)
+                    if type(before) is not Unfinished or before.silent:
+                        return None
+                    if end - position < before.wanted:
+                        continue
+                    seen = before.seen
+                length = info.measure(buffer, position, end, names, seen)
                 if length > 0:
                     whole.append((length, info))
         except EVALUATION_ERRORS:
@@ -183,17 +192,24 @@ class Receiver(Recovery):
             raw = bytes(buffer[position : position + size])
             if len(whole) > 1 and info.intact is not None and not info.intact(raw):
                 continue
+            if self._inside is not None and not self._inside.nothing_in(
+                stream, position + size, info, interest.at(buffer[position])
+            ):
+                return None
             try:
                 fields = info.decode(raw, names)
-            except EVALUATION_ERRORS as error:
-                if getattr(error, "cause", None) is None or getattr(error, "refuse", None) is not None:
+            except FrameError as error:
+                if error.refuse is not None:
                     return None
                 continue
+            except EVALUATION_ERRORS:
+                return None
             self._given = size
             self._declined.append(info.name)
             value = self.table.received_as(info, fields, raw, None)
             started = stream.time_of(position)
-            return FrameArrived(value, raw, stream.offset, started, stream.time_of(position + size - 1))
+            ended = started if stream.came_at_once else stream.time_of(position + size - 1)
+            return FrameArrived(value, raw, stream.offset, started, ended)
         return None
 
     def _look(self, interest: Interest) -> Arrival | Again | None:
@@ -276,9 +292,11 @@ class Receiver(Recovery):
 
     def _use(self) -> None:
         """Goes on behind what was handed over last."""
-        count, self._given = self._given, 0
+        self.stream.position += self._given
+        self._given = 0
         self._declined.clear()
-        self._move(count)
+        if self._candidates.said or self._inside is not None:
+            self._moved()
 
     def _moved(self) -> None:
         self._candidates.forget()

@@ -51,13 +51,14 @@ class Recovery:
 
     def _bad(self, worst: Bad) -> Arrival | Again | None:
         """Reports a bad frame once; bad frames that begin inside one that has been reported are not new ones."""
-        stream, bad = self.stream, worst.bad
+        stream = self.stream
         start = stream.base + stream.position
         if start < self._bad_until:
             return self._unusable()
         before = self._noise_before()
         if before is not None:
             return before
+        bad = worst.bad
         size = len(bad.raw)
         self._bad_until = start + size
         mode = self._rules.resync

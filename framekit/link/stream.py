@@ -79,6 +79,11 @@ class Stream:
             return
         self.position = 0
 
+    @property
+    def came_at_once(self) -> bool:
+        """Whether all bytes of the buffer came with one call."""
+        return len(self._times) == 1
+
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
         times = self._times

@@ -8,7 +8,7 @@ from framekit.codec.python.function import Function
 from framekit.codec.python.module import Module
 from framekit.codec.python.nested import Reader
 from framekit.codec.python.places import Fields
-from framekit.codec.python.source import Source, bytes_literal
+from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Const, Segment
 
@@ -40,9 +40,11 @@ def write_decoder(
             out.add(f"{local} = {module.given(context)}")
         with out.block("try:"):
             out.extend(function.out)
-        examine = f"examine_{identifier}(data, ctx).error({name!r})".replace("'", '"')
         with out.block("except MISFITS:"):
-            out.add(f"raise {examine} from None")
+            if module.shapes.may_refuse(segments):
+                out.add(f"raise examine_{identifier}(data, ctx).error({quoted(name)}) from None")
+            else:
+                out.add(f"raise Misread({quoted(name)}, examine_{identifier}, data, ctx) from None")
         out.add(f"return {result}")
     return out
 

@@ -150,7 +150,7 @@ class ModuleWriter:
         imports |= self.module.imports
         out.lines += ["from __future__ import annotations", "", *_sorted_imports(imports)]
         if not self.standalone:
-            out.lines += ["", "from framekit.codec.errors import EncodeError, FrameError"]
+            out.lines += ["", "from framekit.codec.errors import EncodeError, FrameError, Misread"]
         return out
 
     def _usage(self) -> list[str]:
@@ -175,7 +175,7 @@ class ModuleWriter:
         out.add("LOST = QUIET - 1")
         out.add("")
         if self.standalone:
-            for error in (errors.FrameError, errors.EncodeError):
+            for error in (errors.FrameError, errors.Misread, errors.EncodeError):
                 out.lines += ["", *inspect.getsource(error).rstrip().splitlines(), ""]
         out.lines += ["", *self.module.source_of("Defaults").rstrip().splitlines(), "", ""]
         values = default_values(self.protocol, self.module.context)

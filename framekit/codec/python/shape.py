@@ -30,7 +30,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.visit import expressions_of, parts_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +100,21 @@ class Shapes:
         else:
             return frame.segments
         return (*frame.head, *frame.body, room, *frame.tail)
+
+    def may_refuse(self, segments: tuple[Segment, ...]) -> bool:
+        """Whether a fault here, or in a frame inside, is one that is answered with a refusal."""
+        known: set[str] = set()
+        wanted = [segments]
+        while wanted:
+            here = wanted.pop()
+            if any(part.refuse is not None for part in parts_of(here, Segment)):
+                return True
+            inner = {name for part in parts_of(here, Inner) for name in part.frames} - known
+            if any(self.frames[name].refuse is not None for name in inner):
+                return True
+            known |= inner
+            wanted += [self.frames[name].segments for name in inner]
+        return False
 
     def all(self, segments: Iterable[Segment]) -> Sizes:
         segments = tuple(segments)
