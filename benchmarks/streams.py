@@ -101,7 +101,7 @@ class Sample:
 
 
 def sample(kind: Kind, size: int) -> Sample:
-    """About `size` bytes of the kind's frames, one as often as the other, with runs of 1 to 8 bytes of noise between."""
+    """About `size` bytes of the kind's frames, one as often as the other, with 1 to 8 bytes of noise at times."""
     choose, codec = random.Random(0), kind.codec
     made = []
     for _ in range(2000):

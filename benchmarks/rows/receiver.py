@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from benchmarks.measure import Timing, compare_once
 from benchmarks.row import Row, Target, slower
 from benchmarks.streams import KINDS, Kind, Sample, sample
+from framekit.definition.times import LineFormat
 from framekit.link.arrivals import FrameArrived
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
-from framekit.definition.times import LineFormat
 
 NAME = "Receiver on a stream with 1 % noise"
 TARGET = "10 MB in random pieces: ≤ 2 × one decode call per ready-cut frame; linear from 1 to 100 MB"
@@ -60,7 +61,7 @@ def _decode(kind: Kind, stream: Sample) -> None:
 def _growth(kind: Kind) -> list[Row]:
     """Time a byte at 10 and 100 MB, as multiples of that at 1 MB."""
     streams = {size: sample(kind, size * MILLION) for size in (1, 10, 100)}
-    found = compare_once({str(size): (lambda it=it: receive(kind, it)) for size, it in streams.items()}, 3)
+    found = compare_once({str(size): partial(receive, kind, stream) for size, stream in streams.items()}, 3)
     each = {size: Timing(tuple(it / size for it in found[str(size)].rounds)) for size in streams}
     names = {size: f"{kind.name}: {size} MB, time a byte" for size in (10, 100)}
     return [slower(names[size], "1 MB", each[size], each[1], LINEAR, 1e3) for size in (10, 100)]
