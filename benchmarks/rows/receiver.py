@@ -23,7 +23,7 @@ CHARACTER = 500_000
 
 
 def run(rounds: int) -> list[Row]:
-    rows = [_against_decode(kind, min(rounds, 5)) for kind in KINDS]
+    rows = [_against_decode(kind, min(rounds, 3)) for kind in KINDS]
     return rows + _growth(KINDS[0])
 
 
@@ -61,7 +61,7 @@ def _decode(kind: Kind, stream: Sample) -> None:
 def _growth(kind: Kind) -> list[Row]:
     """Time a byte at 10 and 100 MB, as multiples of that at 1 MB."""
     streams = {size: sample(kind, size * MILLION) for size in (1, 10, 100)}
-    found = compare_once({str(size): partial(receive, kind, stream) for size, stream in streams.items()}, 3)
+    found = compare_once({str(size): partial(receive, kind, stream) for size, stream in streams.items()}, 1)
     each = {size: Timing(tuple(it / size for it in found[str(size)].rounds)) for size in streams}
     names = {size: f"{kind.name}: {size} MB, time a byte" for size in (10, 100)}
     return [slower(names[size], "1 MB", each[size], each[1], LINEAR, 1e3) for size in (10, 100)]
