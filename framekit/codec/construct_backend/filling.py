@@ -156,7 +156,7 @@ class Filling(Mapping[str, Any]):
         for name, value in self.given.items():
             if not self.is_there(name):
                 try:
-                    owner = self._owner(name)
+                    owner = self._meant(self.plan.values[name], name).construct
                 except Absent:
                     raise self.error(name, f"'{name}' is not part of this frame, but {value!r} is given") from None
                 owner.refuse_absent(self, name)
