@@ -132,8 +132,12 @@ class BackwardRow:
             return None
         for name, value in binding.values.items():
             names.setdefault(name, value)
+        if "text" in self._back:
+            names["unit"] = unit
+        if "memory" in self._back:
+            names["own_bytes"] = self.areas.own_bytes(str(self._evaluated(self._back["memory"], names)))
         for name, evaluate in self._back.items():
-            if name not in ("area", "memory"):
+            if name not in ("area", "memory", "text"):
                 names[name] = self._evaluated(evaluate, names)
         self._bind(binding, names)
         if "unit" in names:
@@ -163,6 +167,9 @@ class BackwardRow:
     def _area(self, binding: Binding, names: Names) -> tuple[str | None, str | None]:
         """Area and unit that the request names: by `back`, by text, by code, or because the row is for one area."""
         row, values = self.facts.row, binding.values
+        if "text" in self._back:
+            binding.values["text"] = self._evaluated(self._back["text"], Names(values, names))
+            return self._by_text(binding)
         if "text" in values and "text" not in self._arguments:
             return self._by_text(binding)
         if "area" in self._back:

@@ -238,10 +238,16 @@ class Client:
             run = None if plan.facts.run is None else plan.facts.run(offered)
         except EVALUATION_ERRORS as error:
             raise ServiceError(f"the request of row '{plan.facts.row.name}' cannot be made: {error}") from None
-        return Prepared(row, pieces, offered, run, names["station"], request, buffer)
+        arguments = self._arguments(run, offered) if pieces and request is None else {}
+        return Prepared(row, pieces, offered, run, names["station"], request, buffer, arguments)
 
     def _job(self, prepared: Prepared) -> Job:
         return Job(prepared.exchange(), prepared.pieces, partial(self._judge, prepared))
+
+    def _arguments(self, run: Any, offered: Names) -> dict[str, Any]:
+        """What a procedure that carries a transfer takes of the names of its row."""
+        sequence = self.shared.protocol.sequences.get(str(run))
+        return {} if sequence is None else {name: offered[name] for name in sequence.takes if name in offered}
 
     def _offered(self, plan: Plan, pieces: tuple[Piece, ...], names: Names) -> Names:
         if not pieces:
@@ -267,6 +273,8 @@ class Client:
             if not pieces:
                 blocks = row.reply.blocks(outcome, asked.names)
                 return Answer(gives={"data": blocks} if blocks and not row.gives else gives)
+            if row.request is None:
+                return Answer(gives=gives)  # a procedure that wrote
             data = row.reply.data(outcome, pieces, asked.names)
             if row.facts.row.service == "read" and len(data) != len(pieces):
                 raise UnfitReplyError("the reply brings no data")

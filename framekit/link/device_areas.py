@@ -78,6 +78,10 @@ class DeviceAreas:
         own = self.memory.area(memory).unit
         return Span(None, memory, own if unit in (None, OWN) else str(unit), start, count)
 
+    def own_bytes(self, memory: str) -> int:
+        """Bytes of one element of a memory area; 0 of bits. Raises UnknownAreaError."""
+        return unit_bits(self.memory.area(memory).unit) // 8
+
     # ---- judging ------------------------------------------------------------------------------------------
 
     def check(self, span: Span, *, write: bool) -> None:

@@ -24,13 +24,13 @@ class Packer:
     `data` is what stands in the frame, `memory` the same elements in memory's form.
     """
 
-    __slots__ = ("bits", "bits_form", "little", "unit")
+    __slots__ = ("bits", "bits_form", "order", "unit")
 
     def __init__(self, packing: Packing, unit: str) -> None:
         self.unit = unit
         self.bits = unit_bits(unit)
         self.bits_form = packing.bits
-        self.little = packing.order == "little"
+        self.order = packing.order
 
     def size(self, start: int, count: int) -> int:
         """Data bytes that `count` elements from `start` on take."""
@@ -60,7 +60,7 @@ class Packer:
     def to_data(self, memory: bytes, start: int, count: int) -> bytes:
         """The data bytes of elements in memory's form."""
         if self.bits > 8:
-            return memory if self.little else self._swapped(memory)
+            return self._ordered(memory)
         if self.bits == 8 or self.bits_form == "packed":
             return memory
         if self.bits_form == "byte_each":
@@ -77,7 +77,7 @@ class Packer:
         if len(data) != wanted:
             raise PackingError(f"{count} × {self.unit} take {wanted} bytes, not {len(data)}")
         if self.bits > 8:
-            return data if self.little else self._swapped(data)
+            return self._ordered(data)
         if self.bits == 8:
             return data
         if self.bits_form == "byte_each":
@@ -85,7 +85,16 @@ class Packer:
         number = int.from_bytes(data, "little") >> (start % 8 if self.bits_form == "aligned" else 0)
         return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
 
-    def _swapped(self, data: bytes) -> bytes:
+    def _ordered(self, data: bytes) -> bytes:
+        """From little-endian elements to the order on the wire, and back: every order is its own reverse."""
+        if self.order == "little":
+            return data
+        swapped = swap(data, 2) if self.order == "BADC" else data
+        if self.order == "CDAB":
+            return swap(data, 2)
+        return self._reversed(swapped)
+
+    def _reversed(self, data: bytes) -> bytes:
         size = self.bits // 8
         if size in (2, 4, 8):
             return swap(data, size)

@@ -5,8 +5,8 @@ A read that depends on nothing but its own arguments and settings is worked out 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from framekit.definition.model.values import FrameOf, LayoutOf
@@ -51,6 +51,7 @@ class Prepared:
     station: Any
     request: FrameValue | None
     buffer: bytes
+    arguments: Mapping[str, Any] = field(default_factory=dict)
 
     def exchange(self) -> Exchange:
         """A new one to start."""
@@ -61,6 +62,7 @@ class Prepared:
             buffer=self.buffer,
             expected=self.row.reply.expected,
             outside_session=self.row.facts.row.outside_session,
+            arguments=self.arguments,
         )
 
 

@@ -32,7 +32,7 @@ ONLY_THERE = {
 
 OFFERED = frozenset({
     "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
-    "element_bytes", "spans", "old", "key", "entry",
+    "element_bytes", "own_bytes", "spans", "old", "key", "entry",
 })  # fmt: skip
 IN_BLOCKS = frozenset({
     "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",

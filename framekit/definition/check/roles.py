@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from framekit.definition.check.actions import actions_of
+from framekit.definition.check.addresses import parts_in
+from framekit.definition.check.names import OFFERED
 from framekit.definition.expression.syntax import Text, walk
 from framekit.definition.model.procedure import Lane, Role, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
@@ -86,9 +88,14 @@ def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
 
 
 def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
-    """The arguments that every service which runs a sequence takes, and so hands to it."""
+    """The arguments that every service which runs a sequence takes, and so hands to it.
+
+    Rows of read and write without a request hand over the names they have of the place and the data.
+    """
+    places = {*OFFERED, *(name for form in protocol.addresses for name in form.results)}
+    places |= {part.name for form in protocol.addresses for part in parts_in(form)}
     given = [
-        {argument.name for argument in row.takes}
+        places if row.service in ("read", "write") and row.request is None else {argument.name for argument in row.takes}
         for rows in protocol.services.values()
         for row in rows
         if row.run is not None and any(isinstance(node, Text) and node.value == sequence for node in walk(row.run.root))

@@ -88,9 +88,9 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
-    """How elements stand in the data bytes: byte order of one unit, and the form of bits."""
+    """How elements stand in the data bytes: byte order of one unit (as of fields), and the form of bits."""
 
-    order: Literal["big", "little"] = "little"
+    order: Literal["big", "little", "BADC", "CDAB"] = "little"
     bits: Literal["packed", "aligned", "byte_each"] = "packed"
 
 
