@@ -95,7 +95,9 @@ def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
     places = {*OFFERED, *(name for form in protocol.addresses for name in form.results)}
     places |= {part.name for form in protocol.addresses for part in parts_in(form)}
     given = [
-        places if row.service in ("read", "write") and row.request is None else {argument.name for argument in row.takes}
+        places
+        if row.service in ("read", "write") and row.request is None
+        else {argument.name for argument in row.takes}
         for rows in protocol.services.values()
         for row in rows
         if row.run is not None and any(isinstance(node, Text) and node.value == sequence for node in walk(row.run.root))
