@@ -260,6 +260,12 @@ def test_any_error_is_on_while_one_slot_shows_one() -> None:
         (Failure(outcome="closed"), 0x9690, (9, 13, 16, 18), False),
         (Failure(outcome="no_reply"), 0x9790, (9, 13, 16, 18), False),
         (Failure(outcome="unfit_reply"), 0x9D90, (9, 13, 16, 18), False),
+        (Failure(outcome="no_connect_response"), 0x9890, (9, 13, 16, 18), False),
+        (Failure(outcome="no_session_response"), 0x9A90, (9, 13, 16, 18), False),
+        (Failure(outcome="session_denied"), 0x9B90, (9, 13, 16, 18), False),
+        (Failure(outcome="out_of_order"), 0x9C90, (9, 13, 16, 18), False),
+        (Failure(outcome="error_pdu", device_code=0x1132), 0x3211, (9, 13, 16, 17, 18), False),
+        (Failure(outcome="not_allowed"), 0x008B, (9, 13, 16, 18), False),
         (Failure(outcome="queue_full"), 0x9590, (9, 13, 14, 16, 18), True),
     ],
 )

@@ -10,28 +10,9 @@ from job_bench import MS, SECOND, Bench
 
 from framekit.blocks.load import load_run
 from framekit.cli.check_verb import check_file
-from framekit.codec import codec
-from framekit.codec.python.generate import generate_source
-from framekit.definition.model.protocol import Protocol
 
 SAMPLES = Path(__file__).parents[2] / "examples" / "ge-channels"
 DELAY = "faults: {{rules: [{{fault: delay, time: {time}, frame: reply_pdu{more}}}]}}\n"
-
-
-_sources: dict[frozenset[str], str] = {}
-
-
-@pytest.fixture(autouse=True)
-def generated_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All devices here have the same frames: their code is generated once, not once a device and test."""
-
-    def cached(protocol: Protocol, *, standalone: bool) -> str:
-        key = frozenset(protocol.frames)
-        if key not in _sources:
-            _sources[key] = generate_source(protocol, standalone=standalone)
-        return _sources[key]
-
-    monkeypatch.setattr(codec, "generate_source", cached)
 
 
 @pytest.fixture
@@ -107,11 +88,12 @@ def test_a_read_and_a_write_take_turns(folder: Path) -> None:
 
 def test_the_connection_is_made_once(folder: Path) -> None:
     """Lesson 13: single transfers one after the other keep their connection (spec 3.2)."""
-    frames: list[str] = []
+    connects: list[object] = []
     at_work = Sample(folder / "lanrdwt.run.yaml")
-    at_work.service.channels[1].engine.machine.monitor = lambda seen: frames.append(getattr(seen, "frame", "") or "")
+    engine = at_work.service.channels[1].engine
+    engine.machine.monitor = lambda seen: connects.append(seen) if seen.raw == bytes(56) else None
     at_work.run(3000)
-    assert at_work.counts(1)[1] > 100 and at_work.service.channels[1].driver.reopenings == 0
+    assert at_work.counts(1)[1] > 100 and len(connects) == 1
 
 
 def test_an_error_repeats_its_own_step(folder: Path) -> None:
