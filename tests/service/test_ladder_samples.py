@@ -4,15 +4,35 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import CodeType
 
 import pytest
 from job_bench import MS, SECOND, Bench
 
 from framekit.blocks.load import load_run
 from framekit.cli.check_verb import check_file
+from framekit.codec import codec
+from framekit.definition.model.protocol import Protocol
 
 SAMPLES = Path(__file__).parents[2] / "examples" / "ge-channels"
 DELAY = "faults: {{rules: [{{fault: delay, time: {time}, frame: reply_pdu{more}}}]}}\n"
+
+
+_codes: dict[frozenset[str], CodeType] = {}
+
+
+@pytest.fixture(autouse=True)
+def compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All PLCs here have the same frames: these are compiled once, not once a device and test."""
+    compiled = codec.code_of
+
+    def code_of(protocol: Protocol) -> CodeType:
+        key = frozenset(protocol.frames)
+        if key not in _codes:
+            _codes[key] = compiled(protocol)
+        return _codes[key]
+
+    monkeypatch.setattr(codec, "code_of", code_of)
 
 
 @pytest.fixture
