@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, overload
 
 from framekit.api.async_line import OPEN_WITHIN, AsyncLine, frame_of
-from framekit.api.errors import RequestError, raise_for
+from framekit.api.errors import LineClosedError, RequestError, raise_for
 from framekit.api.results import Answer, Reading
-from framekit.api.settings import ProtocolGiven, checked_params, line_settings, protocol_of
+from framekit.api.settings import LineSettings, ProtocolGiven, checked_params, line_settings, protocol_of
 from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.blocks.device import memory_of
@@ -31,6 +31,12 @@ class AsyncClient(AsyncLine):
     It belongs to the loop in which it was opened; its tasks may call it side by side. A call that is cancelled leaves
     the line in order: what was asked is waited for and dropped before the next request goes out.
     """
+
+    def __init__(
+        self, settings: LineSettings, *, open_within: float = OPEN_WITHIN, monitor: Callable[[Seen], None] | None = None
+    ) -> None:
+        super().__init__(settings, open_within=open_within, monitor=monitor)
+        self._command_turn = asyncio.Lock()
 
     # ---- reading ------------------------------------------------------------------------------------------
 
@@ -183,20 +189,28 @@ class AsyncClient(AsyncLine):
     async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
         """Carries out the command block that begins with these bytes; how it ended, failures too.
 
-        Raises RequestError where requests need a number of the own side, LineClosedError.
+        One is carried out after the other, whoever asks: each finds the memory as those before have left it. Raises
+        RequestError where requests need a number of the own side, LineClosedError.
         """
-        service = self._working()
         if self.settings.own is None and needs_own(self.settings.protocol):
             raise RequestError(
                 f"requests of '{self.settings.protocol.name}' name the asking side – say its number as own"
             )
         future: asyncio.Future[CommandEnd] = asyncio.get_running_loop().create_future()
         station = self.settings.station
+        turn = self._command_turn
 
         def ended(end: CommandEnd) -> None:
+            turn.release()
             if not future.done():
                 future.set_result(end)
 
+        await turn.acquire()
+        try:
+            service = self._working()
+        except LineClosedError:
+            turn.release()
+            raise
         service.driver.do(lambda now: blocks.start(words, station, now, ended))
         return await future
 

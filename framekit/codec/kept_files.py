@@ -15,6 +15,9 @@ from pathlib import Path
 MOST_FILES = 64
 """So many files are kept; the oldest go."""
 
+SUFFIX = ".framekit"
+"""How files of the cache end: no others are ever removed, whatever folder somebody has named."""
+
 
 def cache_folder() -> Path | None:
     """The folder for framekit's files, made if need be; None where there is none that this user alone can write.
@@ -50,24 +53,29 @@ def _is_own(found: os.stat_result, kind: object) -> bool:
 
 
 def read_kept(folder: Path, name: str) -> bytes | None:
-    """The content of a file; None if there is none, or one that somebody else may have written."""
+    """The content of a file; None if there is none that can be read, or one that somebody else may have written."""
     try:
-        descriptor = os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        descriptor = os.open(folder / (name + SUFFIX), os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        try:
+            if not _is_own(os.fstat(descriptor), stat.S_ISREG):
+                return None
+            with open(descriptor, "rb", closefd=False) as file:
+                return file.read()
+        finally:
+            os.close(descriptor)
     except OSError:
         return None
-    with open(descriptor, "rb") as file:
-        return file.read() if _is_own(os.fstat(descriptor), stat.S_ISREG) else None
 
 
 def keep(folder: Path, name: str, data: bytes) -> None:
     """Writes a file, whole or not at all; a cache that cannot be written is none."""
-    temporary = folder / f"{name}.{os.getpid()}.new"
+    temporary = folder / f"{name}.{os.getpid()}.new{SUFFIX}"
     with contextlib.suppress(OSError):
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
         try:
             with open(descriptor, "wb") as file:
                 file.write(data)
-            temporary.replace(folder / name)
+            temporary.replace(folder / (name + SUFFIX))
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
@@ -75,6 +83,6 @@ def keep(folder: Path, name: str, data: bytes) -> None:
 
 
 def _drop_oldest(folder: Path) -> None:
-    files = sorted((file for file in folder.iterdir() if file.is_file()), key=lambda file: -file.lstat().st_mtime_ns)
+    files = sorted(folder.glob(f"*{SUFFIX}"), key=lambda file: -file.lstat().st_mtime_ns)
     for file in files[MOST_FILES:]:
         file.unlink(missing_ok=True)

@@ -6,7 +6,7 @@ It knows no sequences and no wire; the time is told to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -51,7 +51,8 @@ class Scope(Names):
     """
 
     __slots__ = (
-        "_cache", "_changes", "_fits", "_lasting", "clock", "device", "line", "now", "protocol", "settings",
+        "_beneath", "_cache", "_changes", "_fits", "_lasting", "_overrides", "clock", "device", "line", "now",
+        "protocol", "settings",
     )  # fmt: skip
 
     def __init__(
@@ -73,6 +74,8 @@ class Scope(Names):
         self.now = now
         self._changes = 0
         self.settings = 0
+        self._overrides: list[dict[str, Any]] = []
+        self._beneath: dict[str, Any] = {}
         if self.device.clock is None:
             self.device.clock = Clock(now, clock_start)
         self.clock = self.device.clock
@@ -191,24 +194,37 @@ class Scope(Names):
             self._put(name, fit_of(parameter.type)(value))
 
     def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
-        """Gives parameters other values for a while; what it returns gives them back. Raises ParameterError."""
-        before = {name: self[name] for name in given if name in self.keys()}
+        """Gives parameters other values for a while; what it returns gives them back, in whatever order others do.
+
+        Raises ParameterError; then nothing has changed.
+        """
+        layer: dict[str, Any] = {}
         for name, value in given.items():
             taken = given_value(self.protocol.params[name], value)
-            self[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
-        self._changes += 1
-        self.settings += 1
+            layer[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
+        for name in layer:
+            if not any(name in other for other in self._overrides):
+                self._beneath[name] = dict.get(self, name, _NOT_THERE)
+        self._overrides.append(layer)
+        self._overridden(layer)
 
         def back() -> None:
-            for name in given:
-                if name in before:
-                    self[name] = before[name]
-                else:
-                    self.pop(name, None)
-            self._changes += 1
-            self.settings += 1
+            self._overrides[:] = [other for other in self._overrides if other is not layer]
+            self._overridden(layer)
 
         return back
+
+    def _overridden(self, names: Iterable[str]) -> None:
+        """Each of these parameters has the value that was given last, or its own again."""
+        for name in names:
+            given = [layer[name] for layer in self._overrides if name in layer]
+            value = given[-1] if given else self._beneath.pop(name)
+            if value is _NOT_THERE:
+                self.pop(name, None)
+            else:
+                self[name] = value
+        self._changes += 1
+        self.settings += 1
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
         """Sets an entry of a table, an item of a list or a field of a record variable."""
@@ -250,6 +266,7 @@ def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable
 
 
 _CHANGING = frozenset({"memory", "empty", "full", "with_date"})
+_NOT_THERE = object()
 _OF_EXCHANGES = frozenset({"request", "reply", "buffer"})
 
 

@@ -167,7 +167,9 @@ class JobService:
         self._wake()
 
     def _join(self, attempt: Attempt, number: int | None) -> None:
-        """The job uses a channel; one that is not open is opened now."""
+        """The job uses a channel; one that is not open is opened now. Of a job that is no more nothing is known."""
+        if not self.table.awaits(attempt):
+            return
         channel = None if number is None else self.channels.get(number)
         if channel is None or number is None:
             self._no_way(attempt, "no_channel")

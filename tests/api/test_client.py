@@ -363,6 +363,37 @@ def test_tasks_side_by_side_and_opening_by_await(simulated: str) -> None:
     asyncio.run(asyncio.wait_for(scenario(), 20))
 
 
+def test_commands_side_by_side_are_carried_out_one_after_the_other(tmp_path: Path) -> None:
+    device = "device: five\nprotocol: ccm\nstation: 5\nmemory: {set: {'%R101': [11, 22, 33]}}\n"
+    (tmp_path / "five.device.yaml").write_text(device, encoding="utf-8")
+
+    async def scenario() -> None:
+        async with framekit.aconnect("ccm", f"sim:{tmp_path / 'five.device.yaml'}", own=1) as client:
+            blocks = client.command_blocks()
+
+            def command(request: str, number: int, **fields: int) -> bytes:
+                return blocks.words.make(request, {"command": number, **fields}, {})
+
+            there = {"target": 5, "type": 1, "count": 3}
+            read, back = dict(there, address=101, here=200), dict(there, address=201, here=300)
+            write = dict(there, address=201, here=200)
+            ends = await asyncio.gather(
+                client.command(blocks, command("ccm_read", 6101, **read)),
+                client.command(blocks, command("ccm_write", 6111, **write)),
+                client.command(blocks, command("ccm_read", 6101, **back)),
+            )
+            assert [end.status for end in ends] == [1, 1, 1]
+            assert blocks.areas.memory.read("R", "word", 299, 3) == [11, 22, 33]
+            waiting = [asyncio.create_task(client.command(blocks, command("ccm_read", 6101, **read))) for _ in range(2)]
+            await asyncio.sleep(0)
+            waiting[0].cancel()
+            client.close_now()
+            with pytest.raises(ConnectionError, match="it was closed"):
+                await waiting[1]
+
+    asyncio.run(asyncio.wait_for(scenario(), 20))
+
+
 # ---- sessions ---------------------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ import shipped
 
 from framekit.codec import stored
 from framekit.codec.codec import compile_protocol
-from framekit.codec.kept_files import MOST_FILES, cache_folder, keep, read_kept
+from framekit.codec.kept_files import MOST_FILES, SUFFIX, cache_folder, keep, read_kept
 from framekit.codec.stored import StoredCodec, stored_codec
 from framekit.definition.load import load_protocol
 from framekit.link.fitting import candidates, of_side
@@ -152,8 +152,26 @@ def test_the_oldest_files_go(cache: Path) -> None:
     assert folder == cache
     for number in range(MOST_FILES + 3):
         keep(folder, f"{number}", b"data")
-        os.utime(folder / f"{number}", ns=(number, number))
+        os.utime(folder / f"{number}{SUFFIX}", ns=(number, number))
     keep(folder, "last", b"data")
     assert len(list(folder.iterdir())) == MOST_FILES
     assert read_kept(folder, "0") is None
     assert read_kept(folder, "last") == b"data"
+
+
+def test_files_of_others_in_the_folder_stay(cache: Path) -> None:
+    folder = cache_folder()
+    assert folder is not None
+    letter = folder / "letter.txt"
+    letter.write_text("not ours", encoding="utf-8")
+    os.utime(letter, ns=(0, 0))
+    for number in range(MOST_FILES + 3):
+        keep(folder, f"{number}", b"data")
+    assert letter.read_text(encoding="utf-8") == "not ours"
+
+
+def test_a_folder_in_the_place_of_a_file_is_nothing_kept(cache: Path) -> None:
+    folder = cache_folder()
+    assert folder is not None
+    (folder / f"one{SUFFIX}").mkdir(mode=0o700)
+    assert read_kept(folder, "one") is None

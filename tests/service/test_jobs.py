@@ -149,6 +149,18 @@ def test_a_job_that_is_aborted_while_its_host_is_looked_up(tmp_path: Path) -> No
     assert (at_work.word("D", 10), at_work.word("D", 11), at_work.word("D", 1)) == (0x9790, 1, 0)
 
 
+def test_an_answer_for_a_job_that_is_no_more_leads_the_next_one_nowhere(tmp_path: Path) -> None:
+    head = HEAD.replace("host: near, enabled: no", "host: near")
+    blocks = """
+  0: {job: 1, read: "40001", into: D1, host: slow.example, status: D10, once: yes}
+  1: {job: 1, read: "40001", into: D1, channel: 2, every: 100 ms, status: D11, after: 2 ms}
+"""
+    at_work = run(tmp_path, blocks, head, names={"slow.example": ["3.0.0.2"]})
+    at_work.run(1000)
+    assert (at_work.word("D", 10), at_work.word("D", 11)) == (0x9790, 1)
+    assert at_work.word("D", 1) == 21, "what the second job reads on its own channel"
+
+
 def test_an_error_of_the_device_goes_on_and_comes_back(tmp_path: Path) -> None:
     at_work = run(tmp_path, '  0: {job: 3, read: "49999", into: D1, host: FAR, every: 100 ms, status: D10, once: yes}')
     at_work.run(550)

@@ -177,10 +177,15 @@ class JobTable:
 
     # ---- connections --------------------------------------------------------------------------------------
 
+    def awaits(self, attempt: Attempt) -> bool:
+        """Whether a connection is still wanted: not any more once its job has ended, or another one took its slot."""
+        slot = self.slots[attempt.slot]
+        return slot.attempt is attempt and slot.state is State.CONNECTING
+
     def connected(self, attempt: Attempt, now: int) -> None:
         """There is a way to the host: the first transfer begins."""
         slot = self.slots[attempt.slot]
-        if slot.attempt is attempt and slot.state is State.CONNECTING:
+        if self.awaits(attempt):
             slot.connect_by = NEVER
             self._begin(slot)
 
@@ -189,9 +194,9 @@ class JobTable:
 
         Its error bit stays as it is: that is for errors of jobs that were under way.
         """
-        slot = self.slots[attempt.slot]
-        if slot.attempt is not attempt or slot.state is not State.CONNECTING:
+        if not self.awaits(attempt):
             return
+        slot = self.slots[attempt.slot]
         slot.word = word = self.profile.words[reason]
         slot.last_error = now
         slot.counters.ended += 1
