@@ -87,3 +87,24 @@ def test_sum_of_all_bytes(wrong: int, theory: float) -> None:
         taken += 1
     measured = taken / TRIES
     assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
+
+
+@pytest.mark.parametrize("damage", ["swapped", "inserted", "removed"])
+def test_what_a_sum_of_all_bytes_never_sees(damage: str) -> None:
+    """Two bytes that change places and bytes of 0 that come or go leave the sum as it is."""
+    codec = compile_protocol(load_protocol("df1"))
+    names = Names({"check_kind": "bcc", "max_packet": 250})
+    packet = {"reply": {"dst": 0, "src": 1, "cmd": 15, "tns": 7, "data": bytes(range(0x20, 0x40)) + bytes(4)}}
+    data = bytearray(codec.encode("message", {"packet": packet}, names))
+    if damage == "swapped":
+        data[10], data[20] = data[20], data[10]
+    elif damage == "inserted":
+        data.insert(12, 0)
+    else:
+        del data[data.index(b"\x3f\0") + 1]
+    taken = codec.decode("message", bytes(data), names)
+    assert taken["packet"]["reply"]["data"] != packet["reply"]["data"]
+    crc = codec.encode("message", {"packet": packet}, Names({"check_kind": "crc", "max_packet": 250}))
+    damaged = bytes(data[:-1]) + crc[-2:]
+    with pytest.raises(FrameError):
+        codec.decode("message", damaged, Names({"check_kind": "crc", "max_packet": 250}))

@@ -142,3 +142,30 @@ def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> 
         repeated = [one for one, other in zip(station.executed, station.executed[1:], strict=False) if one == other]
         assert repeated == [], "a message that was repeated is delivered once"
     assert damage.hit > EXCHANGES / 100
+
+
+@pytest.mark.parametrize("outstanding", [1, 3])
+def test_commands_outstanding_are_matched_by_their_number(outstanding: int) -> None:
+    clock = VirtualClock()
+    line = SimulatedLine(clock, parse_format("8N1", 19200))
+    asking, asked = (Station(one, 3 - one, clock, line, {"outstanding": outstanding}, 0) for one in (1, 2))
+    for station in (asking, asked):
+        station.driver.start()
+    asked.memory.write("file7", "word", 0, list(range(100, 160)))
+    clock.run_for(0)
+    found: dict[int, Any] = {}
+    for place in range(0, 60, 5):
+
+        def ask(now: int, place: int = place) -> list[Command]:
+            return asking.client.read(
+                f"N7:{place}", count=5, station=2, now=now, on_done=lambda done: found.update({place: done.values})
+            )
+
+        asking.driver.do(ask)
+    most = 0
+    while len(found) < 12:
+        clock.run_for(1_000_000)
+        most = max(most, len(asked.executed) - len(found))
+    assert found == {place: list(range(100 + place, 105 + place)) for place in range(0, 60, 5)}
+    assert (most > 1) == (outstanding > 1), "a second command is executed before the first one's reply has come"
+    assert len(asked.executed) == 12
