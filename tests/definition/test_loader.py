@@ -216,3 +216,27 @@ def test_a_used_file_brings_only_what_is_mentioned(tmp_path: Path) -> None:
     )
     protocol = load_protocol(tmp_path / "p.yaml")
     assert set(protocol.params) == {"depth"}
+
+
+def test_a_definition_is_loaded_once_and_again_when_a_file_of_it_changes(tmp_path: Path) -> None:
+    base, file = tmp_path / "base.yaml", tmp_path / "own.yaml"
+    base.write_text("protocol: base\nframes:\n  f: {body: [{const: 01}]}\n", encoding="utf-8")
+    file.write_text("protocol: own\nextends: base\n", encoding="utf-8")
+    first = load_protocol(file)
+    assert load_protocol(file) is first
+    base.write_text("protocol: base\nframes:\n  g: {body: [{const: 01}]}\n", encoding="utf-8")
+    second = load_protocol(file)
+    assert (list(first.frames), list(second.frames)) == (["f"], ["g"])
+    base.write_text("protocol: base\nframes: 5\n", encoding="utf-8")
+    for _ in range(2):
+        with pytest.raises(DefinitionError):
+            load_protocol(file)
+
+
+def test_a_definition_is_loaded_again_when_a_name_in_it_means_another_file(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text("protocol: own\nextends: scale-base\n", encoding="utf-8")
+    (tmp_path / "scale-base.yaml").write_text("protocol: a\nframes:\n  f: {body: [{const: 01}]}\n", encoding="utf-8")
+    assert list(load_protocol(file).frames) == ["f"]
+    (tmp_path / "scale-base").write_text("protocol: b\nframes:\n  g: {body: [{const: 01}]}\n", encoding="utf-8")
+    assert list(load_protocol(file).frames) == ["g"]

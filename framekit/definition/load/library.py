@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +14,7 @@ from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.shipped import definition_file, shipped_folder
+from framekit.definition.shipped import definition_file, find_definition, shipped_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,11 @@ class Loaded:
     found: tuple[tuple[str, Path, Path], ...]
 
 
+MOST_KEPT = 32
+"""So many loaded definitions are kept in a process."""
+_kept: dict[tuple[str, Path], tuple[Loaded, tuple[object, ...]]] = {}
+
+
 def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
     """The protocol in a file, or of a name: beside `folder` (default: here), else shipped.
 
@@ -34,8 +40,31 @@ def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
 
 
 def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
-    """As `load_protocol`, with what was read."""
+    """As `load_protocol`, with what was read.
+
+    What was loaded before in this process is given again while its files hold what they held, and every name in them
+    still means the same file: runs and devices of one protocol share it, and what was compiled of it.
+    """
     path = definition_path(name, folder)
+    key = str(path), path.resolve()
+    kept = _kept.get(key)
+    if kept is not None and _state(kept[0]) == kept[1]:
+        return kept[0]
+    loaded = _load(path)
+    _kept.pop(key, None)
+    while len(_kept) >= MOST_KEPT:
+        _kept.pop(next(iter(_kept)), None)
+    _kept[key] = loaded, _state(loaded)
+    return loaded
+
+
+def _state(loaded: Loaded) -> tuple[object, ...]:
+    """What the files hold now, and which files their names mean."""
+    contents = tuple(sha256(path.read_bytes()).digest() if path.is_file() else b"" for path in loaded.files)
+    return contents, tuple(find_definition(name, folder) for name, folder, _ in loaded.found)
+
+
+def _load(path: Path) -> Loaded:
     reader = Reader()
     documents = Documents(reader)
     protocol = None
@@ -57,7 +86,7 @@ def load_protocol_text(text: str, name: str = "definition", folder: Path | None 
         if folder is not None:
             for other in folder.glob("*.yaml"):
                 (Path(temporary) / other.name).symlink_to(other.resolve())
-        return load_protocol(path)
+        return _load(path).protocol
 
 
 def definition_path(name: str | Path, folder: Path | None = None) -> Path:
