@@ -146,7 +146,7 @@ class CommandBlocks:
         """Carries out the command that begins with these bytes; `ended` is called once, perhaps before it returns."""
         try:
             command = self.words.read(data)
-            status = self._status_place(command)
+            status = self.status_place(command)
         except (CommandFaultError, DeviceMemoryError, *EVALUATION_ERRORS) as error:
             ended(CommandEnd(fault=str(error)))
             return []
@@ -168,7 +168,7 @@ class CommandBlocks:
         assert self.engine is not None and self.client is not None
         return Operation(self, self.engine, self.client, block, names, done).begin(station, now)
 
-    def _status_place(self, command: Command) -> Span:
+    def status_place(self, command: Command) -> Span:
         """Where the status word goes. Raises DeviceMemoryError when nothing can be written there."""
         given = self.status_words(command)
         return self.checked_span({**given, "count": 16 // unit_bits(self.own_span(given).unit)})

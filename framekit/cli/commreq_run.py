@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from framekit.blocks.command_meaning import Meaning
     from framekit.blocks.commands import CommandBlocks, CommandEnd
     from framekit.link.addresses import AddressGrammar
+    from framekit.link.device_areas import Span
     from framekit.memory.memory import DeviceMemory
 
 FAULT, REFUSED, NO_ANSWER = 2, 1, 3
@@ -54,18 +55,21 @@ class CommandRun:
         from framekit.blocks.command_words import CommandFaultError
 
         try:
-            meaning = meaning_of(self.blocks.words.read(data), self.blocks, self.client.protocol, judge=False)
+            command = self.blocks.words.read(data)
+            meaning = meaning_of(command, self.blocks, self.client.protocol, judge=False)
         except CommandFaultError as error:
             return self._fault(str(error))
         before = {area.name: area.read_bytes(0, area.size_bytes) for area in self.memory}
         end = self.client.command(self.blocks, data)
         if end.fault:
             return self._fault(end.fault)
-        changes = self._changes(before)
+        status = self.blocks.status_place(command)
+        changes = self._changes(before, status)
         if self.arguments.json:
             print_json(_as_json(meaning, end, changes))
         else:
-            self._print(meaning, end, changes)
+            word = {self._address(status.memory, status.unit, place) for place in _places(status)}
+            self._print(meaning, end, {address: changes[address] for address in changes if address not in word})
         if end.failure is None:
             return 0
         return REFUSED if end.failure.outcome in JUDGED else NO_ANSWER
@@ -81,18 +85,20 @@ class CommandRun:
         for number, line in enumerate(meaning.does):
             print(f"{'' if number else 'does':<9}{line}")
         for address, values in changes.items():
-            if address != meaning.status:
-                print(f"{address:<8} {' '.join(map(str, values))}")
+            print(f"{address:<8} {' '.join(map(str, values))}")
         failed = "" if end.failure is None or end.failure.outcome == "refused" else f" ({end.failure.outcome})"
         print(f"status   {meaning.status} = {end.status:04X}h {end.meaning}".rstrip() + failed)
 
-    def _changes(self, before: dict[str, bytes]) -> dict[str, list[int]]:
-        """The elements that are others now: the address of the first of each run, with the values from there on."""
-        from framekit.link.addresses import Address
+    def _changes(self, before: dict[str, bytes], status: Span) -> dict[str, list[int]]:
+        """The elements that are others now: the address of the first of each run, with the values from there on.
+
+        The status word is a run by itself.
+        """
         from framekit.link.packing import values_of
         from framekit.memory.numbers import unit_bits
 
         found: dict[str, list[int]] = {}
+        word = _places(status)
         for area in self.memory:
             now = area.read_bytes(0, area.size_bytes)
             if now == before[area.name]:
@@ -102,11 +108,25 @@ class CommandRun:
             last = -2
             values: list[int] = []
             for place in (place for place in range(count) if old[place] != new[place]):
-                if place != last + 1:
-                    values = found.setdefault(self.grammar.print(Address(area.name, area.unit, place)), [])
+                if place != last + 1 or (area.name == status.memory and place in (word.start, word.stop)):
+                    values = found.setdefault(self._address(area.name, area.unit, place), [])
                 values.append(new[place])
                 last = place
         return found
+
+    def _address(self, area: str, unit: str, place: int) -> str:
+        """A place of the own memory as the application writes it; in words where it has no form for that."""
+        from framekit.link.addresses import Address, AddressError
+
+        address = Address(area, unit, place)
+        try:
+            return self.grammar.print(address) if area in self.grammar.areas else str(address)
+        except AddressError:
+            return str(address)
+
+
+def _places(span: Span) -> range:
+    return range(span.start, span.start + span.count)
 
 
 def _as_json(meaning: Meaning, end: CommandEnd, changes: dict[str, list[int]]) -> dict[str, Any]:

@@ -91,7 +91,8 @@ class ChannelService:
             self.driver.longest_retry = channel.wiring.reconnect
 
     def _later(self, delay: int, call: Callable[[], None]) -> None:
-        self._clock.call_at(self._clock.now() + delay, call)
+        """Calls back after a while, unless the channel has been stopped by then."""
+        self._clock.call_at(self._clock.now() + delay, lambda: None if self.driver.stopped else call())
 
     def receive_for(self, blocks: Iterable[Block]) -> None:
         """From now on these RECEIVE blocks get the frames they name, and no others."""

@@ -94,6 +94,16 @@ def test_commands_share_the_memory_and_show_what_has_changed(
     assert "status   %R10 = 0001h success" in shown and "status   %R1 = 0001h success" in shown
 
 
+def test_what_lies_beside_the_status_word_is_shown(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["ccm_read", "command=6101", "target=5", "type=1", "address=101", "count=3"]
+    assert main([*port, *words, "here=11", "status_offset=9"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert "%R11     11 22 33" in shown and "status   %R10 = 0001h success" in shown
+    assert not any(line.startswith("%R10") for line in shown)
+    assert main([*port, "--json", *words, "here=9", "status_offset=11"]) == 0
+    assert json.loads(capsys.readouterr().out)["memory"] == {"%R9": [11, 22, 33], "%R12": [1]}
+
+
 def test_the_own_memory_can_be_set(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--json", "--set", "%R2=7,0x10", "6111", "5", "1", "1", "2", "2", "+", "6101", "5", "1", "1", "2", "50"]
     assert main([*port, *words]) == 0

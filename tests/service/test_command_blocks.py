@@ -106,3 +106,12 @@ def run_with(
 )
 def test_where_the_application_is_named(tmp_path: Path, block: str, channel: str, more: str, found: str) -> None:
     assert any(found in told for told in run_with(tmp_path, block, channel, more))
+
+
+def test_a_run_that_has_stopped_shows_no_fault_any_more(world: CommandWorld) -> None:
+    world.fire([6101, 9, *READ[2:]], wait=1, longest=1)
+    world.clock.run_for(1000)
+    world.service.stop()
+    world.put("M", 1, 0)
+    world.clock.run_for(100 * SECOND)
+    assert not world.fault
