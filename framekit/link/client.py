@@ -43,7 +43,7 @@ class Client:
 
     Every method returns the engine's commands and calls `on_done` exactly once, perhaps before it returns. What cannot
     be asked at all is raised before anything is sent: AddressError, ServiceError, PackingError (all ValueError).
-    `params` are names for the rows of this transfer alone; they go before the protocol's parameters.
+    `params` are names for this transfer alone, its rows and its sequences; they go before the protocol's parameters.
     """
 
     def __init__(self, protocol: model.Protocol, codec: Codec, engine: Starts) -> None:
@@ -70,7 +70,7 @@ class Client:
             names = self._names(station, params)
             place, elements = self._place(address, unit, count)
             plan = self.planner.plan("read", Piece(place, elements), names)
-            exchanges = tuple(self._prepared(plan, pieces, names) for pieces in plan.exchanges)
+            exchanges = tuple(self._prepared(plan, pieces, names, _given(names)) for pieces in plan.exchanges)
             ready = ReadyRead(plan, exchanges, unit or place.unit, count)
             if key is not None:
                 self._ready.keep(key, ready)
@@ -162,9 +162,9 @@ class Client:
         plan = Plan(
             facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
         )
-        job = self._job(self._prepared(plan, tuple(pieces), offered))
+        job = self._job(self._prepared(plan, tuple(pieces), offered, _given(names)))
         exchange = job.exchange
-        exchange.inside, exchange.params = inside, params or {}
+        exchange.inside = inside
         exchange.arguments = {argument.name: offered[argument.name] for argument in facts.row.takes}
         return self._begin([job], lambda data: TransferResult(True), now, on_done)
 
@@ -197,7 +197,8 @@ class Client:
     # ---- exchanges ----------------------------------------------------------------------------------------
 
     def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
-        names = Names(params, self.engine.scope)
+        """What a request is made of. Raises ParameterError for a parameter that does not fit."""
+        names = Names(self.engine.scope.worked_out(params) if params else None, self.engine.scope)
         names["station"] = self._default_station if station is None else station
         return names
 
@@ -205,7 +206,8 @@ class Client:
         self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], names: Names, now: int, on_done: Done
     ) -> list[Command]:
         """Does the exchanges of all plans; `wanted` are the units and counts to be read."""
-        exchanges = [self._prepared(plan, pieces, names) for plan in plans for pieces in plan.exchanges]
+        given = _given(names)
+        exchanges = [self._prepared(plan, pieces, names, given) for plan in plans for pieces in plan.exchanges]
         return self._begin_read(plans, wanted, exchanges, now, on_done)
 
     def _begin_read(
@@ -228,7 +230,7 @@ class Client:
         Transfer(jobs, start, finish, on_done).go()
         return commands
 
-    def _prepared(self, plan: Plan, pieces: tuple[Piece, ...], names: Names) -> Prepared:
+    def _prepared(self, plan: Plan, pieces: tuple[Piece, ...], names: Names, params: Mapping[str, Any]) -> Prepared:
         """An exchange of a plan, worked out. Raises ServiceError."""
         row = self._rows[plan.facts]
         offered = self._offered(plan, pieces, names)
@@ -239,7 +241,7 @@ class Client:
         except EVALUATION_ERRORS as error:
             raise ServiceError(f"the request of row '{plan.facts.row.name}' cannot be made: {error}") from None
         arguments = self._arguments(run, offered) if pieces and request is None else {}
-        return Prepared(row, pieces, offered, run, names["station"], request, buffer, arguments)
+        return Prepared(row, pieces, offered, run, names["station"], request, buffer, arguments, params)
 
     def _job(self, prepared: Prepared) -> Job:
         return Job(prepared.exchange(), prepared.pieces, partial(self._judge, prepared))
@@ -288,6 +290,11 @@ class Client:
         known = Names(outcome.results, asked.names)
         known.update(request=asked.request, reply=outcome.reply, buffer=outcome.buffer)
         return {name: compute(known) for name, compute in asked.row.gives}
+
+
+def _given(names: Names) -> dict[str, Any]:
+    """The parameters that were given for one transfer alone, worked out."""
+    return {name: value for name, value in names.items() if name != "station"}
 
 
 def _may_hold(when: Evaluate | None, names: Names) -> bool:

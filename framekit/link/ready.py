@@ -52,6 +52,7 @@ class Prepared:
     request: FrameValue | None
     buffer: bytes
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)
 
     def exchange(self) -> Exchange:
         """A new one to start."""
@@ -63,6 +64,7 @@ class Prepared:
             expected=self.row.reply.expected,
             outside_session=self.row.facts.row.outside_session,
             arguments=self.arguments,
+            params=self.params,
         )
 
 

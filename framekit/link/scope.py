@@ -193,15 +193,22 @@ class Scope(Names):
             self.settings += 1
             self._put(name, fit_of(parameter.type)(value))
 
+    def worked_out(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Values for parameters, checked and ready to use; other names as they are. Raises ParameterError."""
+        found = dict(given)
+        for name in given.keys() & self.protocol.params.keys():
+            taken = given_value(self.protocol.params[name], given[name])
+            found[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
+        return found
+
     def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
         """Gives parameters other values for a while; what it returns gives them back, in whatever order others do.
 
-        Raises ParameterError; then nothing has changed.
+        Raises ParameterError, KeyError for what is no parameter; then nothing has changed.
         """
-        layer: dict[str, Any] = {}
-        for name, value in given.items():
-            taken = given_value(self.protocol.params[name], value)
-            layer[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
+        for name in given.keys() - self.protocol.params.keys():
+            raise KeyError(name)
+        layer = self.worked_out(given)
         for name in layer:
             if not any(name in other for other in self._overrides):
                 self._beneath[name] = dict.get(self, name, _NOT_THERE)

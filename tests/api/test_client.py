@@ -394,6 +394,28 @@ def test_commands_side_by_side_are_carried_out_one_after_the_other(tmp_path: Pat
     asyncio.run(asyncio.wait_for(scenario(), 20))
 
 
+@pytest.mark.parametrize("ask", ["read", "write", "call"])
+def test_parameters_of_a_call_reach_its_times(tmp_path: Path, ask: str) -> None:
+    (tmp_path / "d.device.yaml").write_text("device: d\nprotocol: modbus-rtu\nstation: 7\n", encoding="utf-8")
+    sent: list[str] = []
+
+    def note(seen: framekit.Seen) -> None:
+        if seen.kind == "frame" and seen.direction == "out":
+            sent.append(seen.frame)
+
+    with framekit.connect("modbus-rtu", f"sim:{tmp_path / 'd.device.yaml'}", station=9, monitor=note) as client:
+        quick = {"reply_timeout": "20 ms", "retries": 1}
+        with pytest.raises(framekit.NoReplyError):
+            if ask == "read":
+                client.read("40001", params=quick)
+            elif ask == "write":
+                client.write("40001", 1, params=quick)
+            else:
+                client.call("exception_status", params=quick)
+        assert len(sent) == 2, "one repeat, not the usual two"
+        assert client.call("exception_status", station=7, params={"reply_timeout": "2 s"}).results == {"status": 0}
+
+
 # ---- sessions ---------------------------------------------------------------------------------------------------
 
 
