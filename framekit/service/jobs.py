@@ -181,7 +181,7 @@ class JobService:
             return
         self._waiting.setdefault(number, []).append(attempt)
         if not channel.driver.hurry():
-            self._waiting[number].remove(attempt)
+            self._waiting[number] = [one for one in self._waiting[number] if one is not attempt]
             self._no_way(attempt, "not_connected")
 
     def opened(self, number: int, is_open: bool) -> None:
@@ -207,7 +207,7 @@ class JobService:
 
     def begin(self, attempt: Attempt) -> None:
         """Begins a transfer on the channel of its job."""
-        channel, order = self.channels.get(self._channel_of[attempt.slot]), attempt.order
+        channel, order = self.channels.get(self._channel_of.get(attempt.slot, 0)), attempt.order
         if channel is None or channel.client is None:
             self.table.ended(attempt, Failure(outcome="no_sequence"), self.clock.now())
             return

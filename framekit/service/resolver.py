@@ -43,7 +43,7 @@ class SystemResolver:
         try:
             rows = await asyncio.get_running_loop().getaddrinfo(name, None, type=socket.SOCK_STREAM)
         except socket.gaierror as error:
-            unknown = error.errno in (socket.EAI_NONAME, socket.EAI_NODATA)
+            unknown = error.errno in (socket.EAI_NONAME, getattr(socket, "EAI_NODATA", None))  # not every system has it
             found([] if unknown else None)
         except (OSError, UnicodeError):
             found(None)

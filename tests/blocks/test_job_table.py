@@ -13,6 +13,9 @@ from framekit.blocks.jobs.slot import State
 READY = (13, 16)
 
 
+NO_WORD = "0xA2: {text: status word could not be written, class: "
+
+
 def refused(code: int) -> Failure:
     return Failure(outcome="refused", device_code=code)
 
@@ -491,3 +494,11 @@ def test_status_of_jobs() -> None:
     )  # fmt: skip
     assert status.last_good == 101 * MS and status.last_error is None and not status.pending
     assert world.table.status()[0].kind == ""
+
+
+def test_a_job_without_a_connection_never_starts_whatever_the_class_of_its_words(tmp_path: Path) -> None:
+    world = JobWorld(profile_with(tmp_path, NO_WORD + "fatal}", NO_WORD + "transient}"))
+    world.connects, world.refuse_words = False, True
+    world.job(1, late=100 * MS, period=SECOND)
+    world.run(5 * SECOND)
+    assert world.starts == [] and world.table.slots[1].state is State.IDLE

@@ -327,6 +327,8 @@ class JobTable:
         slot.was_late = True
         if self._tell(slot, word, now):
             self._show(slot, word, True, now)
+        elif slot.state is State.CONNECTING and slot.attempt is not None:
+            self.not_connected(slot.attempt, "no_word", now)
         else:
             self._settle(slot, self.profile.words["no_word"], False, now)
 
