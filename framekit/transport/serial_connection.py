@@ -68,6 +68,9 @@ class SerialConnection(ABC):
     def flush_input(self) -> None:
         """Drops what has come and has not been read."""
 
+    def drop_output(self) -> None:
+        """Drops what has not left, where closing the device would wait for it."""
+
     @abstractmethod
     def stop(self) -> None:
         """Closes the device, soon; nothing is told any more."""

@@ -115,6 +115,11 @@ class DescriptorConnection(SerialConnection):
         if self._marks is not None:
             self._marks.clear()
 
+    def drop_output(self) -> None:
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self._descriptor, termios.TCOFLUSH)
+        self._unsent.clear()
+
     # ---- writing ------------------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> None:

@@ -159,6 +159,7 @@ class _Use:
             return
         now, waiting = self.clock.now(), connection.waiting
         if self._is_held(waiting, now):
+            connection.drop_output()
             self.lost(f"nothing has been taken for {LONGEST_HOLD / 1e9:g} s – is the other side ready?")
         elif self._free > now or waiting:
             self._looking = True
