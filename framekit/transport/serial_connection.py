@@ -68,6 +68,7 @@ class SerialConnection(ABC):
     def flush_input(self) -> None:
         """Drops what has come and has not been read."""
 
+    @abstractmethod
     def drop_output(self) -> None:
         """Drops what has not left, where closing the device would wait for it."""
 

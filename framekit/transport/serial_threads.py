@@ -126,6 +126,9 @@ class ThreadConnection(SerialConnection):
     def set_line(self, name: str, on: bool) -> None:
         self._orders.put(lambda device: set_attribute(device, name, on))
 
+    def drop_output(self) -> None:
+        """Nothing: a thread of its own closes the device, and nobody waits for it."""
+
     def flush_input(self) -> None:
         def order(device: Any) -> None:
             with contextlib.suppress(*SERIAL_ERRORS):
