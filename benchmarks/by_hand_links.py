@@ -56,11 +56,25 @@ MAILBOX = Struct("<2s2xBBBxBB4s4s2xBx6sBBHHcBHxB")
 MAILBOX_OUT = Struct("<2s2xBBBxBB4s4s2sBx6sBBHHcBHx")
 ROTATED = tuple((code << 1 | code >> 7) & 0xFF for code in range(256))
 TO_BCD = tuple(tens << 4 | ones for tens in range(10) for ones in range(10))
-FROM_BCD = {code: number for number, code in enumerate(TO_BCD)}
+DIGITS = ("second_digits", "minute_digits", "hour_digits")
 FLAGS: tuple[str, ...] = ("oversweep", "constant_sweep", "plc_fault_news", "io_fault_news", "plc_fault")
 FLAGS += ("io_fault", "programmer", "outputs_off", "run_switch", "oem")
 STATUS_KEYS = {"control_program", "level", "sweep", *FLAGS, "state"}
-COMPLETION_KEYS = {"seconds", "minutes", "hours", "seq", "kind", "source", "destination", "code", "inline", "status"}
+COMPLETION_KEYS = {
+    "second_digits",
+    "minute_digits",
+    "hour_digits",
+    "seconds",
+    "minutes",
+    "hours",
+    "seq",
+    "kind",
+    "source",
+    "destination",
+    "code",
+    "inline",
+    "status",
+}
 
 
 def rotating_sum(data: bytes) -> int:
@@ -98,9 +112,12 @@ def decode_mailbox(data: bytes) -> Fields:
         "state": bits >> 12,
     }
     completion = {
-        "seconds": FROM_BCD[seconds],
-        "minutes": FROM_BCD[minutes],
-        "hours": FROM_BCD[hours],
+        "second_digits": seconds,
+        "minute_digits": minutes,
+        "hour_digits": hours,
+        "seconds": (seconds >> 4) * 10 + (seconds & 15),
+        "minutes": (minutes >> 4) * 10 + (minutes & 15),
+        "hours": (hours >> 4) * 10 + (hours & 15),
         "seq": seq,
         "kind": kind,
         "source": source,
@@ -128,11 +145,13 @@ def encode_mailbox(fields: Fields) -> bytes:
     source, destination, inline = mail["source"], mail["destination"], mail["inline"]
     if len(source) != 4 or len(destination) != 4 or len(inline) > 6 or not 0 <= state <= 15:
         raise BadFrameError("length")
+    seconds, minutes, hours = mail["seconds"], mail["minutes"], mail["hours"]
+    digits = TO_BCD[seconds], TO_BCD[minutes], TO_BCD[hours]
+    if mail.keys() & DIGITS and digits != tuple(mail[name] for name in DIGITS):
+        raise BadFrameError("digits")
     data: bytes = MAILBOX_OUT.pack(
         b"\x1bM",
-        TO_BCD[mail["seconds"]],
-        TO_BCD[mail["minutes"]],
-        TO_BCD[mail["hours"]],
+        *digits,
         mail["seq"],
         0xD4,
         source,

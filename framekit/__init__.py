@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from framekit.api.server import Server, serve
     from framekit.blocks.block_status import BlockStatus, Failure
     from framekit.blocks.error_codes import ErrorCode
+    from framekit.codec.batch.result import Batch
     from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
     from framekit.link.observe import Seen
@@ -54,6 +55,7 @@ _HOMES = {
     "api.server": ("Server", "serve"),
     "blocks.block_status": ("BlockStatus", "Failure"),
     "blocks.error_codes": ("ErrorCode",),
+    "codec.batch.result": ("Batch",),
     "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
     "link.observe": ("Seen",),
@@ -66,6 +68,7 @@ __all__ = [
     "AsyncClient",
     "AsyncRun",
     "AsyncServer",
+    "Batch",
     "BlockStatus",
     "Client",
     "DefinitionError",

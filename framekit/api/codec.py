@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
 
 from framekit.api.errors import RequestError
 from framekit.api.results import Frame
 from framekit.api.settings import ProtocolGiven, checked_params, checked_station, protocol_of
+from framekit.codec.batch.cut import Cut
+from framekit.codec.batch.result import Batch
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.model import protocol as model
@@ -68,6 +71,28 @@ class Protocol:
     def decode_all(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> list[Frame]:
         """Every frame that the bytes may be; none is no error."""
         return self._fitting(data, frame, sender)[0]
+
+    def decode_many(self, frames: Sequence[bytes], frame: str) -> Batch:
+        """Many frames called `frame`, in columns if NumPy is installed; the values are those of `decode`.
+
+        A frame that is none raises nothing here: `Batch.faults` has them all. Raises RequestError for an unknown frame.
+        """
+        return self._decode_cut(Cut.of(frames), frame)
+
+    def decode_capture(self, path: str | Path, frame: str, direction: Literal["in", "out"] = "in") -> Batch:
+        """As `decode_many`, of a capture in which every record of `direction` is one frame.
+
+        Raises CaptureError (a ValueError), RequestError.
+        """
+        from framekit.service.capture_cut import cut_of_capture
+
+        return self._decode_cut(cut_of_capture(Path(path), direction), frame)
+
+    def _decode_cut(self, cut: Cut, frame: str) -> Batch:
+        from framekit.codec.batch.decoder import BatchDecoder
+
+        self._known(frame, self.definition.frames)
+        return BatchDecoder(self._codec, frame, self._scope).decode(cut)
 
     def why_not(self, data: bytes) -> str:
         """Why bytes are no frame, in words; '' if they are one."""

@@ -60,6 +60,11 @@ _DIRECTIONS: dict[EventType, Direction] = {
 _TYPES = {int(kind): kind for kind in EventType}
 
 
+def kinds_of(direction: Direction) -> list[int]:
+    """The numbers of the event types that carry bytes of this direction, damaged ones too."""
+    return [int(kind) for kind, its in _DIRECTIONS.items() if its == direction]
+
+
 class PcapFormatError(ValueError):
     """The file is no pcap file of a serial line."""
 
@@ -126,7 +131,10 @@ def _cut(kind: EventType, data: bytes) -> Iterator[tuple[EventType, bytes]]:
 
 
 class PcapReader:
-    """The events of a file, times in ns since 1970. `is_cut`: the last record is not whole (its writer was killed)."""
+    """The events of a file, times in ns since 1970. `is_cut`: the last record is not whole (its writer was killed).
+
+    `order`: the byte order of records, as `struct` writes it.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
         """Raises PcapFormatError."""
@@ -141,7 +149,7 @@ class PcapReader:
                 break
         else:
             raise PcapFormatError("this is no pcap file – its first four bytes are none that pcap files begin with")
-        self._order = order
+        self.order = order
         self._scale = 1 if magic == MAGIC_NANOSECONDS else 1000
         link = struct.unpack(order + _GLOBAL, head)[6] & 0x0FFFFFFF
         if link != LINK_TYPE:
@@ -188,7 +196,7 @@ class PcapReader:
             if len(head) < 16:
                 self.is_cut = True
                 return
-            seconds, rest, size, _ = struct.unpack(self._order + _RECORD, head)
+            seconds, rest, size, _ = struct.unpack(self.order + _RECORD, head)
             body = self._file.read(size) if size <= 0x4000_0000 else b""
             if len(body) < size:
                 self.is_cut = True

@@ -1,0 +1,210 @@
+"""What is where in frames of one length, as far as that stands still: columns, tests, and where a frame is inside.
+
+Only plain segments have a plan: constants, numbers of whole bytes, bits, bytes, a length, a check code over everything.
+A frame with anything else, or a condition, has none, and is decoded one by one. It knows no NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from framekit.codec.batch.result import Path
+from framekit.codec.python.expressions import constant_of
+from framekit.codec.python.shape import Shapes
+from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    Check,
+    Const,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Require,
+    Segment,
+    Skip,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A value at a fixed place: `size` bytes, a number in `order` or bytes, or bits `shift` and `mask` of it."""
+
+    path: Path
+    offset: int
+    size: int
+    order: str = ""
+    signed: bool = False
+    shift: int = 0
+    mask: int = 0
+    allowed: tuple[int, ...] | None = None
+    limits: tuple[int, int] | None = None
+
+
+@dataclass(slots=True)
+class Plan:
+    """`inner`: offset, size, path and candidates of the frame inside. `requires`: paths of what a condition reads."""
+
+    columns: list[Column] = field(default_factory=list)
+    constants: list[tuple[int, bytes]] = field(default_factory=list)
+    check: tuple[CheckMethod, int, int, str] | None = None
+    requires: list[tuple[Path, ...]] = field(default_factory=list)
+    inner: tuple[int, int, Path, tuple[str, ...]] | None = None
+
+
+class NoPlanError(Exception):
+    """A segment that these plans know nothing of, or a length the frame cannot have."""
+
+
+class Planner:
+    """Makes plans of a protocol's frames."""
+
+    def __init__(self, frames: Mapping[str, Frame]) -> None:
+        self._frames = frames
+        self._shapes = Shapes(frames)
+
+    def plan(self, name: str, size: int, offset: int = 0, path: Path = ()) -> Plan:
+        """The plan of a frame of `size` bytes from `offset` on. Raises NoPlanError."""
+        frame = self._frames[name]
+        if frame.most is not None and size > frame.most:
+            raise NoPlanError
+        segments = self._shapes.segments(frame)
+        fixed = [_fixed(segment) for segment in segments]
+        loose = fixed.count(None)
+        room = size - sum(one for one in fixed if one is not None)
+        if loose > 1 or room < 0 or (not loose and room):
+            raise NoPlanError
+        plan = Plan()
+        sizes: dict[str, int] = {}
+        whole = zip(segments, fixed, strict=True)
+        for segment, known in [(segment, room if known is None else known) for segment, known in whole]:
+            if segment.name is not None:
+                sizes[segment.name] = known
+            self._add(plan, segment, offset, known, path, segments)
+            offset += known
+        for segment in segments:
+            if isinstance(segment, Length):
+                self._add_length(plan, segment, sizes, path)
+            elif isinstance(segment, Require):
+                read = {(*path, name) for name in names_in(segment.condition.root)}
+                plan.requires.append(tuple(column.path for column in plan.columns if column.path in read))
+        return plan
+
+    def _add(
+        self, plan: Plan, segment: Segment, offset: int, size: int, path: Path, segments: tuple[Segment, ...]
+    ) -> None:
+        if segment.when is not None:
+            raise NoPlanError
+        match segment:
+            case Const(data=data):
+                plan.constants.append((offset, data))
+            case Skip():
+                pass
+            case Field() | Length() | Count():
+                plan.columns.append(_number(segment, offset, path))
+            case Bits():
+                plan.columns += _bits(segment, offset, path)
+            case Data(convert=None, swap=0, pad=None, least=0):
+                _known_size(segment, segments)
+                plan.columns.append(Column((*path, segment.name), offset, size))
+            case Require():
+                pass
+            case Inner(size=None) if not path:
+                frames = sorted(segment.frames, key=lambda frame: self._frames[frame].refuse is not None)
+                plan.inner = offset, size, (segment.name,), tuple(frames)
+            case Check() if segment is segments[-1] and not path:
+                plan.check = _check(segment, offset)
+            case _:
+                raise NoPlanError
+
+    def _add_length(self, plan: Plan, length: Length, sizes: Mapping[str, int], path: Path) -> None:
+        if len(length.of) != 1 or length.of[0] not in sizes or length.unit != 1 or length.plus:
+            raise NoPlanError
+        where = next(place for place, column in enumerate(plan.columns) if column.path == (*path, length.name))
+        old = plan.columns[where]
+        plan.columns[where] = Column(
+            old.path, old.offset, old.size, old.order, old.signed, allowed=(sizes[length.of[0]],), limits=old.limits
+        )
+
+
+def _fixed(segment: Segment) -> int | None:
+    """Bytes of a segment where that is certain; None where the frame's length decides."""
+    match segment:
+        case Const(data=data):
+            return len(data)
+        case Skip(size=size) | Check(size=size):
+            return size
+        case Field(type=type_) | Length(type=type_) | Count(type=type_) | Bits(type=type_):
+            if type_.fixed_size is not None:
+                return type_.fixed_size
+        case Data(size=size):
+            return size if isinstance(size, int) else None
+        case Inner():
+            return None
+        case Require():
+            return 0
+    raise NoPlanError
+
+
+def _number(segment: Field | Length | Count, offset: int, path: Path) -> Column:
+    allowed: tuple[int, ...] | None = None
+    if segment.zero_means is not None or isinstance(segment, Count):
+        raise NoPlanError
+    if isinstance(segment, Field):
+        if segment.long is not None or segment.unit is not None or segment.plus:
+            raise NoPlanError
+        constant = constant_of(segment.is_)
+        if segment.is_ is not None and constant is None:
+            raise NoPlanError
+        if constant is not None:
+            allowed = (constant,)
+        elif segment.constants is not None:
+            allowed = tuple(value for value in segment.constants if isinstance(value, int))
+        elif segment.only and segment.values is not None:
+            allowed = tuple(segment.values)
+    size, order = _plain(segment.type)
+    return Column(
+        (*path, segment.name), offset, size, order, segment.type.signed, allowed=allowed, limits=segment.limits
+    )
+
+
+def _bits(segment: Bits, offset: int, path: Path) -> list[Column]:
+    size, order = _plain(segment.type)
+    if segment.type.signed:
+        raise NoPlanError
+    columns = []
+    for part in segment.parts:
+        constant = constant_of(part.is_)
+        if part.is_ is not None and constant is None:
+            raise NoPlanError
+        allowed = part.constants if constant is None else (constant,)
+        mask = (1 << part.high - part.low + 1) - 1
+        columns.append(Column((*path, part.name), offset, size, order, False, part.low, mask, allowed))
+    return columns
+
+
+def _plain(type_: FieldType) -> tuple[int, str]:
+    """Size and byte order of a plain number."""
+    if type_.kind != "int" or type_.fixed_size not in (1, 2, 4, 8) or type_.order not in ("big", "little"):
+        raise NoPlanError
+    return type_.fixed_size, type_.order
+
+
+def _known_size(data: Data, segments: tuple[Segment, ...]) -> None:
+    """The size has to follow from the frame's length alone: a number, the rest, or a length that counts just this."""
+    if isinstance(data.size, Expression):
+        root = data.size.root
+        lengths = [one for one in segments if isinstance(one, Length) and one.of == (data.name,)]
+        if not isinstance(root, Name) or root.name not in [one.name for one in lengths]:
+            raise NoPlanError
+
+
+def _check(check: Check, offset: int) -> tuple[CheckMethod, int, int, str]:
+    if check.form != "raw" or check.verify != "error" or check.over is not None or check.span is not None:
+        raise NoPlanError
+    return check.method, offset, check.size, check.order
