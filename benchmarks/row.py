@@ -74,7 +74,7 @@ def _medians(against: str, ours: Timing, other: Timing, scale: float) -> dict[st
 
 def as_table(rows: Iterable[Row]) -> str:
     """The rows for people."""
-    lines = [f"{'':<44}{'against':<26}{'figure':>10}{'quartiles':>17}{'target':>9}"]
+    lines = [f"{'':<50} {'against':<21}{'figure':>10}{'quartiles':>17}{'target':>9}"]
     return "\n".join(lines + [_line(row) for row in rows])
 
 
@@ -86,7 +86,7 @@ def _line(row: Row) -> str:
     quartiles = f"{_number(row.low)} – {_number(row.high)}"
     details = ", ".join(f"{name} {value}" for name, value in row.details.items())
     figure = f"{_number(row.figure)} {row.unit}"
-    return f"{row.what:<44}{row.against:<26}{figure:>10}{quartiles:>17}{target:>9}  {details}{mark}"
+    return f"{row.what:<50} {row.against:<21}{figure:>10}{quartiles:>17}{target:>9}  {details}{mark}"
 
 
 def _number(figure: float) -> str:

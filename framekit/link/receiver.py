@@ -171,8 +171,9 @@ class Receiver(Recovery):
         buffer, position, names = stream.buffer, stream.position, self._names
         end, whole = len(buffer), []
         said = self._candidates.said
+        likely = interest.likely(buffer, position)
         try:
-            for info in interest.likely(buffer, position):
+            for info in likely:
                 seen = 0
                 if said:
                     before = said.get(info.name)

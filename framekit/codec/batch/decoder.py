@@ -122,7 +122,7 @@ class _OneLength:
             good &= (table[:, offset : offset + len(data)] == numpy.frombuffer(data, numpy.uint8)).all(axis=1)
         for column in plan.columns:
             if column.allowed is not None:
-                good &= numpy.isin(_numbers(table, column), column.allowed)
+                good &= _among(_numbers(table, column), column.allowed)
             if column.limits is not None:
                 numbers = _numbers(table, column)
                 good &= (numbers >= column.limits[0]) & (numbers <= column.limits[1])
@@ -137,7 +137,7 @@ class _OneLength:
             mine = open_.copy()
             for place, allowed in fixed_bytes(self.decoder._frames[name].segments):
                 if place < size:
-                    mine &= numpy.isin(self.table[:, offset + place], list(allowed))
+                    mine &= _among(self.table[:, offset + place], tuple(allowed))
             open_ = open_ & ~mine
             places = numpy.flatnonzero(mine)
             if not len(places):
@@ -197,6 +197,11 @@ def _numbers(table: Any, column: Column) -> Any:
     if column.mask:
         numbers = numbers >> column.shift & column.mask
     return numbers
+
+
+def _among(numbers: Any, allowed: tuple[int, ...]) -> Any:
+    """Where a number is one of a few; a single one, the usual case, needs no search."""
+    return numbers == allowed[0] if len(allowed) == 1 else numpy.isin(numbers, allowed)
 
 
 def _values(table: Any, column: Column) -> Any:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.shape import Shapes
 from framekit.codec.python.source import quoted
-from framekit.definition.model.segments import Bits, Const, Field, FieldType, Record, Segment
+from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Record, Segment
+from framekit.definition.model.visit import parts_of
 
 Allowed = Mapping[int, frozenset[int]]
 """Place in the frame → the values its byte can have."""
@@ -89,7 +90,7 @@ def fixed_bytes(segments: tuple[Segment, ...]) -> Iterator[tuple[int, frozenset[
             yield from _numbers_at(place, segment.type, _numbers_of(segment))
         elif isinstance(segment, Bits):
             yield from _numbers_at(place, segment.type, _numbers_of_bits(segment))
-        size = shapes.present(segment).fixed if not hasattr(segment, "frames") else None
+        size = None if any(parts_of(segment, Inner)) else shapes.present(segment).fixed
         if size is None:
             return
         place += size
