@@ -118,7 +118,7 @@ def make_crc_words(poly: int, refin: bool) -> tuple[int, ...]:
     """The table of a CRC of 16 bits for two bytes at once: 65536 registers, what each word makes of an empty one.
 
     A word is read as the register meets it, so the byte that comes first is the low one with `refin`, else the high
-    one. Every row is another one with a constant put on, which big numbers do at once: 1.5 ms, a loop takes 7.
+    one. Every row is another one with a constant put on, which big numbers do at once: 2 ms, a loop takes 3.
     """
     table = make_crc_table(16, poly, refin)
     after = [code >> 8 ^ table[code & 0xFF] if refin else code << 8 & 0xFFFF ^ table[code >> 8] for code in table]
