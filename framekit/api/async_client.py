@@ -194,7 +194,7 @@ class AsyncClient(AsyncLine):
         """
         if self.settings.own is None and needs_own(self.settings.protocol):
             raise RequestError(
-                f"requests of '{self.settings.protocol.name}' name the asking side – say its number as own"
+                f"requests of '{self.settings.protocol.name}' name the asking side – say its number as own (--own N)"
             )
         future: asyncio.Future[CommandEnd] = asyncio.get_running_loop().create_future()
         station = self.settings.station

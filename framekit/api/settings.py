@@ -69,7 +69,9 @@ class LineSettings:
     def station_for(self, given: Any, *, needed: bool = True) -> Any:
         """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
         if needed and self.own is None and self.names_own:
-            raise RequestError(f"requests of '{self.protocol.name}' name the asking side – say its number as own")
+            raise RequestError(
+                f"requests of '{self.protocol.name}' name the asking side – say its number as own (--own N)"
+            )
         if given is not None:
             return checked_station(self.protocol, given)
         if self.station is None and needed and self.names_station:

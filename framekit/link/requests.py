@@ -77,7 +77,8 @@ class Planner:
                     exchanges, more = found
                     return Plan(facts, exchanges, carried.address.start, carried.count, skip + more, piece.bits)
         where = "" if piece.count == 1 else f"{piece.count} × {piece.address.unit} from "
-        raise ServiceError(f"no row of '{service}' carries {where}{piece.address}")
+        hint = "name another address, or look whether role and parameters are those of the device"
+        raise ServiceError(f"no row of '{service}' carries {where}{piece.address} – {hint}")
 
     def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
         """The range in its own unit, then in the area's, with the bits that stand before it in these."""

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+import framekit
 from framekit.cli.main import main
 from framekit.transport.pty_pair import PtyPair
 
@@ -98,6 +99,15 @@ def test_a_pseudo_terminal_and_sigterm() -> None:
         assert any(where == "line" and text.startswith("bad frame: check") for where, text in summary)
 
 
+def test_a_client_after_another_is_not_taken_for_it() -> None:
+    """A DF1 receiver drops a command with the header of the one before: transactions begin with another number."""
+    with serving("df1", "--role", "full", "--port", "pty:", "--json", "--quiet") as process:
+        port = json.loads(line_of(process))["port"].split()[0]
+        for _ in range(2):
+            with framekit.connect("df1", port, role="full", station=1, params={"reply_timeout": "2 s"}) as client:
+                assert client.read("N7:0", 2) == [0, 0]
+
+
 def test_stations_with_a_memory_each() -> None:
     with serving("mldp", "--station", "1,2", "--port", "pty:", "--json", "--quiet") as process:
         ready = json.loads(line_of(process))
@@ -115,7 +125,7 @@ def test_a_listener_with_mapped_memory() -> None:
     words = [word for place in places for word in ("--map", place)] + ["--set", "M509=4242", "--set", "P0020A=1"]
     memory = ("modbus-tcp", "--memory", "masterlogic")
     with serving(*memory, *words, "--port", "tcp-listen://127.0.0.1:0", "--json") as process:
-        port = json.loads(line_of(process))["port"]
+        port = json.loads(line_of(process))["port"].split()[0]
         with socket.create_connection(("127.0.0.1", int(port.rpartition(":")[2])), timeout=LONGEST) as client:
             client.sendall(bytes.fromhex("000100000006 01 03 0009 0001"))
             assert client.recv(64) == bytes.fromhex("000100000005 01 03 02 1092"), "register 10 is M509"
