@@ -223,6 +223,12 @@ def test_an_address_of_another_family_is_refused(processor: str, address: str) -
         Pair(processor).read(address)
 
 
+@pytest.mark.parametrize("address", ["B3:1/16", "N7:0/99", "T4:2.ACC/16", "I:3/17"])
+def test_a_word_has_no_bit_16(address: str) -> None:
+    with pytest.raises(ValueError, match="is not an address"):
+        Pair("slc").read(address)
+
+
 def test_symbols_of_a_plc3() -> None:
     pair = Pair("plc3")
     pair.read("@MOTOR", 3)
