@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from framekit import __version__
 from framekit.codec.functions import FrameFunctions, module_of
 from framekit.codec.kept_files import cache_folder, keep, read_kept
-from framekit.definition.shipped import definition_file, find_definition, shipped_folder
+from framekit.definition.shipped import definition_file, shipped_folder
+from framekit.definition.sources import Sources
 
 if TYPE_CHECKING:
     from types import CodeType
 
-    from framekit.definition.load.library import Loaded
     from framekit.definition.model.protocol import Protocol
 
 
@@ -83,15 +83,9 @@ def _made(name: str | Path, folder: Path, cache: Path | None, key: str) -> Store
     notes = [(frame.name, frame.inner, frame.side, frame.refuse) for frame in protocol.frames.values()]
     parts = protocol.name, code_of(protocol), notes, bool(protocol.warnings), pickle.dumps(protocol)
     if cache is not None:
-        content = marshal.dumps((_sources(loaded), *parts))
+        content = marshal.dumps((tuple(loaded.sources), *parts))
         keep(cache, key, hashlib.sha256(content).digest() + content)
     return StoredCodec(*parts)
-
-
-def _sources(loaded: Loaded) -> tuple[Any, ...]:
-    """Every file that was read with what it held, and every name with what it meant."""
-    files = tuple((str(path), _digest(path)) for path in loaded.files)
-    return files, tuple((name, str(folder), str(path)) for name, folder, path in loaded.found)
 
 
 def _read(kept: bytes) -> StoredCodec | None:
@@ -99,20 +93,8 @@ def _read(kept: bytes) -> StoredCodec | None:
     digest, content = kept[:32], kept[32:]
     if hashlib.sha256(content).digest() != digest:
         return None
-    (files, found), *parts = marshal.loads(content)
-    if any(_digest(Path(path)) != before for path, before in files):
-        return None
-    if any(str(find_definition(name, Path(folder))) != path for name, folder, path in found):
-        return None
-    return StoredCodec(*parts)
-
-
-def _digest(path: Path) -> str:
-    """The hash of a file's content; '' for one that cannot be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
+    sources, *parts = marshal.loads(content)
+    return StoredCodec(*parts) if Sources(*sources).still_hold() else None
 
 
 def _stamp() -> str:

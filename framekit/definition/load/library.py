@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,21 +13,21 @@ from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.shipped import definition_file, find_definition, shipped_folder
+from framekit.definition.shipped import definition_file, shipped_folder
+from framekit.definition.sources import Sources, sources_of
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A protocol, the files it was read from, and the names by which they refer to each other (see `Documents`)."""
+    """A protocol and what it was read from."""
 
     protocol: Protocol
-    files: tuple[Path, ...]
-    found: tuple[tuple[str, Path, Path], ...]
+    sources: Sources
 
 
 MOST_KEPT = 32
 """So many loaded definitions are kept in a process."""
-_kept: dict[tuple[str, Path], tuple[Loaded, tuple[object, ...]]] = {}
+_kept: dict[tuple[str, Path], Loaded] = {}
 
 
 def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
@@ -48,20 +47,14 @@ def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
     path = definition_path(name, folder)
     key = str(path), path.resolve()
     kept = _kept.get(key)
-    if kept is not None and _state(kept[0]) == kept[1]:
-        return kept[0]
+    if kept is not None and kept.sources.still_hold():
+        return kept
     loaded = _load(path)
     _kept.pop(key, None)
     while len(_kept) >= MOST_KEPT:
         _kept.pop(next(iter(_kept)), None)
-    _kept[key] = loaded, _state(loaded)
+    _kept[key] = loaded
     return loaded
-
-
-def _state(loaded: Loaded) -> tuple[object, ...]:
-    """What the files hold now, and which files their names mean."""
-    contents = tuple(sha256(path.read_bytes()).digest() if path.is_file() else b"" for path in loaded.files)
-    return contents, tuple(find_definition(name, folder) for name, folder, _ in loaded.found)
 
 
 def _load(path: Path) -> Loaded:
@@ -75,7 +68,7 @@ def _load(path: Path) -> Loaded:
     problems = documents.first_words(reader.problems)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
-    return Loaded(replace(protocol, warnings=tuple(problems)), tuple(documents.roots), tuple(documents.found))
+    return Loaded(replace(protocol, warnings=tuple(problems)), sources_of(documents.roots, documents.found))
 
 
 def load_protocol_text(text: str, name: str = "definition", folder: Path | None = None) -> Protocol:
