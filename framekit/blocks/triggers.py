@@ -13,7 +13,7 @@ from framekit.blocks.model import Block, Changed, Rising, While
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.memory import DeviceMemory
-from framekit.memory.watch import Watch
+from framekit.memory.watch import ALL_BITS, Watch
 
 Fire = Callable[[Block], None]
 
@@ -101,8 +101,10 @@ class MemoryTriggers:
             self._watch(address, address.unit_bits, look)
 
     def _watch(self, address: Address, bits: int, look: Callable[..., None]) -> None:
+        """Of a single word only the bits asked for count; so a write to the others does not call `look`."""
         first, last = address.first_bit // 16, (address.first_bit + bits - 1) // 16
-        self.watches.append(self.memory.watch(address.area, first, last - first + 1, look))
+        mask = ((1 << bits) - 1) << address.first_bit % 16 if first == last else ALL_BITS
+        self.watches.append(self.memory.watch(address.area, first, last - first + 1, look, mask))
 
     def level_holds(self) -> bool:
         """Whether a `while` condition asks for another start."""

@@ -13,9 +13,10 @@ from typing import Literal
 
 from framekit.memory.errors import AccessError, MemoryRangeError, MemoryValueError
 from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
-from framekit.memory.watch import Changed, Watch, WatchTable
+from framekit.memory.watch import ALL_BITS, Changed, Watch, WatchTable
 
 _CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
+_SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in _CODES.items()}
 
 
 class Area:
@@ -109,8 +110,10 @@ class Area:
     def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
         """Puts unsigned `values` of `unit` at number `start` on. Either all are written or none."""
         bits = unit_bits(unit)
-        self._within(unit, bits, start, len(values))
-        self._allow(force)
+        if start < 0 or (start + len(values)) * bits > self.size_bits:
+            raise self._beyond(unit, start, len(values), self.size_bits // bits)
+        if self.access == "read" and not force:
+            raise self._read_only()
         if bits == 1:
             self._put_bits(start, len(values), pack_bits(values))
             return
@@ -151,35 +154,57 @@ class Area:
 
     # --- change
 
-    def watch(self, first_word: int, count: int, callback: Changed) -> Watch:
+    def watch(self, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
         """Calls `callback(area, word, words)` once for every write that changes one of these words.
 
-        The calls come in order of registration, after the data are in, with the first changed word of these
-        and the number of words up to the last. A callback should note the change and return: when it writes
-        to a watched word itself, watches called after it hear of that second write first.
+        `mask`: of each of these words only the bits that are 1 there count. The calls come in order of registration,
+        after the data are in, with the first changed word of these and the number of words up to the last. A callback
+        should note the change and return: when it writes to a watched word itself, watches called after it hear of
+        that second write first.
         """
         if first_word < 0 or count < 1 or first_word + count > self.size_words:
             raise self._beyond("word", first_word, count, self.size_words)
         if self._watches is None:
             self._watches = WatchTable(self.size_words)
-        watch = Watch(self._watches, self, first_word, count, callback)
+        watch = Watch(self._watches, self, first_word, count, callback, mask)
         self._watches.add(watch)
         return watch
 
     def _store(self, offset: int, data: bytes) -> None:
         end = offset + len(data)
-        if self._watches is None or not self._watches.touches(offset >> 1, (end - 1) >> 1):
+        watches = self._watches
+        if watches is None or not data:
             self._data[offset:end] = data
+        elif offset >> 1 == (end - 1) >> 1:
+            self._store_in_word(watches, offset, data)
+        elif watches.marks.find(1, offset >> 1, (end + 1) >> 1) < 0:
+            self._data[offset:end] = data
+        else:
+            first, stop = offset >> 1, (end + 1) >> 1
+            before = bytes(self._data[2 * first : 2 * stop])
+            self._data[offset:end] = data
+            after = bytes(self._data[2 * first : 2 * stop])
+            if before != after:
+                for watch, word, count in watches.changed(first, before, after):
+                    if watch.active:
+                        watch.callback(self, word, count)
+
+    def _store_in_word(self, watches: WatchTable, offset: int, data: bytes) -> None:
+        """The usual write, a word or half of one: whether anybody listens has to be found out at no cost."""
+        memory, mask = self._data, watches.masks[offset >> 1]
+        if not mask:
+            memory[offset : offset + len(data)] = data
             return
-        first, stop = offset >> 1, (end + 1) >> 1
-        before = bytes(self._data[2 * first : 2 * stop])
-        self._data[offset:end] = data
-        after = bytes(self._data[2 * first : 2 * stop])
-        if before == after:
-            return
-        for watch, word, count in self._watches.changed(first, before, after):
-            if watch.active:
-                watch.callback(self, word, count)
+        changed = memory[offset] ^ data[0]
+        if len(data) == 2:
+            changed |= (memory[offset + 1] ^ data[1]) << 8
+        elif offset & 1:
+            changed <<= 8
+        memory[offset : offset + len(data)] = data
+        if changed & mask:
+            for watch in watches.of_word(offset >> 1):
+                if changed & watch.mask and watch.active:
+                    watch.callback(self, offset >> 1, 1)
 
     def _put_bits(self, start: int, count: int, data: bytes) -> None:
         if not count:
@@ -195,7 +220,10 @@ class Area:
 
     def _allow(self, force: bool) -> None:
         if self.access == "read" and not force:
-            raise AccessError(f"area {self.name} can only be read")
+            raise self._read_only()
+
+    def _read_only(self) -> AccessError:
+        return AccessError(f"area {self.name} can only be read")
 
     def _within(self, unit: str | int, bits: int, start: int, count: int) -> None:
         if start < 0 or count < 0 or (start + count) * bits > self.size_bits:
@@ -210,6 +238,8 @@ class Area:
 def _encode(values: Sequence[int], bits: int) -> bytes:
     code = _CODES.get(bits)
     try:
+        if code is not None and len(values) == 1:
+            return _SINGLE[bits].pack(values[0])
         if code is not None:
             return struct.pack(f"<{len(values)}{code}", *values)
         return b"".join([value.to_bytes(bits // 8, "little") for value in values])

@@ -13,7 +13,7 @@ from framekit.definition.problems import did_you_mean
 from framekit.memory.area import Area
 from framekit.memory.errors import SnapshotError, UnknownAreaError
 from framekit.memory.snapshot import Shape, read_snapshot, write_snapshot
-from framekit.memory.watch import Changed, Watch
+from framekit.memory.watch import ALL_BITS, Changed, Watch
 
 
 class DeviceMemory:
@@ -65,9 +65,9 @@ class DeviceMemory:
         """Puts `data` at byte `offset`."""
         self.area(area).write_bytes(offset, data, force=force)
 
-    def watch(self, area: str, first_word: int, count: int, callback: Changed) -> Watch:
+    def watch(self, area: str, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
         """Calls `callback(area, first_changed_word, words)` once for every write that changes these words."""
-        return self.area(area).watch(first_word, count, callback)
+        return self.area(area).watch(first_word, count, callback, mask)
 
     # --- the whole
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 from framekit.definition.model.services import UNIT_BITS
 from framekit.memory.errors import MemoryValueError
@@ -15,6 +16,7 @@ from framekit.memory.errors import MemoryValueError
 _FLOATS = {32: ("<I", "<f"), 64: ("<Q", "<d")}
 
 
+@cache
 def unit_bits(unit: str | int) -> int:
     """Width in bits of `bit`, `byte`, `word`, `dword`, `lword`, `6 bytes`, or of N bytes. ValueError else."""
     if isinstance(unit, str):
