@@ -17,7 +17,7 @@ from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.kept_state import read_state
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
-from framekit.blocks.load_jobs import read_jobs
+from framekit.blocks.load_jobs_section import read_jobs
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.definition.load.documents import Documents
@@ -67,6 +67,8 @@ class RunLoader:
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
         jobs = self._jobs(grammar)
+        if self.root.get("channels") is None and (jobs is None or (jobs != "wrong" and jobs.opening is None)):
+            self.reader.note(self.root.at, "missing key 'channels' in a run file", "add it")
         blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent)
         return Run(
             name=self._text("run"),
@@ -128,7 +130,7 @@ class RunLoader:
         """The jobs section; when it is wrong, what blocks say of jobs means nothing."""
         node = self.root.get("jobs")
         with self.reader.going_on():
-            return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar)
+            return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar, self.channels)
         return "wrong"
 
     def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:

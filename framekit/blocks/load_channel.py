@@ -50,10 +50,17 @@ class ChannelLoader:
 
     def channel(self, entry: Entry) -> Channel:
         """Raises Broken when anything of it is wrong."""
-        reader, keys = self.reader, self.reader.mapping(entry.value)
         self.spoilt = False
+        return self._channel(entry, self._maybe(self.reader.number, entry.key))
+
+    def template(self, entry: Entry) -> Channel:
+        """A channel whose number is not known yet. Raises Broken."""
+        self.spoilt = False
+        return self._channel(entry, None)
+
+    def _channel(self, entry: Entry, number: int | None) -> Channel:
+        reader, keys = self.reader, self.reader.mapping(entry.value)
         port_node = keys.get("port") or entry.key
-        number = self._maybe(reader.number, entry.key)
         port = self._maybe(self._port, keys.get("port"))
         answer = self._maybe(reader.time, keys.get("answer"))
         protocol = self._protocol(keys)

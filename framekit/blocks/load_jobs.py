@@ -1,27 +1,19 @@
-"""Reads the jobs section of a run, and the blocks that establish, abort and inspect jobs."""
+"""Reads the blocks of a run that establish, abort and inspect jobs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
 from typing import Any, Literal
 
 from framekit.blocks.given import read_station
-from framekit.blocks.jobs.load import load_job_profile
 from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
-from framekit.blocks.jobs.profile import AfterLate, JobProfile
-from framekit.blocks.jobs.profile_loader import read_scan
+from framekit.blocks.jobs.profile import JobProfile
 from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
+from framekit.blocks.load_jobs_section import read_place
 from framekit.blocks.model import Channel, Place
-from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.commands import JobWork
-from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Entry, Node
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.numbers import unit_bits
@@ -33,72 +25,6 @@ RECORD_SAYS = ("station", "type", "count", "into", "from", "values", "with", "st
 MOST_TIMES = 0xFFFF
 
 _KINDS: dict[str, Kind] = {"read": "read", "write": "write", "report": "report"}
-_AFTER = {one.value: one for one in AfterLate}
-
-
-def read_jobs(reader: Reader, node: Node, folder: Path, grammar: AddressGrammar) -> JobsSection:
-    """The jobs section; `grammar` reads addresses of the own memory. Raises Broken."""
-    keys = reader.mapping(node)
-    named = keys.get("profile")
-    if named is None:
-        raise Broken("the schema asks for a profile")
-    try:
-        profile = load_job_profile(reader.text(named), folder, named.at)
-    except DefinitionError as error:
-        reader.problems.extend(error.problems)
-        raise Broken("jobs") from None
-    changed: dict[str, Any] = {}
-    with reader.going_on():
-        if (scan := keys.get("scan")) is not None:
-            changed["scan"] = read_scan(reader, scan)
-    with reader.going_on():
-        if (connect := keys.get("connect")) is not None:
-            changed["connect"] = reader.time(connect)
-    with reader.going_on():
-        if (after := keys.get("next")) is not None:
-            changed["after_late"] = reader.one_of(after, _AFTER, "a moment")
-    status = None
-    with reader.going_on():
-        status = reader.maybe(lambda given: read_place(reader, grammar, given, profile.bits.size), keys.get("status"))
-    hosts = {entry.key.text: reader.text(entry.value) for entry in reader.entries(keys.get("hosts"))}
-    surplus = keys.get("surplus")
-    waits = surplus is None or reader.text(surplus) == "wait"
-    commands = reader.maybe(lambda given: read_commands(reader, given, folder), keys.get("commands"))
-    return JobsSection(
-        profile=replace(profile, **changed),
-        status=status,
-        hosts=hosts,
-        waits=waits,
-        commands=commands,
-        at=node.at,
-    )
-
-
-def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
-    """The application that reads the words of commands to jobs. Raises Broken."""
-    name = reader.text(node)
-    try:
-        application = load_protocol(name, folder)
-    except DefinitionError as error:
-        for problem in error.problems:
-            there = problem.at.file != name
-            reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
-        raise Broken(name) from None
-    if application.commands is None or not any(parts_of(dict(application.services), JobWork)):
-        raise reader.broken(node.at, f"'{name}' has no commands to jobs", "name an application that has them")
-    return application
-
-
-def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int) -> Place:
-    """A place of the own memory with room for so many bits from there on. Raises Broken."""
-    text = reader.text(node)
-    try:
-        address = grammar.parse(text)
-        grammar.check(address, -(-bits // address.unit_bits))
-    except AddressError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(node.at, what, todo) from None
-    return Place(address=address, text=text)
 
 
 class JobBlockLoader:
@@ -182,14 +108,15 @@ class JobBlockLoader:
     # ---- orders -------------------------------------------------------------------------------------------
 
     def _order(self, slot: int, keys: MappingNode, entry: Entry, section: JobsSection) -> Order:
-        reader, profile, hosts = self.reader, section.profile, section.hosts
+        reader, profile = self.reader, section.profile
         kind = next((name for name in _KINDS if name in keys), None)
         if kind is None:
             wrong = next((name for name in ("send", "receive", "call") if name in keys), None)
             if wrong is None:
                 raise Broken("the schema has told that there is no instruction")
             raise reader.broken(self._at(keys, wrong, entry), f"a job cannot {wrong}", "it can read, write or report")
-        channel, host = self._host(keys, entry, hosts)
+        channel, host = self._host(keys, entry, section)
+        model = self._model(channel, section)
         count = reader.maybe(reader.number, keys.get("count"))
         if count is not None and count < 1:
             reader.note(self._at(keys, "count", entry), f"a count of {count} moves nothing", "give 1 or more")
@@ -202,7 +129,7 @@ class JobBlockLoader:
             what = f"the block does not say where its data {does}"
             raise reader.broken(entry.key.at, what, f"add {own_key}: with an address of the own memory")
         remote = "" if kind == "report" else reader.text(keys.get(kind))
-        found = self._unit(remote, unit, count, channel, keys.get(kind), kind) or unit
+        found = self._unit(remote, unit, count, model, keys.get(kind), kind) or unit
         place = read_place(reader, self.grammar, own, 1 if found is None else unit_bits(found) * count)
         found = found or place.address.unit
         most = profile.lengths.get(found)
@@ -218,7 +145,7 @@ class JobBlockLoader:
             count=count,
             host=host,
             channel=channel if not host else None,
-            station=self._station(keys, channel),
+            station=self._station(keys, model),
             **self._times(keys, entry, profile),
         )
 
@@ -227,12 +154,12 @@ class JobBlockLoader:
         return entry.key.at if node is None else node.at
 
     def _unit(
-        self, remote: str, unit: str | None, count: int, channel: int | None, node: Node | None, kind: str
+        self, remote: str, unit: str | None, count: int, model: Channel | None, node: Node | None, kind: str
     ) -> str | None:
         """The unit of what is moved, where the protocol that is spoken there is known."""
-        if channel is None or not remote or node is None:
+        if model is None or not remote or node is None:
             return None
-        protocol = self.channels[channel].protocol
+        protocol = model.protocol
         if kind not in protocol.services:
             self.reader.note(node.at, f"'{protocol.name}' has no service {kind}", "name another channel")
             return None
@@ -248,18 +175,24 @@ class JobBlockLoader:
             self.reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
         return unit or address.unit
 
-    def _host(self, keys: MappingNode, entry: Entry, hosts: Mapping[str, str]) -> tuple[int | None, str]:
+    def _model(self, channel: int | None, section: JobsSection) -> Channel | None:
+        """The channel as the run says it, or what is opened for a host without one."""
+        if channel is not None:
+            return self.channels[channel]
+        return None if section.opening is None else section.opening.channel
+
+    def _host(self, keys: MappingNode, entry: Entry, section: JobsSection) -> tuple[int | None, str]:
         """The channel, if the run knows it now, and the host as it is written."""
         node, named = keys.get("host"), keys.get("channel")
         if node is not None and named is not None:
             self.reader.note(named.at, "the host says which channel it is", "leave channel out")
         if node is not None:
             host = self.reader.text(node)
-            address = hosts.get(host, host)
+            address = section.hosts.get(host, host)
             number = channel_to(host, self.channels)
             number = channel_to(address, self.channels) if number is None else number
-            if number is None and is_address(address):
-                self.reader.warn(node.at, f"no channel leads to {address}", "add host: to a channel")
+            if number is None and is_address(address) and section.opening is None:
+                self.reader.warn(node.at, f"no channel leads to {address}", "add host: to a channel, or open: to jobs")
             return number, host
         if named is not None:
             number = self.reader.number(named)
@@ -272,11 +205,10 @@ class JobBlockLoader:
         what = f"block {entry.key.text} does not say which host it talks to"
         raise self.reader.broken(entry.key.at, what, "add host:, or channel:")
 
-    def _station(self, keys: MappingNode, channel: int | None) -> Any:
+    def _station(self, keys: MappingNode, model: Channel | None) -> Any:
         node = keys.get("station")
-        if channel is None:
+        if model is None:
             return None if node is None else self.reader.constant(node)
-        model = self.channels[channel]
         return model.station if node is None else read_station(self.reader, node, model.protocol)
 
     def _times(self, keys: MappingNode, entry: Entry, profile: JobProfile) -> dict[str, Any]:

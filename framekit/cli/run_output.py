@@ -33,6 +33,7 @@ class Output:
         self.loads = loads
         self.began = 0
         self.as_ascii = False
+        self.at_work: RunService | None = None
 
     def service(self, run: Run, clock: Clock) -> RunService:
         """Raises DefinitionError for a wrong device, Failure for a port of no known kind."""
@@ -41,11 +42,12 @@ class Output:
 
         self.began = clock.now()
         try:
-            return RunService(run, clock, self.seen)
+            self.at_work = RunService(run, clock, self.seen)
         except DefinitionError:
             raise
         except ValueError as error:
             raise Failure(str(error)) from None
+        return self.at_work
 
     def seconds(self, time: int) -> float:
         return (time - self.began) / 1e9
@@ -108,7 +110,8 @@ class JsonOutput(Output):
         from framekit.codec.plain import PlainValues
         from framekit.service.frame_log import result_of
 
-        model = self.run.channels[channel]
+        assert self.at_work is not None
+        model = self.at_work.channels[channel].channel
         result = result_of(model.protocol, seen, model.role)
         line = seen_data(seen, self.seconds(seen.at), PlainValues(model.protocol), channel=channel, result=result)
         print(json.dumps(line, ensure_ascii=False), flush=True)

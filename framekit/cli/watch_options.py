@@ -111,13 +111,13 @@ class Watch:
                 asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, self.show)
 
     def _tap(self, number: int, channel: ChannelService) -> None:
-        """Puts the capture around the port of a channel; one that an edit has brought has no place in it."""
+        """Puts the capture around the port of a channel; one that came later has no place in it."""
         if self._capture is None:
             return
         if number in self._captured:
             channel.driver.port = self._capture.around(number, channel.driver.port)
         else:
-            self._missing.append(f"channel {number} came with an edit: it is not in the capture")
+            self._missing.append(f"channel {number} came later: it is not in the capture")
 
     def _next(self) -> None:
         if self._service is not None and self._service.running:

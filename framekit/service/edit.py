@@ -68,6 +68,8 @@ class RunEditor:
         scheduler, now = service.scheduler, service.clock.now()
         for number in (*edit.blocks_gone, *edit.blocks_changed):
             service.block_memory.remove(scheduler.remove(number).block)
+        if service.jobs is not None:
+            service.jobs.give_up((*edit.blocks_gone, *edit.blocks_changed))
         for number in (*edit.channels_gone, *edit.channels_changed):
             service.close_channel(number)
         for number in edit.channels_gone:

@@ -106,13 +106,17 @@ class FrameLog:
         params: Mapping[int, Mapping[str, Any]] | None = None,
         kept: int = KEPT,
     ) -> None:
-        self.protocols = protocols
-        self.roles = roles or {}
+        self.protocols = dict(protocols)
+        self.roles = dict(roles or {})
         self.counts: Counter[str] = Counter()
         self.dropped = 0
-        self._params = params or {}
+        self._params = dict(params or {})
         self._entries: deque[FrameEntry] = deque(maxlen=kept)
         self._number = 0
+
+    def know(self, channel: int, protocol: Protocol, role: str | None, params: Mapping[str, Any]) -> None:
+        """A channel that came later."""
+        self.protocols[channel], self.roles[channel], self._params[channel] = protocol, role, params
 
     def add(self, channel: int, seen: Seen) -> None:
         """Takes what was seen on a channel."""

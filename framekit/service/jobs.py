@@ -9,18 +9,20 @@ from __future__ import annotations
 import errno
 import os
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.command_words import CommandFaultError
 from framekit.blocks.jobs.order import Command, Order, Record
 from framekit.blocks.jobs.records import RecordReader
-from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
+from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.jobs.slot import Attempt
 from framekit.blocks.jobs.table import JobTable
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import read_piece, store_pieces
 from framekit.blocks.transfer import failure_of
+from framekit.codec.codec import compile_protocol
+from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.client import TransferResult
 from framekit.link.evaluate import EVALUATION_ERRORS
@@ -30,6 +32,7 @@ from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.numbers import unit_bits
 from framekit.service.channel import ChannelService
+from framekit.service.host_channels import ChannelOpener, HostChannels
 from framekit.service.resolver import Resolve
 from framekit.transport.clock import Clock
 
@@ -51,6 +54,7 @@ class JobService:
         finished: Finished,
         wake: Callable[[], None],
         resolve: Resolve,
+        opener: ChannelOpener,
     ) -> None:
         self.section = section
         self.memory = memory
@@ -58,8 +62,10 @@ class JobService:
         self.clock = clock
         self._finished = finished
         self._wake = wake
-        self._resolve = resolve
         self.table = JobTable(section.profile, self)
+        if section.opening is not None:
+            compile_protocol(section.opening.channel.protocol)  # not in the midst of exchanges
+        self.hosts = HostChannels(section, channels, clock, resolve, opener, self._uses)
         self._channel_of: dict[int, int] = {}
         self._waiting: dict[int, list[Attempt]] = {}
         self._surplus: deque[Command] = deque()
@@ -115,16 +121,26 @@ class JobService:
         self._wake()
 
     def _take_record(self, record: Record) -> None:
-        if self._records is None:
-            self._records = RecordReader(record.application, self.memory)
+        reader = self._reader(record.application)
         try:
-            command, refusal = self._records.read(record)
+            command, refusal = reader.read(reader.words_at(record.place), record.id)
         except CommandFaultError as error:
             self._show_fault(record, True)
             if record.id is not None:
                 self._finished(record.id, Failure(outcome="cannot_send", cause=str(error)))
             return
         self._show_fault(record, False)
+        self.table.take(command, self.clock.now(), refusal)
+        self._wake()
+
+    def _reader(self, application: Protocol) -> RecordReader:
+        if self._records is None:
+            self._records = RecordReader(application, self.memory)
+        return self._records
+
+    def take_words(self, data: bytes, application: Protocol, number: int | None) -> None:
+        """Carries out the command that begins with these bytes. Raises CommandFaultError when they are none."""
+        command, refusal = self._reader(application).read(data, number)
         self.table.take(command, self.clock.now(), refusal)
         self._wake()
 
@@ -135,44 +151,28 @@ class JobService:
     # ---- connections --------------------------------------------------------------------------------------
 
     def connect(self, attempt: Attempt) -> None:
-        """The channel that leads to the host: by what the run says, else by the address that its name has."""
-        order = attempt.order
-        if order.channel is not None:
-            self._join(attempt, order.channel)
-            return
-        host = order.host
-        number = self._channel_to(host)
-        if number is None and host in self.section.hosts:
-            host = self.section.hosts[host]
-            number = self._channel_to(host)
-        if number is not None or is_address(host):
-            self._join(attempt, number)
-            return
+        """The job uses the channel that leads to its host; one that is not open is opened now."""
+        self._channel_of.pop(attempt.slot, None)
+        self.hosts.find(
+            attempt, lambda: self.table.awaits(attempt), lambda number, reason: self._join(attempt, number, reason)
+        )
 
-        def found(addresses: list[str] | None) -> None:
-            """Told the addresses of the name; none: nobody knows it; None: asking failed."""
-            if not addresses:
-                self._no_way(attempt, "no_resolver" if addresses is None else "unknown_host")
-                return
-            numbers = (self._channel_to(address) for address in addresses)
-            self._join(attempt, next((number for number in numbers if number is not None), None))
-
-        self._resolve(host, found)
-
-    def _channel_to(self, host: str) -> int | None:
-        return channel_to(host, {number: channel.channel for number, channel in self.channels.items()})
+    def _uses(self, number: int) -> bool:
+        """Whether a job is on a channel, or waits for it."""
+        slots = self.table.slots
+        return any(slots[slot].active for slot, channel in self._channel_of.items() if channel == number)
 
     def _no_way(self, attempt: Attempt, reason: str) -> None:
         self.table.not_connected(attempt, reason, self.clock.now())
         self._wake()
 
-    def _join(self, attempt: Attempt, number: int | None) -> None:
-        """The job uses a channel; one that is not open is opened now. Of a job that is no more nothing is known."""
+    def _join(self, attempt: Attempt, number: int | None, reason: str) -> None:
+        """Of a job that is no more nothing is known."""
         if not self.table.awaits(attempt):
             return
         channel = None if number is None else self.channels.get(number)
         if channel is None or number is None:
-            self._no_way(attempt, "no_channel")
+            self._no_way(attempt, reason)
             return
         self._channel_of[attempt.slot] = number
         if channel.state == "open":
@@ -201,6 +201,12 @@ class JobService:
             for slot, channel in self._channel_of.items():
                 if channel == number:
                     self.table.lost(slot, now)
+            self.hosts.lost(number)
+        self._wake()
+
+    def give_up(self, blocks: Container[int]) -> None:
+        """Ends the jobs that these blocks have established."""
+        self.table.give_up(blocks, self.clock.now())
         self._wake()
 
     # ---- transfers ----------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from framekit.blocks.block_settings import SettingError
 from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import BlockStatus, Failure
 from framekit.blocks.device import put_values
-from framekit.blocks.model import Block, Run
+from framekit.blocks.model import Block, Channel, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.scheduler import Scheduler
 from framekit.blocks.triggers import awaited_bits
@@ -107,7 +107,7 @@ class RunService:
         section = self.run.jobs
         if section is None:
             return None
-        return JobService(section, self.memory, self.channels, self.clock, self._finished, self._wake, resolve)
+        return JobService(section, self.memory, self.channels, self.clock, self._finished, self._wake, resolve, self)
 
     def _keeper(self) -> StateKeeper | None:
         """What was kept is put back; words of blocks come from the run and its counters."""
@@ -124,11 +124,13 @@ class RunService:
 
     def make_channel(self, run: Run, number: int) -> tuple[ChannelService, list[DeviceService]]:
         """A channel of a run with the simulated devices on it, not open yet. Raises DefinitionError, ValueError."""
-        channel, monitor = run.channels[number], self.monitor
-        port, devices = port_for(channel, devices_of(channel, Path(run.folder)), self.clock)
-        watcher = None if monitor is None else lambda seen: undisturbed(monitor, number, seen)
-        made = ChannelService(channel, port, self.clock, self.access, receiving(run, number), self, watcher)
-        return made, devices
+        return self._make(run.channels[number], receiving(run, number), run.folder)
+
+    def _make(self, channel: Channel, blocks: list[Block], folder: str) -> tuple[ChannelService, list[DeviceService]]:
+        monitor = self.monitor
+        port, devices = port_for(channel, devices_of(channel, Path(folder)), self.clock)
+        watcher = None if monitor is None else lambda seen: undisturbed(monitor, channel.number, seen)
+        return ChannelService(channel, port, self.clock, self.access, blocks, self, watcher), devices
 
     @property
     def devices(self) -> list[DeviceService]:
@@ -172,6 +174,8 @@ class RunService:
             self._timer.cancel()
         for number in self.channels:
             self.close_channel(number)
+        if self.jobs is not None:
+            self.jobs.hosts.close_all()
         if self.keeper is not None:
             self.keeper.stop()
 
@@ -198,7 +202,7 @@ class RunService:
         """Opens the port of a channel that is not switched off, and those of the simulated devices on its line."""
         for device in self.devices_on[number]:
             device.start()
-        if self.run.channels[number].enabled:
+        if self.channels[number].channel.enabled:
             self.channels[number].start()
 
     def close_channel(self, number: int) -> None:
@@ -209,6 +213,20 @@ class RunService:
             self.jobs.opened(number, False)
         for device in self.devices_on[number]:
             device.stop()
+
+    def open_for_jobs(self, channel: Channel) -> None:
+        """A channel that jobs want and the run does not have. Raises ValueError for a port that cannot be made."""
+        number = channel.number
+        self.channels[number], self.devices_on[number] = self._make(channel, [], self.run.folder)
+        self.scheduler.add_channel(number, rules_of(channel))
+        self.on_channel(number, self.channels[number])
+        self.open_channel(number)
+
+    def close_for_jobs(self, number: int) -> None:
+        """Closes such a channel, and forgets it."""
+        self.close_channel(number)
+        self.scheduler.remove_channel(number)
+        del self.channels[number], self.devices_on[number]
 
     # ---- change -------------------------------------------------------------------------------------------
 
@@ -225,7 +243,8 @@ class RunService:
         for number, channel in self.channels.items():
             if number in self.run.channels:
                 channel.receive_for(receiving(self.run, number))
-        for number in self.channels.keys() - self.run.channels.keys():
+        opened = () if self.jobs is None else self.jobs.hosts.opened
+        for number in self.channels.keys() - self.run.channels.keys() - set(opened):
             del self.channels[number], self.devices_on[number]
         self.refresh()
         self.system.wait_for(awaited_bits(self.run.blocks, self.resolve))

@@ -228,6 +228,25 @@ def test_an_edit_keeps_jobs_and_their_section(tmp_path: Path) -> None:
         at_work.service.edit(load_run(tmp_path / "e.run.yaml"))
 
 
+def test_an_edit_without_a_job_block_ends_its_job(tmp_path: Path) -> None:
+    one = '  0: {job: 1, read: "40001", into: D1, host: FAR, every: 100 ms, status: D10, when: D900}\n'
+    two = '  1: {job: 2, read: "40001", into: D2, host: FAR, every: 100 ms, status: D11, when: D901}\n'
+    at_work = run(tmp_path, one + two)
+    at_work.put("D", 900, 1, 1)
+    at_work.run(150)
+    first, second = at_work.jobs.table.slots[1], at_work.jobs.table.slots[2]
+    assert first.active and second.active
+    path = tmp_path / "e.run.yaml"
+    path.write_text(HEAD + one, encoding="utf-8")
+    at_work.service.edit(load_run(path))
+    at_work.run(100)
+    assert first.details == (1, 1) and second.details == (0, 0), "as an abort leaves it"
+    path.write_text(HEAD + one.replace("100 ms", "50 ms"), encoding="utf-8")
+    at_work.service.edit(load_run(path))
+    at_work.run(100)
+    assert first.details == (1, 1) and first.counters.established == 2 and first.period == 50 * MS, "begun anew"
+
+
 def test_words_of_blocks_show_commands(tmp_path: Path) -> None:
     at_work = run(tmp_path, '  2: {job: 1, read: "49999", into: D1, host: FAR, every: 100 ms, once: yes}')
     at_work.run(50)

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import framekit
 from framekit.blocks.load import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
@@ -172,3 +173,43 @@ async def nobody_there(folder: Path) -> None:
 
 def test_nobody_listens_and_nobody_knows_the_name(tmp_path: Path) -> None:
     asyncio.run(nobody_there(tmp_path))
+
+
+OPENS = """
+run: opens
+memory: ge-90-30
+jobs: {{profile: ge-channels, status: I33, open: {{port: "tcp://{{host}}:{port}", protocol: srtp}}}}
+blocks:
+  1: {{job: 1, read: "%R200", count: 4, into: R100, host: 127.0.0.1, every: 50 ms, status: R1, when: T1}}
+  2: {{job: 2, read: "%R200", count: 4, into: R104, host: localhost, every: 1 min, status: R2, when: T2}}
+"""
+
+
+async def opened_when_wanted(folder: Path) -> None:
+    device = folder / "peer.device.yaml"
+    device.write_text(SERVER, encoding="utf-8")
+    server = await framekit.aserve(device, "tcp://127.0.0.1:0")
+    path = folder / "opens.run.yaml"
+    path.write_text(OPENS.format(port=server.port.rpartition(":")[2]), encoding="utf-8")
+    run = Watched(path)
+    run.service.start()
+    try:
+        run.set("T1")
+        await run.until(lambda: run.good()[0] >= 3)
+        assert run.registers(100, 4) == [1200, 1201, 1202, 1203] and len(run.service.channels) == 1
+        await server.close()
+        await run.until(lambda: not run.active()[0] and bool(run.bit("I41")))
+        assert run.table.slots[1].details == (0x9690, 0)
+        assert not run.service.channels, "nobody wants it: it is not opened again and again"
+        run.set("T2")
+        await run.until(lambda: run.registers(2, 1) == [0x9690])
+        async with framekit.aserve(device, server.port):
+            run.service.fire(2)
+            await run.until(lambda: run.good()[1] >= 1)
+            assert run.registers(104, 4) == [1200, 1201, 1202, 1203] and not run.active()[0]
+    finally:
+        run.service.stop()
+
+
+def test_channels_that_are_opened_when_wanted(tmp_path: Path) -> None:
+    asyncio.run(opened_when_wanted(tmp_path))

@@ -9,7 +9,7 @@ from typing import Any
 
 from framekit.blocks.command_words import CommandFaultError
 from framekit.blocks.commands import CommandBlocks
-from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
+from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order
 from framekit.blocks.model import Place
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
@@ -34,21 +34,23 @@ class RecordReader:
             application, compile_protocol(application), memory, channel=Scope(application, role=None)
         )
 
-    def read(self, record: Record) -> tuple[Command, int]:
-        """The command that stands there now, and the code of its refusal or 0.
+    def words_at(self, place: Place) -> bytes:
+        """The words that stand at a place, as many as a command can have."""
+        area, first = self.memory.area(place.address.area), place.address.first_bit // 8
+        return area.read_bytes(first, min(2 * self.blocks.rules.most, area.size_bytes - first))
+
+    def read(self, data: bytes, number: int | None) -> tuple[Command, int]:
+        """The command that begins with these bytes, given by `number`, and the code of its refusal or 0.
 
         Raises CommandFaultError for words that are none, or whose status word has no place.
         """
-        area = self.memory.area(record.place.address.area)
-        first = record.place.address.first_bit // 8
-        data = area.read_bytes(first, min(2 * self.blocks.rules.most, area.size_bytes - first))
         words = self.blocks.words.read(data)
         try:
             status = self._place(self.blocks.status_words(words), 16)
             refusal, block, names = self.blocks.plan(words)
             if refusal or block is None or block.job is None:
-                return Command(kind="job", slot=None, status=status, id=record.id), refusal
-            return self._command(block, block.job, names, status, record.id), 0
+                return Command(kind="job", slot=None, status=status, id=number), refusal
+            return self._command(block, block.job, names, status, number), 0
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             raise CommandFaultError(str(error)) from None
 

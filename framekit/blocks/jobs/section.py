@@ -20,13 +20,32 @@ if TYPE_CHECKING:
 
 _HOST = re.compile(r"(?:tcp|udp)://(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?")
 
+HOST = "{host}"
+"""Stands for a host's address in the port of channels that are opened when they are wanted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opening:
+    """The channel that is opened for a host to which none leads: `{host}` in its port stands for the address.
+
+    `connections`: so many of these at once.
+    """
+
+    channel: Channel
+    connections: int
+
+    def port_to(self, address: str) -> str:
+        """The port that leads to an address."""
+        port = self.channel.port
+        return port.replace(HOST, f"[{address}]" if ":" in address and "://" in port else address)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobsSection:
     """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name.
 
     `waits`: commands of blocks that are too many for a scan wait for the next one; else they are lost. `commands` reads
-    commands whose words stand in memory.
+    commands whose words stand in memory. `opening`: what is done for hosts without a channel; None: nothing.
     """
 
     profile: JobProfile
@@ -34,6 +53,7 @@ class JobsSection:
     hosts: Mapping[str, str] = field(default_factory=dict)
     waits: bool = True
     commands: Protocol | None = None
+    opening: Opening | None = None
     at: Position
 
 

@@ -50,6 +50,8 @@ class JobCounters:
 class Slot:
     """A slot. `word`: the last code; `asked`: the command that has no answer yet; `attempt`: what is under way.
 
+    `by`: who gave the command that established its job.
+
     `origin` is when the job began, `boundary` the beginning of the period it is in; times that are not awaited are
     NEVER. `last_good` and `last_error` are times, None before the first.
     """
@@ -58,6 +60,7 @@ class Slot:
     state: State = State.IDLE
     order: Order | None = None
     asked: Command | None = None
+    by: int | None = None
     attempt: Attempt | None = None
     word: int = 0
     error: bool = False

@@ -6,45 +6,20 @@ order: its data, the status word of the command (once), the status bits. Numbers
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Container
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.jobs.answers import CommandLimit, FailureWords
 from framekit.blocks.jobs.diagnosis import EventLog, JobStatus, TableCounters, status_of
 from framekit.blocks.jobs.order import Command
+from framekit.blocks.jobs.owner import JobOwner, Store, Watcher
 from framekit.blocks.jobs.profile import CodeClass, JobProfile
 from framekit.blocks.jobs.slot import Attempt, Slot, State
 from framekit.blocks.jobs.status_image import StatusImage
 from framekit.definition.times import NEVER
 
-if TYPE_CHECKING:
-    from framekit.blocks.model import Place
-
 LEAST_TIME = 1_000_000
 """A transfer that ends at the very moment it began is followed by the next one 1 ms later: nobody is stopped by it."""
-
-Store = Callable[[], Failure | None]
-"""Puts what was read where it belongs; why not, if it cannot be."""
-
-
-class JobOwner(Protocol):
-    """Who does what a table wants."""
-
-    def connect(self, attempt: Attempt) -> None:
-        """Looks for a way to the host of an order; the table is told by `connected` or `not_connected`."""
-
-    def begin(self, attempt: Attempt) -> None:
-        """Begins a transfer; its end is told by `ended`."""
-
-    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
-        """Writes words from a place on; whether they could be."""
-
-    def write_bits(self, bits: tuple[int, ...]) -> None:
-        """Writes the status bits."""
-
-    def answered(self, command: Command, word: int | None) -> None:
-        """A command has its answer; None: it never gets one."""
 
 
 class JobTable:
@@ -61,6 +36,7 @@ class JobTable:
         self._failures = FailureWords(profile)
         self._limit = CommandLimit(profile.commands, self.scan, 0)
         self.running = False
+        self.watcher: Watcher | None = None
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -123,6 +99,12 @@ class JobTable:
         elif command.order is not None:
             self._establish(command, self.slots[command.slot], now)
 
+    def give_up(self, givers: Container[int], now: int) -> None:
+        """Ends the jobs that these have established, as an abort does; nobody waits for answers any more."""
+        for slot in self.slots.values():
+            if slot.by in givers and slot.active:
+                self._clear([slot.number], now)
+
     def room_at(self, now: int) -> int:
         """When one more command can be taken: now, or with the next scan."""
         return self._limit.room_at(now)
@@ -166,7 +148,7 @@ class JobTable:
             self.refuse(command, self.profile.words["unsupported"], now)
             return
         self._clear([slot.number], now)
-        slot.order, slot.asked, slot.left = order, command, order.times
+        slot.order, slot.asked, slot.by, slot.left = order, command, command.id, order.times
         slot.counters.established += 1
         slot.state = State.CONNECTING
         slot.origin = slot.boundary = slot.started = now
@@ -205,12 +187,14 @@ class JobTable:
         self.log.add("ended", now, slot.number, word)
         slot.rest()
         self._tell(slot, word, now)
+        self._watched(slot, Failure(outcome=reason))
 
     def lost(self, number: int, now: int) -> None:
         """The connection of a job is gone: it ends, whatever it was doing."""
         slot = self.slots[number]
         if slot.active and slot.state is not State.CONNECTING:
             self._settle(slot, self.profile.words["closed"], False, now)
+            self._watched(slot, Failure(outcome="closed"))
 
     def set_network(self, on: bool, now: int) -> None:
         """Whether the network can be used at all."""
@@ -237,6 +221,11 @@ class JobTable:
             self._settle(slot, self.profile.words["good"], True, now)
         else:
             self._settle(slot, *self._failures.word_of(failure), now)
+        self._watched(slot, failure)
+
+    def _watched(self, slot: Slot, failure: Failure | None) -> None:
+        if self.watcher is not None:
+            self.watcher(status_of(slot, self.profile), failure)
 
     def _settle(self, slot: Slot, word: int, completed: bool, now: int) -> None:
         """What came of a transfer: status word, bits, detail words; then the job waits, or is over."""

@@ -76,6 +76,16 @@ class RunSession(Session):
         self.service = service = RunService(self.run, clock, log.add)
         self.watch.begin(service, clock, silent=True)
         lines = {number: _line_of(channel) for number, channel in service.channels.items()}
+        tapped = service.on_channel
+
+        def came(number: int, channel: ChannelService) -> None:
+            """A channel that jobs wanted."""
+            model = channel.channel
+            log.know(number, model.protocol, model.role, model.params)
+            lines[number] = _line_of(channel)
+            tapped(number, channel)
+
+        service.on_channel = came
         self._view = LiveView(log, clock, lines, service.status)
         service.start()
         return self._view
