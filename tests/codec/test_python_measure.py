@@ -144,6 +144,27 @@ def test_lost_ends() -> None:
     assert table.measure("f", b"\x02") == table.LOST
 
 
+def test_a_wrap_that_something_else_ends() -> None:
+    codec = codec_of(
+        "[{const: DLE STX}, {wrap: {escape: DLE}, of: [{data: d, size: rest}]}, {const: DLE ETX}, {check: sum8}]"
+    )
+    assert codec.measure("f", b"\x10\x02ab\x10") == -2
+    assert codec.measure("f", b"\x10\x02ab\x10\x03") == -1
+    assert codec.measure("f", b"\x10\x02ab\x10\x05") == codec.LOST, "as soon as it shows"
+    fixed = codec_of(
+        "[{const: DLE SOH}, {wrap: {escape: DLE}, of: [{field: a, type: u8}]}, {const: DLE}, {const: STX}, "
+        "{field: b, type: u8}]"
+    )
+    assert fixed.measure("f", b"\x10\x01\x10\x10\x10\x02\x07") == 7
+    assert fixed.measure("f", b"\x10\x01\x05\x10") == -2
+    assert fixed.measure("f", b"\x10\x01\x05\x10\x05") == codec.LOST
+    assert fixed.measure("f", b"\x10\x01\x05\x06") == codec.LOST
+    refusing = codec_of(
+        "[{const: DLE STX}, {wrap: {escape: DLE}, of: [{data: d, size: rest}]}, {const: DLE ETX, refuse: 3}]"
+    )
+    assert refusing.measure("f", b"\x10\x02ab\x10\x05") == 6, "to be refused"
+
+
 def test_what_only_silence_ends() -> None:
     codec = codec_of("[{const: 01}, {data: d, size: rest}, {check: sum8}]", keys="max: 5")
     assert codec.measure("f", b"\x01") == -1

@@ -257,6 +257,18 @@ def test_doubled_data_are_no_start_of_a_frame() -> None:
     assert [item[:2] for item in found] == [("noise", b"\x10\x10\x02abc"), ("frame", "message")]
 
 
+def test_a_symbol_that_breaks_a_message_off_shows_at_once_and_what_it_begins_is_found() -> None:
+    receiver = receiver_of(ESCAPED)
+    receiver.append(b"\x10\x02ab\x10\x05", 0)
+    bad, enq = receiver.next(("message", "enq")), receiver.next(("message", "enq"))
+    while isinstance(enq, Noise):
+        enq = receiver.next(("message", "enq"))
+    assert isinstance(bad, BadFrame) and (bad.cause, bad.raw) == ("constant", b"\x10\x02ab\x10\x05")
+    assert isinstance(enq, FrameArrived) and enq.value.frame == "enq"
+    found = feed(receiver_of(ESCAPED), [b"\x10\x02ab" + message(b"x")], ("message", "enq"))
+    assert [item[0] for item in found if item[0] != "noise"] == ["bad", "frame"]
+
+
 # ---- what holds for any bytes ------------------------------------------------------------------------------
 
 PIECES = [GET, SET, b"\x06", b"\x15\x01", b"\x02", b"\x03", b"\x0201S", TOO_MUCH, checked(TOO_MUCH[:-2]), b"\xff\x00"]

@@ -6,7 +6,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure_segments import SegmentMeasurer
 from framekit.codec.python.measuring import Pairs
 from framekit.codec.python.shape import flat, leading, value_names
-from framekit.codec.python.source import Source, quoted
+from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Const, Inner, Wrap
@@ -46,6 +46,11 @@ class WrapMeasurer(SegmentMeasurer):
                 self.add(f"return -{1 + behind}")
             with self.out.block("except ValueError:"):
                 self.add("return LOST")
+            if follows := _symbol_behind(wrap, after):
+                with self.out.block(
+                    f"if not {bytes_literal(follows)}.startswith(data[at:min(at + {len(follows)}, end)]):"
+                ):
+                    self.add("return LOST")
             self._read_content(wrap, scope)
             return
         find = self.module.function("find_region_end")
@@ -55,6 +60,9 @@ class WrapMeasurer(SegmentMeasurer):
         self.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
         with self.out.block("if at < 0:"):
             self.not_found(max(behind - 1, 1))
+        if follows := _symbol_behind(wrap, after):  # what is not doubled has to be the end
+            with self.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
+                self.add("return LOST")
         self._read_content(wrap, scope)
 
     def _read_content(self, wrap: Wrap, scope: Scope) -> None:
@@ -121,3 +129,13 @@ class WrapMeasurer(SegmentMeasurer):
         with self.out.block(f"if {size} <= 0:"):
             self.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         self.skip(size)
+
+
+def _symbol_behind(wrap: Wrap, after: Pairs) -> bytes:
+    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
+    found = b""
+    for segment, _ in after:
+        if not isinstance(segment, Const) or segment.when is not None or segment.refuse is not None:
+            break
+        found += segment.data
+    return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
