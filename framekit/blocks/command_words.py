@@ -5,6 +5,7 @@ Sans-I/O. What the command then does, and on which channel, is not known here.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +13,10 @@ from typing import Any
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.commands import CommandRules
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Inner
+from framekit.definition.model.segments import Inner, Length
+from framekit.definition.model.sizes import fixed_size
 from framekit.definition.model.visit import parts_of
+from framekit.definition.problems import plural
 from framekit.link.arrivals import BadFrame, FrameArrived
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import Codec, FrameTable
@@ -22,7 +25,15 @@ from framekit.link.values import FrameValue
 
 
 class CommandFaultError(ValueError):
-    """The words are no command block at all, or its status word has no place; no status word can tell of it."""
+    """The words are no command block at all, or its status word has no place; no status word can tell of it.
+
+    `segment` is the one at fault, where it is one, `found` what it holds.
+    """
+
+    def __init__(self, message: str, segment: str = "", found: str = "") -> None:
+        super().__init__(message)
+        self.segment = segment
+        self.found = found
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +57,12 @@ class CommandWords:
         self._codec = codec
         self._table = table
         self._names = names
+        segments = application.frames[self.rules.frame].segments
+        before = itertools.takewhile(lambda segment: segment.name != self.rules.request, segments)
+        self.head_size = sum(fixed_size(segment) or 0 for segment in before)
+        """Bytes of a block before the request."""
+        counts = (one.name for one in segments if isinstance(one, Length) and self.rules.request in one.of)
+        self.length = next(counts, "")
 
     def read(self, data: bytes) -> Command:
         """The command that begins at the first of these bytes; what comes behind it is not looked at.
@@ -61,8 +78,31 @@ class CommandWords:
                 return Command(found.value, request, found.raw)
             raise CommandFaultError("it holds no command that is known")
         if isinstance(found, BadFrame):
-            raise CommandFaultError(f"'{found.segment}' is {found.found}, expected {found.expected}")
+            text = f"'{found.segment}' is {found.found}, expected {found.expected}"
+            raise CommandFaultError(text, found.segment, found.found)
         raise CommandFaultError("it has more words than there are")
+
+    def head_misfit(self, data: bytes) -> str:
+        """How the length that a head says and what stands behind the head disagree; '' where neither can be told.
+
+        It is for words that are no command by themselves: those that are one need no head.
+        """
+        behind = data[self.head_size :]
+        there = plural(len(behind) // 2, "word")
+        try:
+            said = len(self.read(data + bytes(2 * self.rules.most)).raw) - self.head_size
+        except CommandFaultError as error:
+            is_head = self.is_known(behind) or (len(data) == self.head_size and error.found == "0")
+            return f"{error} ({there} behind the head)" if is_head and error.segment == self.length else ""
+        return "" if said == len(behind) else f"the head says {plural(said // 2, 'word')}, and {there} stand behind it"
+
+    def is_known(self, data: bytes) -> bool:
+        """Whether these bytes are a request that does not exist to be refused."""
+        try:
+            name, _ = self.read_request(data)
+        except CommandFaultError:
+            return False
+        return self.application.frames[name].refuse is None
 
     def make(self, request: str, fields: Mapping[str, Any], head: Mapping[str, Any]) -> bytes:
         """The bytes of a command with these plain values, the usual ones where none are given.

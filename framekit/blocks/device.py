@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from framekit.blocks.device_settings import DeviceSettings
+from framekit.blocks.device_settings import NO_FILE, DeviceSettings
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.load_fault_plan import read_fault_plan
@@ -195,7 +195,7 @@ class _DeviceLoader:
         if station.type == "none" or not any("own" in names_in(one.root) for one in expressions_of(sequences)):
             return []
         if station.type != "number":
-            self.reader.note(self.root.at, f"'{self.protocol.name}' has stations", "say which one this is: --station")
+            self.reader.note(NO_FILE, f"'{self.protocol.name}' has stations", "say which one this is: --station")
             return []
         return [1 if station.limits is None else max(1, station.limits[0])]
 

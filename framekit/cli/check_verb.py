@@ -108,10 +108,15 @@ def _protocol(path: Path) -> Checked:
 
 
 def _device(path: Path) -> Checked:
-    from framekit.blocks.device import load_device
+    from framekit.blocks.device import load_devices
 
-    device = load_device(path, path.parent)
-    return Checked(f"device {device.name} speaking {device.protocol.name}", [])
+    devices = load_devices(path, path.parent)
+    name, protocol = devices[0].name, devices[0].protocol.name
+    if len(devices) == 1:
+        return Checked(f"device {name} speaking {protocol}", [])
+    stations = ", ".join(str(device.own) for device in devices)
+    name = name.removesuffix(f" {devices[0].own}")
+    return Checked(f"device {name}, stations {stations}, speaking {protocol}", [])
 
 
 def _run(path: Path) -> Checked:

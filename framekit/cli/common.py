@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.codec.stored import StoredCodec
@@ -68,17 +68,17 @@ def assignment(text: str) -> tuple[str, Any]:
 
     name, equals, value = text.partition("=")
     if not equals or not name:
-        raise Failure(f"'{text}' is not NAME=VALUE")
+        raise WrongWords(f"'{text}' is not NAME=VALUE")
     if value[:1] in ("{", "[", '"'):
         try:
             return name, json.loads(value)
         except json.JSONDecodeError as error:
-            raise Failure(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
+            raise WrongWords(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
     return name, value
 
 
 def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Scope:
-    """Names for a codec: parameters and state with the given settings. Raises Failure for those that do not fit."""
+    """Names for a codec: parameters and state with the given settings. Raises WrongWords for those that do not fit."""
     from framekit.link.parameters import ParameterError
     from framekit.link.scope import Scope
 
@@ -89,7 +89,7 @@ def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Sco
             if name not in protocol.params:
                 set_variable(scope, protocol, name, value)
     except ParameterError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
     return scope
 
 
@@ -101,17 +101,17 @@ def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> Non
 
     if name not in protocol.state:
         hint = did_you_mean(name, [*protocol.params, *protocol.state])
-        raise Failure(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
+        raise WrongWords(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
     parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
     parse = parsers.get(protocol.state[name].type, parse_number)
     try:
         scope.set(name, parse(value) if isinstance(value, str) else value)
     except (ValueError, TypeError) as error:
-        raise Failure(f"variable '{name}': {error}") from None
+        raise WrongWords(f"variable '{name}': {error}") from None
 
 
 def duration_of(text: str | None) -> int | None:
-    """The time of `--for` (ns); None where there is none. Raises Failure."""
+    """The time of `--for` (ns); None where there is none. Raises WrongWords."""
     from framekit.definition.times import parse_time
 
     if text is None:
@@ -119,17 +119,23 @@ def duration_of(text: str | None) -> int | None:
     try:
         return parse_time(text)
     except ValueError as error:
-        raise Failure(f"--for: {error}") from None
+        raise WrongWords(f"--for: {error}") from None
+
+
+def why_not(error: OSError) -> str:
+    """Why the system refused something, and about which file."""
+    text = error.strerror or str(error)
+    return f"{near(str(error.filename))}: {text}" if error.filename is not None else text
 
 
 def hex_bytes(text: str) -> bytes:
-    """Bytes from hex digits with any spacing; `-` reads standard input. Raises Failure."""
+    """Bytes from hex digits with any spacing; `-` reads standard input. Raises WrongWords."""
     if text == "-":
         text = sys.stdin.read()
     try:
         return bytes.fromhex("".join(text.replace("0x", " ").replace(",", " ").replace(":", " ").split()))
     except ValueError:
-        raise Failure("these are not bytes – write pairs of hex digits") from None
+        raise WrongWords("these are not bytes – write pairs of hex digits") from None
 
 
 def spaced(data: bytes) -> str:

@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import assignment, print_json
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
@@ -37,7 +37,7 @@ class CommandRun:
             self._put(text)
 
     def _put(self, text: str) -> None:
-        """A start value of the own memory. Raises Failure."""
+        """A start value of the own memory. Raises WrongWords."""
         from framekit.definition.load.scalars import parse_number
         from framekit.memory.errors import DeviceMemoryError
 
@@ -47,7 +47,7 @@ class CommandRun:
             numbers = [parse_number(value) for value in str(values).split(",")]
             self.memory.write(place.area, place.unit, place.start, numbers, force=True)
         except (ValueError, DeviceMemoryError) as error:
-            raise Failure(f"--set {text}: {error}") from None
+            raise WrongWords(f"--set {text}: {error}") from None
 
     def carry_out(self, data: bytes) -> int:
         """Carries a command out and prints what came of it; the exit status."""

@@ -10,14 +10,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import assignment, load, print_json
-from framekit.cli.main import Failure
+from framekit.cli.common import load, print_json
+from framekit.cli.commreq_words import commands_in, record_of
 from framekit.cli.one_shot import add_line, carry_out
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
     from framekit.blocks.command_meaning import Meaning
-    from framekit.blocks.command_words import CommandWords
     from framekit.blocks.commands import CommandBlocks
     from framekit.definition.model.protocol import Protocol
 
@@ -49,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     application = commands_for(protocol, arguments.commands, Path.cwd(), at)
     blocks = _blocks(application, protocol, arguments)
     try:
-        records = [record_of(blocks.words, given) for given in _commands(_with_files(arguments.words))]
+        records = [record_of(blocks.words, given) for given in commands_in(arguments.words)]
     except ValueError as error:
         print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
         return NO_COMMAND
@@ -75,17 +74,6 @@ def _carry_out(application: Protocol, records: list[bytes], arguments: argparse.
     return carry_out(arguments, act, to_station=False) or status
 
 
-def _commands(words: list[str]) -> list[list[str]]:
-    """The words of each command; + stands between two."""
-    found: list[list[str]] = [[]]
-    for word in words:
-        if word == "+":
-            found.append([])
-        else:
-            found[-1].append(word)
-    return found
-
-
 def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
     """Command blocks on a port that has done nothing yet, over an empty memory."""
     from framekit.blocks.commands import CommandBlocks
@@ -100,53 +88,6 @@ def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Names
     channel = Scope(protocol, role=role, line=default_line(protocol))
     areas, _ = memory_of(application)
     return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=channel)
-
-
-def _with_files(words: list[str]) -> list[str]:
-    """The words, with those of a file in place of @FILE."""
-    return [word for text in words for word in (_words_of(text[1:]) if text.startswith("@") else [text])]
-
-
-def _words_of(file: str) -> list[str]:
-    """The words in a file, in which # begins a remark. Raises Failure."""
-    try:
-        lines = Path(file).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise Failure(f"{file}: {error}") from None
-    return [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
-
-
-def record_of(words: CommandWords, given: list[str]) -> bytes:
-    """The command block that is meant: all its words, those from the command on, or a command with named fields.
-
-    Fields of the words before the command may be given beside either. Raises ValueError.
-    """
-    from framekit.blocks.command_words import CommandFaultError, bytes_of
-    from framekit.codec.plain import PlainValues
-    from framekit.definition.load.scalars import parse_number
-    from framekit.definition.problems import did_you_mean
-
-    plain = [text for text in given if "=" not in text]
-    fields = dict(assignment(text) for text in given if "=" in text)
-    head = {name: fields.pop(name) for name in list(fields) if name in words.head()}
-    if len(plain) == 1 and not plain[0].lstrip("-")[:1].isdigit():
-        if plain[0] not in words.requests:
-            hint = did_you_mean(plain[0], words.requests)
-            raise ValueError(f"'{words.application.name}' has no command '{plain[0]}'" + (f" – {hint}" if hint else ""))
-        return words.make(plain[0], fields, head)
-    if fields:
-        raise ValueError(f"'{next(iter(fields))}' is no field beside words – name the command instead of its number")
-    numbers = [parse_number(text) for text in plain]
-    if not numbers:
-        raise ValueError("there are no words – give them, or the name of a command")
-    data = bytes_of(numbers)
-    try:
-        if not head and len(words.read(data).raw) == len(data):
-            return data
-    except CommandFaultError:
-        pass
-    request, values = words.read_request(data)
-    return words.make(request, PlainValues(words.application).to_plain(request, values), head)
 
 
 # ---- explaining -------------------------------------------------------------------------------------------

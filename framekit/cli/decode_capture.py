@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import assignment, print_json
 from framekit.cli.line_options import add_filter, add_line, filter_of, line_of
-from framekit.cli.main import Failure
+from framekit.cli.main import Failure, WrongWords
 from framekit.cli.seen_output import seen_data, seen_text
 
 if TYPE_CHECKING:
@@ -82,8 +82,10 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
                 )
             else:
                 print(_text(plain, channel, seen, arguments.ascii))
-    except (CaptureError, ParameterError) as error:
+    except CaptureError as error:
         raise Failure(str(error)) from None
+    except ParameterError as error:
+        raise WrongWords(str(error)) from None
     if decoder.is_cut:
         print(f"{arguments.capture}: the last record is not whole – its writer was stopped", file=sys.stderr)
     if not arguments.json:

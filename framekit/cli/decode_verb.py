@@ -22,7 +22,7 @@ from framekit.cli.common import (
     table,
 )
 from framekit.cli.decode_capture import add_capture_arguments, decode_capture
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.codec.stored import StoredCodec
@@ -84,12 +84,12 @@ class StartNames(dict[str, Any]):
 
 
 def context(codec: StoredCodec, settings: list[str]) -> Mapping[str, Any]:
-    """What the bytes depend on: as the definition starts, or with these settings. Raises Failure."""
+    """What the bytes depend on: as the definition starts, or with these settings. Raises WrongWords."""
     return scope_of(codec.protocol, settings) if settings else StartNames(codec)
 
 
 def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> list[str]:
-    """The frames to try. Raises Failure for one there is not."""
+    """The frames to try. Raises WrongWords for one there is not."""
     from framekit.link.fitting import candidates, of_side
 
     if frame is None:
@@ -99,7 +99,7 @@ def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> lis
     protocol = codec.protocol
     if frame not in protocol.frames and frame not in protocol.groups:
         hint = did_you_mean(frame, [*protocol.frames, *protocol.groups])
-        raise Failure(f"'{protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+        raise WrongWords(f"'{protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
     return candidates(protocol, frame, side)
 
 

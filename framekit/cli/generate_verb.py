@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from framekit.cli.common import add_protocol, load
+from framekit.cli.common import add_protocol, load, why_not
 from framekit.cli.main import Failure
 
 
@@ -35,5 +35,5 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         arguments.output.write_text(source, encoding="utf-8")
     except OSError as error:
-        raise Failure(f"cannot write {arguments.output}: {error.strerror}") from None
+        raise Failure(f"cannot write {why_not(error)}") from None
     return 0

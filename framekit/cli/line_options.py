@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import assignment
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.definition.model.protocol import Protocol
@@ -35,7 +35,7 @@ def add_filter(parser: argparse.ArgumentParser) -> None:
 
 
 def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | None:
-    """Speed and format of the command line, else the protocol's; None on connections. Raises Failure."""
+    """Speed and format of the command line, else the protocol's; None on connections. Raises WrongWords."""
     from framekit.definition.times import parse_format
 
     line = protocol.line
@@ -45,7 +45,7 @@ def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | N
         speed = line.speed if arguments.speed is None else arguments.speed
         return parse_format(arguments.format or line.format, speed)
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
 
 
 def params_of(arguments: argparse.Namespace) -> dict[str, Any]:

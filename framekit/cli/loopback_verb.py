@@ -7,7 +7,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import add_json, print_json, table
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
@@ -44,11 +44,11 @@ def _lines(arguments: argparse.Namespace) -> list[LineFormat]:
     for speed in arguments.speeds.split(","):
         for form in arguments.formats.split(","):
             if not speed.strip().isdigit():
-                raise Failure(f"'{speed.strip()}' is not a speed – write bits a second, such as 9600")
+                raise WrongWords(f"'{speed.strip()}' is not a speed – write bits a second, such as 9600")
             try:
                 found.append(parse_format(form, int(speed)))
             except ValueError as error:
-                raise Failure(str(error)) from None
+                raise WrongWords(str(error)) from None
     return found
 
 
@@ -80,7 +80,7 @@ async def _real(url: str, lines: list[LineFormat]) -> list[LoopbackResult]:
     try:
         Loopback(lambda line: open_port(url, line, clock), clock, lines, ended.set_result).start()
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
     return await ended
 
 

@@ -1,6 +1,7 @@
 """`framekit VERB …`: finds the verb, runs it, and turns what goes wrong into a message and an exit status.
 
-0 all right · 1 the thing asked about is wrong or failed · 2 the command line itself is wrong. Never a traceback.
+0 all right · 1 the thing asked about is wrong or failed · 2 the command line itself is wrong · 3 no answer, no port.
+Never a traceback.
 """
 
 from __future__ import annotations
@@ -34,7 +35,22 @@ VERBS = {
 
 
 class Failure(Exception):  # noqa: N818 - a message for the user, not a fault of the program
-    """What a verb was asked for can't be done; the message says why. Exit status 1."""
+    """What a verb was asked for can't be done; the message says why."""
+
+    status = 1
+    """The exit status."""
+
+
+class WrongWords(Failure):
+    """The command line is wrong: an option, a name or a value in it. Nothing was done."""
+
+    status = 2
+
+
+class NoPort(Failure):
+    """The port cannot be opened."""
+
+    status = 3
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -63,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except Failure as failure:
         print(f"framekit {parsed.verb}: {failure}", file=sys.stderr)
-        return 1
+        return failure.status
     except ValueError as error:
         from framekit.definition.problems import DefinitionError
 
@@ -72,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from framekit.cli.common import told
 
         print("\n".join(told(problem) for problem in error.problems), file=sys.stderr)
-        return 1
+        return WrongWords.status if all(problem.warning or not problem.at.line for problem in error.problems) else 1
 
 
 if __name__ == "__main__":

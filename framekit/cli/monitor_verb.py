@@ -8,9 +8,9 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, add_protocol, duration_of, load, print_json
+from framekit.cli.common import add_json, add_protocol, duration_of, load, print_json, why_not
 from framekit.cli.line_options import add_filter, add_line, add_params, filter_of, line_of, params_of
-from framekit.cli.main import Failure
+from framekit.cli.main import Failure, NoPort, WrongWords
 from framekit.cli.seen_output import seen_data, seen_text
 from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         return asyncio.run(_listen(protocol, arguments, printer, duration))
     except OSError as error:
-        raise Failure(str(error)) from None
+        raise Failure(why_not(error)) from None
 
 
 def _live(protocol: Protocol, arguments: argparse.Namespace, duration: int | None) -> int:
@@ -115,7 +115,7 @@ def monitor_of(
     try:
         port = open_port(arguments.port, line_of(protocol, arguments), clock, listen_only=True)
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
     capture = None
     if arguments.capture is not None:
         capture = Capture(arguments.capture, (1,), clock)
@@ -123,11 +123,11 @@ def monitor_of(
     try:
         return LineMonitor(protocol, port, clock, show, params=params_of(arguments), on_state=on_state), capture
     except ParameterError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
 
 
 async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _Printer, duration: int | None) -> int:
-    """Until the time is over, or SIGINT or SIGTERM asks to stop; 1 when the port could not be opened at all."""
+    """Until the time is over, or SIGINT or SIGTERM asks to stop. Raises NoPort."""
     from framekit.transport.clock import AsyncioClock
 
     loop = asyncio.get_running_loop()
@@ -156,6 +156,6 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
         if capture is not None:
             capture.close()
     if failed:
-        raise Failure(failed[0])
+        raise NoPort(failed[0])
     printer.summary(monitor, clock.now())
     return 0

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import add_json, add_protocol, assignment, load, print_json
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
@@ -86,7 +86,7 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
 
     try:
         return dict(assignment(text) for text in texts)
-    except Failure as failure:
+    except WrongWords as failure:
         raise RequestError(str(failure)) from None
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import add_json, print_json
-from framekit.cli.main import Failure
+from framekit.cli.main import Failure, NoPort, WrongWords
 
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
@@ -35,11 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
     from framekit.definition.times import parse_format
 
     if arguments.speed_up <= 0:
-        raise Failure(f"--speed-up {arguments.speed_up:g}: write a number above 0")
+        raise WrongWords(f"--speed-up {arguments.speed_up:g}: write a number above 0")
     try:
         line = parse_format(arguments.format, arguments.speed)
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
     events = _events(arguments)
     return asyncio.run(_replay(arguments, line, events))
 
@@ -59,10 +59,10 @@ def _events(arguments: argparse.Namespace) -> list[LineEvent]:
         raise Failure(str(error)) from None
     channels = sorted({channel for channel, _ in found})
     if arguments.channel is None and len(channels) > 1:
-        raise Failure(f"the capture has the channels {', '.join(map(str, channels))} – choose one with --channel")
+        raise WrongWords(f"the capture has the channels {', '.join(map(str, channels))} – choose one with --channel")
     events = [event for channel, event in found if arguments.channel in (None, channel)]
     if not events:
-        raise Failure(f"the capture has no bytes of direction {arguments.direction} there – try --direction")
+        raise WrongWords(f"the capture has no bytes of direction {arguments.direction} there – try --direction")
     return events
 
 
@@ -77,7 +77,7 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
     try:
         port = open_port(arguments.port, line, clock)
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
     speed_up = None if arguments.as_fast else arguments.speed_up
     replay = Replay(events, port, clock, ended.set_result, direction=arguments.direction, speed_up=speed_up)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -92,5 +92,5 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
         pieces = f"{replay.pieces_sent} of {replay.pieces} pieces"
         print(f"sent {pieces}, {replay.bytes_sent} bytes in {seconds:.3f} s; {replay.bytes_received} bytes came")
     if reason:
-        raise Failure(reason)
+        raise (Failure if replay.began else NoPort)(reason)
     return 0

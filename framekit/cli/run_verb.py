@@ -8,8 +8,8 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from framekit.cli.common import add_json, duration_of, told
-from framekit.cli.main import Failure
+from framekit.cli.common import add_json, duration_of, told, why_not
+from framekit.cli.main import Failure, WrongWords
 from framekit.cli.watch_options import Watch, add_watch
 
 if TYPE_CHECKING:
@@ -54,14 +54,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
-        raise Failure("--virtual needs --for TIME")
+        raise WrongWords("--virtual needs --for TIME")
     watch = Watch(arguments)
     if arguments.virtual and arguments.watch:
-        raise Failure("--watch is for runs in real time – leave --virtual out")
+        raise WrongWords("--watch is for runs in real time – leave --virtual out")
     if arguments.virtual and arguments.control:
-        raise Failure("--control is for runs in real time – leave --virtual out")
+        raise WrongWords("--control is for runs in real time – leave --virtual out")
     if arguments.screen and (arguments.watch or arguments.control):
-        raise Failure("--watch and --control work with lines – leave --screen out")
+        raise WrongWords("--watch and --control work with lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control))
     except OSError as error:
-        raise Failure(str(error)) from None
+        raise Failure(why_not(error)) from None
     return 0
 
 

@@ -9,8 +9,8 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, duration_of, told
-from framekit.cli.main import Failure
+from framekit.cli.common import add_json, duration_of, told, why_not
+from framekit.cli.main import Failure, NoPort, WrongWords
 from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log, period_of
 
 if TYPE_CHECKING:
@@ -70,13 +70,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     begin_log(arguments.log)
-    duration = duration_of(arguments.duration)
+    duration, every = duration_of(arguments.duration), period_of(arguments.status_every)
     devices = _devices(arguments.devices, _settings(arguments), arguments.faults)
     line = _line(arguments, devices[0])
     if arguments.screen:
         return _live(arguments, devices, line, duration)
     with contextlib.suppress(asyncio.CancelledError):
-        asyncio.run(_serve(arguments, devices, line, duration))
+        asyncio.run(_serve(arguments, devices, line, duration, every))
     return 0
 
 
@@ -101,12 +101,12 @@ def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not (name.strip() and equals and value.strip()):
-            raise Failure(f"'{text}' is not {form}")
+            raise WrongWords(f"'{text}' is not {form}")
         yield name.strip(), value.strip()
 
 
 def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None) -> list[Device]:
-    """Raises DefinitionError, and Failure for devices that can't share a line."""
+    """Raises DefinitionError, and WrongWords for devices that can't share a line."""
     from framekit.blocks.device import load_devices
     from framekit.blocks.load_fault_plan import with_faults
     from framekit.service.serving_ports import check_line
@@ -116,7 +116,7 @@ def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None)
     try:
         check_line(found)
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
     return found
 
 
@@ -126,7 +126,7 @@ def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
     try:
         return line_of(device, arguments.speed, arguments.format)
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
 
 
 # ---- serving ----------------------------------------------------------------------------------------------
@@ -141,13 +141,12 @@ def _live(arguments: argparse.Namespace, devices: list[Device], line: LineFormat
 
 
 async def _serve(
-    arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None
+    arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None, every: int
 ) -> None:
-    """Serves until the time is over, or SIGINT or SIGTERM asks to stop. Raises Failure when the port can't be had."""
+    """Serves until the time is over, or SIGINT or SIGTERM asks to stop. Raises NoPort when the port can't be had."""
     from framekit.cli.serve_output import JsonServeOutput, TextServeOutput
     from framekit.transport.clock import AsyncioClock
 
-    every = period_of(arguments.status_every)
     loop = asyncio.get_running_loop()
     clock = AsyncioClock(loop)
     ended = asyncio.Event()
@@ -221,7 +220,7 @@ def _captured(
     try:
         capture = Capture(path, (1,), clock)
     except OSError as error:
-        raise Failure(str(error)) from None
+        raise Failure(why_not(error)) from None
 
     def close() -> None:
         capture.close()
@@ -235,15 +234,15 @@ def _captured(
 async def _open(
     url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: contextlib.ExitStack
 ) -> str:
-    """Opens the port, or begins to listen; what to call it. Raises Failure when that can't be done."""
+    """Opens the port, or begins to listen; what to call it. Raises NoPort when that can't be done."""
     from framekit.service.serving_ports import begin_serving
 
     try:
         return (await begin_serving(url, serving, clock, first_state, stack)).about
     except OSError as error:
-        raise Failure(f"{url}: {error.strerror}" if error.strerror else str(error)) from None
+        raise NoPort(f"{url}: {error.strerror}" if error.strerror else str(error)) from None
     except ValueError as error:
-        raise Failure(str(error)) from None
+        raise WrongWords(str(error)) from None
 
 
 def warnings_of(device: Device) -> list[str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import print_json
-from framekit.cli.main import Failure
+from framekit.cli.main import WrongWords
 
 if TYPE_CHECKING:
     from framekit.service.capture import Capture
@@ -61,7 +61,7 @@ def begin_log(level: str | None) -> None:
 
 
 def period_of(text: str | None) -> int:
-    """The time of --status-every (ns); 0 without one. Raises Failure."""
+    """The time of --status-every (ns); 0 without one. Raises WrongWords."""
     from framekit.definition.times import parse_time
 
     if text is None:
@@ -69,9 +69,9 @@ def period_of(text: str | None) -> int:
     try:
         period = parse_time(text)
     except ValueError as error:
-        raise Failure(f"--status-every: {error}") from None
+        raise WrongWords(f"--status-every: {error}") from None
     if not period:
-        raise Failure("--status-every: write a time above 0")
+        raise WrongWords("--status-every: write a time above 0")
     return period
 
 
@@ -79,7 +79,7 @@ class Watch:
     """Watches one run as the command line asks: `begin` before it starts, `end` when it has stopped."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        """Raises Failure."""
+        """Raises WrongWords."""
         self._path: Path | None = arguments.capture
         self._json: bool = arguments.json
         self._capture: Capture | None = None

@@ -52,7 +52,7 @@ class PlainValues:
     # ---- reading ------------------------------------------------------------------------------------------
 
     def _read(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
-        known = _by_name(segments)
+        known = by_name(segments)
         result = {}
         for name, value in fields.items():
             segment = known.get(name)
@@ -91,7 +91,7 @@ class PlainValues:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def _written(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
-        known = _by_name(segments)
+        known = by_name(segments)
         return {name: self._shown(known.get(name), value) for name, value in fields.items()}
 
     def _shown(self, segment: Segment | None, value: Any) -> Any:
@@ -107,16 +107,16 @@ class PlainValues:
         return shown(value)
 
 
-def _by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:
+def by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:
     """The segments that hold values, by the name of the value, also those in wraps, choices and optional parts."""
     found: dict[str, Segment] = {}
     for segment in segments:
         if isinstance(segment, (Wrap, Optional)):
-            found |= _by_name(segment.of)
+            found |= by_name(segment.of)
         elif isinstance(segment, Choose):
             for _, case in segment.cases:
-                found |= _by_name(case)
-            found |= _by_name(segment.otherwise or ())
+                found |= by_name(case)
+            found |= by_name(segment.otherwise or ())
         elif isinstance(segment, Bits):
             found |= {part.name: segment for part in segment.parts}
         elif isinstance(segment, (Field, Data, Length, Count, Repeat, Record, Inner, Value)):

@@ -40,8 +40,10 @@ def test_encode_an_inner_frame_as_json(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("mldp", "read_individual", "statoin=1"), "statoin"),
+        (("mldp", "read_individual", "statoin=1"), "did you mean 'station'"),
         (("mldp", "read_individual", "station=999", "command=r", 'variables=[{"name": "%MW1"}]'), "station"),
+        (("modbus-rtu", "request_adu", "station=1", 'pdu={"read_holding": {"adress": 1}}'), "did you mean 'address'"),
+        (("modbus-rtu", "request_adu", "station=1", 'pdu={"read_holdin": {}}'), "did you mean 'read_holding'"),
         (("mldp", "read_individual", "command=r", 'variables=[{"name": "%MW1"}]'), "station"),
         (("mldp", "read_individul", "station=1"), "did you mean 'read_individual'"),
         (("mldp", "read_individual", "variables=[{]"), "is not JSON"),
@@ -51,7 +53,7 @@ def test_encode_an_inner_frame_as_json(capsys: pytest.CaptureFixture[str]) -> No
 )
 def test_encode_refuses_by_name(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:
     status, out, err = call(capsys, "encode", *words)
-    assert (status, out) == (1, "")
+    assert (status, out) == (1 if words[0] == "no-such" else 2, "")
     assert message in err
 
 
@@ -97,7 +99,7 @@ def test_decode_says_why_bytes_are_no_frame(
     capsys: pytest.CaptureFixture[str], protocol: str, data: str, message: str
 ) -> None:
     status, out, err = call(capsys, "decode", protocol, data)
-    assert (status, out) == (1, "")
+    assert (status, out) == (2 if data == "0G" else 1, "")
     assert message in err
 
 
@@ -178,11 +180,17 @@ def test_every_example_shows_its_frames_as_json(capsys: pytest.CaptureFixture[st
         assert frames[0]["fields"]["pdu"] == {"read_inputs": {"function": 2, "address": 0, "count": 16}}
 
 
+def test_check_names_all_stations_of_a_device(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "two.device.yaml"
+    path.write_text("device: pump-1\nprotocol: mldp\nstation: [1, 7]\n", encoding="utf-8")
+    assert call(capsys, "check", str(path))[1] == f"{path}: device pump-1, stations 1, 7, speaking mldp\n"
+
+
 @pytest.mark.parametrize(
     ("words", "status"),
     [
         (("--version",), 0), (("--help",), 0), ((), 2), (("nonsense",), 2), (("encode",), 2),
-        (("run", "x.yaml", "--for", "soon"), 1), (("run", "no-such.yaml"), 1), (("run", "x.yaml", "--virtual"), 1),
+        (("run", "x.yaml", "--for", "soon"), 2), (("run", "no-such.yaml"), 1), (("run", "x.yaml", "--virtual"), 2),
     ],
 )  # fmt: skip
 def test_exit_status(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], status: int) -> None:

@@ -45,10 +45,19 @@ def test_json_has_words_fields_and_what_is_done(capsys: pytest.CaptureFixture[st
     [
         (["hello"], "has no command 'hello'"),
         (["ccm_reed"], "did you mean 'ccm_read'"),
-        (["ccm_read", "targt=1"], "targt"),
+        (["ccm_read", "targt=1"], "there is no 'targt' in this frame – did you mean 'target'?"),
+        (["ccm_read", "command=6101", "status_ofset=1"], "did you mean 'status_offset'"),
+        (["ccm_read", "target=9"], "'command' is missing – give 6101 (R), 6102 (I) or 6103 (Q)"),
+        (["ccm_read", "command=6101", "type=X"], "1 (registers)"),
+        (["6101", "wate=1"], "did you mean 'wait'"),
         (["6101", "count=1"], "'count' is no field beside words"),
         (["6101", "1.5"], "1.5"),
         (["6101", "70000"], "70000 is no word"),
+        (["7", *WRITE[1:]], "the head says 7 words, and 6 words stand behind it"),
+        (["5", *WRITE[1:]], "the head says 5 words, and 6 words stand behind it"),
+        (WRITE[:-1], "the head says 6 words, and 5 words stand behind it"),
+        (["0", *WRITE[1:]], "'words' is 0, expected 1..128 (6 words behind the head)"),
+        (["0", "0", "8", "9", "0", "0"], "'words' is 0, expected 1..128 (0 words behind the head)"),
     ],
 )
 def test_what_is_no_command_is_told_and_exits_with_2(
@@ -67,9 +76,23 @@ def test_protocols_without_commands_say_so(capsys: pytest.CaptureFixture[str]) -
     assert "'ge-service' has no command blocks" in capsys.readouterr().err
 
 
-def test_files_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("words", [["6199", "1", "2", "3", "4", "5"], ["7", "1", "2", "3", "4", "5"], ["0"]])
+def test_words_of_no_known_command_need_no_head(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["commreq", "ccm", "--explain", *words]) == 0
+    assert f"unknown_command: command {words[0]}" in capsys.readouterr().out
+
+
+def test_fields_of_the_head_beside_a_whole_block_change_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["commreq", "ccm", "--explain", *WRITE, "longest=5"]) == 0
+    assert words_shown(capsys) == "0006 0000 0008 0009 0000 0005 17DF 000A 0001 00C8 0032 0001"
+
+
+def test_files_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["commreq", "ccm", "--explain", "@nowhere.txt"]) == 1
-    assert "nowhere.txt" in capsys.readouterr().err
+    assert capsys.readouterr().err == "framekit commreq: @nowhere.txt: No such file or directory\n"
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe")
+    assert main(["commreq", "ccm", "--explain", f"@{tmp_path / 'bytes'}"]) == 1
+    assert "this is no text" in capsys.readouterr().err
 
 
 # ---- carried out ---------------------------------------------------------------------------------------------
@@ -110,7 +133,7 @@ def test_the_own_memory_can_be_set(port: list[str], capsys: pytest.CaptureFixtur
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert first["memory"] == {"%R1": [1]} and second["memory"] == {"%R50": [7, 16]}
     assert second["status"] == 1 and second["outcome"] == ""
-    assert main([*port, "--set", "%X2=7", "6002"]) == 1
+    assert main([*port, "--set", "%X2=7", "6002"]) == 2
 
 
 @pytest.mark.parametrize(

@@ -59,5 +59,5 @@ def test_lines_reach_the_run(run_file: Path) -> None:
 
 
 def test_not_on_simulated_time(run_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", str(run_file), "--virtual", "--for", "1s", "--control"]) == 1
+    assert main(["run", str(run_file), "--virtual", "--for", "1s", "--control"]) == 2
     assert "leave --virtual out" in capsys.readouterr().err

@@ -82,7 +82,7 @@ def test_what_decode_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["decode", "--capture", str(tmp_path / "x"), "modbus-rtu"]) == 1
     assert "no pcap file" in capsys.readouterr().err
     path = captured(tmp_path / "x.pcap", ("in", ASK))
-    assert main(["decode", "--capture", str(path), "modbus-rtu", "--set", "wings=2"]) == 1
+    assert main(["decode", "--capture", str(path), "modbus-rtu", "--set", "wings=2"]) == 2
     assert "no such parameter" in capsys.readouterr().err
     path.write_bytes(path.read_bytes()[:-13])
     assert main(["decode", "--capture", str(path), "modbus-rtu"]) == 0
@@ -116,9 +116,9 @@ def test_what_replay_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (("--format", "9X9"), "line format"),
         (("--channel", "7"), "no bytes"),
     ):
-        assert main(["replay", str(path), "--port", "/dev/null", *words]) == 1
+        assert main(["replay", str(path), "--port", "/dev/null", *words]) == 2
         assert what in capsys.readouterr().err
-    assert main(["replay", str(path), "--port", str(tmp_path / "none")]) == 1
+    assert main(["replay", str(path), "--port", str(tmp_path / "none")]) == 3
     assert "no such device" in capsys.readouterr().err
 
 
@@ -132,7 +132,7 @@ def test_loopback(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(line["passed"] and line["sent"] == line["received"] for line in lines)
     assert main(["loopback", "/dev/there-is-none", "--speeds", "9600"]) == 1
     assert "no such device" in capsys.readouterr().out
-    assert main(["loopback", "loop://", "--speeds", "fast"]) == 1
+    assert main(["loopback", "loop://", "--speeds", "fast"]) == 2
     assert "'fast' is not a speed" in capsys.readouterr().err
 
 
@@ -190,5 +190,5 @@ def test_what_monitor_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         (("--port", "loop://", "--param", "wings=2"), "no such parameter"),
         (("--port", "loop://", "--format", "8"), "line format"),
     ):
-        assert main(["monitor", "modbus-rtu", *words]) == 1
+        assert main(["monitor", "modbus-rtu", *words]) == (3 if what == "no such device" else 2)
         assert what in capsys.readouterr().err

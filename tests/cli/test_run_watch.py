@@ -75,5 +75,5 @@ def test_edits_of_a_run_that_goes_on(tmp_path: Path) -> None:
 
 
 def test_simulated_time_cannot_be_watched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "x.run.yaml", "--virtual", "--for", "1s", "--watch"]) == 1
+    assert main(["run", "x.run.yaml", "--virtual", "--for", "1s", "--watch"]) == 2
     assert "--watch is for runs in real time" in capsys.readouterr().err

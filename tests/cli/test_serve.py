@@ -160,30 +160,34 @@ def test_nobody_reads_the_output_any_more() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "message", "status"),
     [
-        (("mldp", "--port", "/dev/no-such"), "there is no such device"),
-        (("mldp", "--port", "tcp://127.0.0.1:none"), "is not HOST:PORT"),
-        (("mldp", "--port", "tcp://192.0.2.1:4000"), "annot assign"),
-        (("mldp", "--port", "what:"), "is no port"),
-        (("modbus-pdu", "--port", "pty:"), "has no line of its own"),
-        (("masterlogic.memory.yaml", "--port", "pty:"), "there is no"),
-        (("mldp", "--port", "pty:", "--station", "256"), "--station 256: station 256 is not in 0..255"),
-        (("mldp", "--port", "pty:", "--station", "1,1"), "--station 1,1: station 1 stands here twice"),
-        (("mldp", "--port", "pty:", "--set", "Q1=1"), "--set Q1=1: "),
-        (("mldp", "--port", "pty:", "--set", "M1"), "'M1' is not ADDRESS=VALUE"),
-        (("mldp", "--port", "pty:", "--set", "M1=65536"), "does not fit"),
-        (("mldp", "--port", "pty:", "--param", "retires=1"), "--param retires=1: 'mldp' has no parameter 'retires'"),
-        (("mldp", "--port", "pty:", "--memory", "masterlogik"), "there is no memory profile 'masterlogik'"),
-        (("mldp", "--port", "pty:", "--role", "servant"), "--role servant: there is no role 'servant'"),
-        (("mldp", "--port", "pty:", "--format", "9N1"), "'9N1' is not a line format"),
-        (("mldp", "--port", "pty:", "--for", "a while"), "--for: "),
-        (("modbus-tcp", "--port", "tcp://127.0.0.1:0", "--speed", "9600"), "neither speed nor format"),
-        (("modbus-rtu", "--port", "pty:", "--memory", "masterlogic", "--map", "coils=M0"), "has no area 'coils'"),
-        (("mldp", "modbus-rtu", "--port", "pty:"), "two devices have the station 1"),
+        (("mldp", "--port", "/dev/no-such"), "there is no such device", 3),
+        (("mldp", "--port", "tcp://127.0.0.1:none"), "is not HOST:PORT", 2),
+        (("mldp", "--port", "tcp://192.0.2.1:4000"), "annot assign", 3),
+        (("mldp", "--port", "what:"), "is no port", 2),
+        (("modbus-pdu", "--port", "pty:"), "has no line of its own", 1),
+        (("masterlogic.memory.yaml", "--port", "pty:"), "there is no", 1),
+        (("mldp", "--port", "pty:", "--station", "256"), "--station 256: station 256 is not in 0..255", 2),
+        (("mldp", "--port", "pty:", "--station", "1,1"), "--station 1,1: station 1 stands here twice", 2),
+        (("mldp", "--port", "pty:", "--set", "Q1=1"), "--set Q1=1: ", 2),
+        (("mldp", "--port", "pty:", "--set", "M1"), "'M1' is not ADDRESS=VALUE", 2),
+        (("mldp", "--port", "pty:", "--set", "M1=65536"), "does not fit", 2),
+        (("mldp", "--port", "pty:", "--param", "retires=1"), "--param retires=1: 'mldp' has no parameter 'retires'", 2),
+        (("mldp", "--port", "pty:", "--memory", "masterlogik"), "there is no memory profile 'masterlogik'", 2),
+        (("mldp", "--port", "pty:", "--role", "servant"), "--role servant: there is no role 'servant'", 2),
+        (("mldp", "--port", "pty:", "--format", "9N1"), "'9N1' is not a line format", 2),
+        (("mldp", "--port", "pty:", "--for", "a while"), "--for: ", 2),
+        (("modbus-tcp", "--port", "tcp://127.0.0.1:0", "--speed", "9600"), "neither speed nor format", 2),
+        (("modbus-rtu", "--port", "pty:", "--memory", "masterlogic", "--map", "coils=M0"), "has no area 'coils'", 2),
+        (("mldp", "--port", "pty:", "--status-every", "bogus"), "--status-every: 'bogus' is not a time", 2),
+        (("mldp", "--port", "pty:", "--screen", "--status-every", "bogus"), "--status-every: 'bogus'", 2),
+        (("mldp", "modbus-rtu", "--port", "pty:"), "two devices have the station 1", 2),
     ],
 )
-def test_what_cannot_be_served(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:
-    assert main(("serve", *words)) == 1
+def test_what_cannot_be_served(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str, status: int
+) -> None:
+    assert main(("serve", *words)) == status
     output = capsys.readouterr()
     assert message in output.err and "Traceback" not in output.err and not output.out

@@ -10,6 +10,7 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.widgets import DataTable, Footer, Header, Input, Static
 
+from framekit.cli.main import Failure
 from framekit.cli.screen.cells import (
     FIELD_HEAD,
     FRAME_HEAD,
@@ -86,7 +87,7 @@ class MonitorApp(App[None]):
         self.frames.focus()
         try:
             self.view = self.session.begin()
-        except (ValueError, OSError, RuntimeError) as error:
+        except (Failure, ValueError, OSError, RuntimeError) as error:
             self.failure = error
             self.exit()
             return

@@ -29,7 +29,7 @@ def show(session: Session) -> int:
 
         if isinstance(failure, DefinitionError):
             raise failure
-        raise Failure(str(failure))
+        raise failure if isinstance(failure, Failure) else Failure(str(failure))
     for problem in session.problems:
         print(problem, file=sys.stderr)
     return 0
