@@ -16,7 +16,8 @@ from framekit.blocks.own_memory import read_piece
 from framekit.blocks.status_words import Key, get_item, put_item, words_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem, did_you_mean
-from framekit.link.packing import values_of
+from framekit.link.packing import memory_of, values_of
+from framekit.memory.area import Area
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.numbers import unit_bits
 from framekit.memory.profile import BlockItem, BlockWords
@@ -45,6 +46,24 @@ class _Slot:
     sets: str | None = None
 
 
+class _Given:
+    """The words of one section for a block as the run gives them, and where they stand: from word `first` of `area`."""
+
+    __slots__ = ("area", "data", "first", "section", "words")
+
+    def __init__(self, section: BlockWords, area: Area, first: int, words: list[int]) -> None:
+        self.section = section
+        self.area = area
+        self.first = first
+        self.words = words
+        self.data = memory_of(words, "word")
+
+    def put(self, item: BlockItem, value: int) -> None:
+        """Another value for one item."""
+        put_item(self.words, item, value)
+        self.data = memory_of(self.words, "word")
+
+
 def settings_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
     """Those of a profile's sections that hold settings of blocks."""
     return tuple(section for section in sections if any(name in SETTINGS for name in section.items))
@@ -57,7 +76,7 @@ class BlockSettings:
         self._memory = memory
         self._sections = tuple(sections)
         self._protocols: dict[Key, Protocol] = {}
-        self._given: dict[Key, list[tuple[BlockWords, list[int]]]] = {}
+        self._given: dict[Key, list[_Given]] = {}
 
     def show(self, block: Block, protocol: Protocol) -> None:
         """Puts a block's settings into its words, as the run gives them, over what stood there."""
@@ -68,8 +87,9 @@ class BlockSettings:
             words = [0] * section.words
             for item, value in self._items(section, block, protocol):
                 put_item(words, item, value)
-            self._memory.area(section.area).write("word", first, words, force=True)
-            shown.append((section, words))
+            area = self._memory.area(section.area)
+            area.write("word", first, words, force=True)
+            shown.append(_Given(section, area, first, words))
         self._given[key] = shown
 
     def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
@@ -79,8 +99,8 @@ class BlockSettings:
     def forget(self, key: Key) -> None:
         """A block is no more: its words are free memory, and 0."""
         self._protocols.pop(key, None)
-        for section, words in self._given.pop(key, ()):
-            self._memory.area(section.area).write("word", section.base(*key), [0] * len(words), force=True)
+        for given in self._given.pop(key, ()):
+            given.area.write("word", given.first, [0] * len(given.words), force=True)
 
     # ---- what the words say -------------------------------------------------------------------------------
 
@@ -103,28 +123,25 @@ class BlockSettings:
 
         Raises SettingError for a station or a size it cannot work with.
         """
-        key = (block.set, block.number)
         changed = block
-        for section, given in self._given.get(key, ()):
-            area, first = self._memory.area(section.area), section.base(*key)
+        for given in self._given.get((block.set, block.number), ()):
             if block.station_from is not None:
-                self._show_station(section, block, given, first)
-            words = area.read("word", first, section.words)
-            if words != given:
-                changed = self._changed(changed, section, given, words)
+                self._show_station(given, block)
+            if not given.area.holds(2 * given.first, given.data):
+                words = given.area.read("word", given.first, len(given.words))
+                changed = self._changed(changed, given.section, given.words, words)
         return changed
 
-    def _show_station(self, section: BlockWords, block: Block, given: list[int], first: int) -> None:
+    def _show_station(self, given: _Given, block: Block) -> None:
         """A station that the run takes from elsewhere is only shown."""
-        item, place = section.items.get("station"), block.station_from
+        item, place = given.section.items.get("station"), block.station_from
         if item is None or place is None or self._protocols[block.set, block.number].station.type != "number":
             return
         number = values_of(read_piece(self._memory, place, place.address.unit_bits), place.address.unit, 1)[0]
-        put_item(given, item, number)
-        area = self._memory.area(section.area)
-        words = area.read("word", first, section.words)
+        given.put(item, number)
+        words = given.area.read("word", given.first, len(given.words))
         put_item(words, item, number)
-        area.write("word", first, words, force=True)
+        given.area.write("word", given.first, words, force=True)
 
     def _changed(self, block: Block, section: BlockWords, given: list[int], words: list[int]) -> Block:
         slots = slots_of(block, self._protocols[block.set, block.number])

@@ -6,6 +6,7 @@ Who changes it, and when, is the scheduler's business.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.counters import Counters
@@ -19,6 +20,11 @@ class BlockState:
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
     counts how often it has been armed; timers of earlier rounds mean nothing.
     """
+
+    __slots__ = (
+        "block", "companions", "counters", "dead", "enabled", "last_end", "last_failure", "last_outcome",
+        "memory_triggers", "probing", "reasons", "round", "started_at", "starts_left", "waiting",
+    )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
         self.block = block
@@ -40,3 +46,31 @@ class BlockState:
     @property
     def running(self) -> bool:
         return self.counters.running > 0
+
+    def begun(self, now: int) -> None:
+        """An exchange of it begins."""
+        self.waiting = False
+        if self.starts_left is not None:
+            self.starts_left -= 1
+        self.started_at = now
+        self.counters.started += 1
+
+    def ended(self, failure: Failure | None, now: int) -> None:
+        """An exchange of it has ended, well if `failure` is None."""
+        if failure is None:
+            self.counters.done += 1
+            self.last_outcome = ""
+        else:
+            self.counters.failed += 1
+            self.reasons[failure.outcome] += 1
+            self.last_failure = replace(failure, at=now)
+            self.last_outcome = str(failure)
+        self.last_end = now
+
+    def reset(self) -> None:
+        """As at the start; what runs is still counted."""
+        self.counters = Counters(started=1) if self.running else Counters()
+        self.starts_left = self.block.repeat
+        self.enabled = self.block.enabled
+        self.last_failure, self.last_outcome, self.last_end = None, "", None
+        self.reasons.clear()

@@ -6,6 +6,7 @@ A condition knows which words it reads, so that it is only looked at when one of
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.link.addresses import Address
@@ -27,11 +28,14 @@ class Condition:
         if self._bit is not None and self._bit.unit != "bit":
             self._bit = None
 
-    def holds(self, memory: DeviceMemory) -> bool:
-        """Whether it is true now; a condition that cannot be worked out is not."""
+    def reader(self, memory: DeviceMemory) -> Callable[[], bool]:
+        """Tells at every call whether it is true in this memory then; a condition that cannot be worked out is not."""
         bit = self._bit
-        if bit is not None:  # most conditions are a bit, looked at whenever its word is written
-            return memory.area(bit.area).read_bit(bit.start)
+        if bit is not None:  # most conditions are a bit, and nothing stands between a write and what it triggers
+            return partial(memory.area(bit.area).read_bit, bit.start)
+        return partial(self._holds, memory)
+
+    def _holds(self, memory: DeviceMemory) -> bool:
         values = {
             name: memory.read(place.area, place.unit, place.start, 1)[0] for name, place in self.addresses.items()
         }

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 Entry = tuple[int, int, int, "BlockState"]
 """When a block came due, its priority (less is sooner), its id, and the block."""
 
+Taken = tuple["BlockState", Hashable]
+"""A block whose turn it is, and the station it talks to."""
+
 ALIVE = frozenset({"refused", "damaged_reply", "unfit_reply", "cannot_store"})
 """Failures after which a station is known to be there."""
 OWN = frozenset(
@@ -55,9 +58,14 @@ class _Failing:
 
 
 class Lane:
-    """One channel. `station_of` says which station a block talks to; None counts as no station."""
+    """One channel. `station_of` says which station a block talks to; None counts as no station.
 
-    def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable]) -> None:
+    `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `Turns` has it.
+    """
+
+    def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable], order: int = 0) -> None:
+        self.order = order
+        self.asked_for = NEVER
         self.rules = rules
         self.station_of = station_of
         self.waiting: list[Entry] = []
@@ -102,24 +110,33 @@ class Lane:
     @property
     def deadline(self) -> int:
         """When `take` may have something; NEVER when nothing waits or something runs."""
-        if self.busy or not self.open or self.held:
+        if self.running or not self.open or self.held:
+            return NEVER
+        if self.waiting:
+            return self.free_from
+        if not self._failing:
             return NEVER
         probes = [one.probe_at for one in self._failing.values() if one.parked and one.probe_at is not None]
-        due = min(probes, default=NEVER)
-        return max(self.free_from, 0 if self.waiting else due)
+        return max(self.free_from, min(probes, default=NEVER))
 
     def take(self, now: int) -> BlockState | None:
         """The next block that may start now; it counts as running from here on."""
-        if self.busy or not self.open or self.held or now < self.free_from:
+        if self.running or not self.open or self.held or now < self.free_from:
             return None
-        turns = (self._next, self._probe) if self._probed else (self._probe, self._next)
-        state = turns[0](now) or (turns[1](now) if now >= self.free_from else None)
-        if state is not None:
-            self._probed = state.probing
-            self.running[state.block.id] = self.station_of(state)
+        if not self._failing:
+            taken = self._next(now)
+        elif self._probed:
+            taken = self._next(now) or (self._probe(now) if now >= self.free_from else None)
+        else:
+            taken = self._probe(now) or (self._next(now) if now >= self.free_from else None)
+        if taken is None:
+            return None
+        state, station = taken
+        self._probed = state.probing
+        self.running[state.block.id] = station
         return state
 
-    def _probe(self, now: int) -> BlockState | None:
+    def _probe(self, now: int) -> Taken | None:
         """A dead station whose time has come is asked once. A block that talks to another one now just waits again."""
         for station, failing in self._failing.items():
             rule = self.rules.dead_rule(station)
@@ -136,7 +153,7 @@ class Lane:
                     return None
                 failing.probe_at = now + rule.every
                 state.probing = True
-                return state
+                return state, station
         return None
 
     def _silent_for(self, station: Hashable, now: int) -> bool:
@@ -148,18 +165,18 @@ class Lane:
             self.free_from = ready
         return now >= ready
 
-    def _next(self, now: int) -> BlockState | None:
+    def _next(self, now: int) -> Taken | None:
         while self.waiting:
             entry = heapq.heappop(self.waiting)
-            station = self.station_of(entry[3])
-            failing = self._failing.get(station)
-            if failing is not None and failing.probe_at is not None:
-                heapq.heappush(failing.parked, entry)
+            state = entry[3]
+            station = self.station_of(state)
+            if self._failing and self.is_dead(station):
+                heapq.heappush(self._failing[station].parked, entry)
                 continue
             if not self._silent_for(station, now):
                 heapq.heappush(self.waiting, entry)
                 return None
-            return entry[3]
+            return state, station
         return None
 
     def companions(self, wanted: Callable[[list[BlockState]], list[BlockState]]) -> list[BlockState]:
@@ -217,6 +234,8 @@ class Lane:
 
     def changes(self) -> list[tuple[Hashable, bool]]:
         """Stations that have died (True) or come back (False) since this was asked last."""
+        if not self._changed:
+            return []
         found, self._changed = self._changed, []
         return found
 

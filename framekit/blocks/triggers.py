@@ -15,7 +15,7 @@ from framekit.link.addresses import Address
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.watch import ALL_BITS, Watch
 
-Fire = Callable[[Block], None]
+Fire = Callable[[], None]
 
 
 def bits_of(trigger: Changed) -> int:
@@ -45,31 +45,31 @@ class MemoryTriggers:
     """
 
     def __init__(self, block: Block, memory: DeviceMemory, resolve: Resolve, fire: Fire) -> None:
-        self.block = block
         self.memory = memory
         self.fire = fire
         self.watches: list[Watch] = []
-        self.unless = None if block.unless is None else Condition(block.unless, resolve)
-        self.levels: list[Condition] = []
+        unless = None if block.unless is None else Condition(block.unless, resolve)
+        self._unless = None if unless is None else unless.reader(memory)
+        self._levels: list[Callable[[], bool]] = []
         for trigger in block.triggers:
             if isinstance(trigger, (Rising, While)):
                 condition = Condition(trigger.condition, resolve)
                 if isinstance(trigger, While):
-                    self.levels.append(condition)
+                    self._levels.append(condition.reader(memory))
                 self._watch_condition(condition)
             elif isinstance(trigger, Changed):
                 self._watch_change(trigger)
-        if self.levels and self.unless is not None:
-            self._watch_hold(self.unless)
+        if self._levels and unless is not None:
+            self._watch_hold(unless)
 
     def _watch_condition(self, condition: Condition) -> None:
-        before = False
+        holds, fire, before = condition.reader(self.memory), self.fire, False
 
         def look(*_: object) -> None:
             nonlocal before
-            now = condition.holds(self.memory)
+            now = holds()
             if now and not before:
-                self.fire(self.block)
+                fire()
             before = now
 
         for address in condition.addresses.values():
@@ -86,7 +86,7 @@ class MemoryTriggers:
             now = area.read_bits(first, bits)
             if now != before:
                 before = now
-                self.fire(self.block)
+                self.fire()
 
         self._watch(trigger.address, bits, look)
 
@@ -94,8 +94,8 @@ class MemoryTriggers:
         """A `while` that `unless` has held back goes on when that is over."""
 
         def look(*_: object) -> None:
-            if self.level_holds() and not unless.holds(self.memory):
-                self.fire(self.block)
+            if self.level_holds() and not self.held_back():
+                self.fire()
 
         for address in unless.addresses.values():
             self._watch(address, address.unit_bits, look)
@@ -108,11 +108,11 @@ class MemoryTriggers:
 
     def level_holds(self) -> bool:
         """Whether a `while` condition asks for another start."""
-        return any(condition.holds(self.memory) for condition in self.levels)
+        return bool(self._levels) and any(holds() for holds in self._levels)
 
     def held_back(self) -> bool:
         """Whether `unless` holds."""
-        return self.unless is not None and self.unless.holds(self.memory)
+        return self._unless is not None and self._unless()
 
     def cancel(self) -> None:
         for watch in self.watches:

@@ -82,6 +82,10 @@ class Area:
             raise self._beyond("byte", offset, count, len(self._data))
         return bytes(self._data[offset : offset + count])
 
+    def holds(self, offset: int, data: bytes) -> bool:
+        """Whether these bytes stand at byte `offset`."""
+        return self._data.startswith(data, offset)
+
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
         """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
         end = offset + len(data)

@@ -58,6 +58,11 @@ class _Word:
     after_first_scan: int = 0
     clocks: list[_Clock] = field(default_factory=list)
 
+    def next_edge(self, time: int, scan: int) -> int:
+        """When a bit of it changes next; NEVER when none does any more."""
+        due = scan if time < scan and (self.first_scan or self.after_first_scan) else NEVER
+        return min([due, *(clock.next_edge(time) for clock in self.clocks)])
+
 
 class SystemBits:
     """Keeps the clock and fixed bits of `profile` in `memory`, read-only areas included.
@@ -81,6 +86,7 @@ class SystemBits:
         self._scan = profile.scan
         self._origin: int | None = None
         self._time = 0
+        self._next_edge = 0
         self._words: dict[tuple[str, int], _Word] = {}
         for clock in profile.clocks:
             self._add_clock(clock.address, clock.period, clock.period)
@@ -89,6 +95,8 @@ class SystemBits:
         words = self._words.values()
         self._waited_for = [clock for word in words for clock in word.clocks if clock.waited_for]
         self._has_scan_bits = any(word.first_scan or word.after_first_scan for word in words)
+        for word in words:
+            word.area.watch(word.number, 1, self._look_again, word.owned)
 
     def wait_for(self, wake: Collection[tuple[str, int]]) -> None:
         """From here on somebody waits for these bits and for no others; call `update` before."""
@@ -131,6 +139,7 @@ class SystemBits:
             for clock in word.clocks:
                 clock.rises = 0
             self._show(word, 0)
+        self._note_next_edge()
 
     def next_change(self, now: int) -> int:
         """When `update` has something to do, `now` if it has already; NEVER when nothing changes any more."""
@@ -147,11 +156,21 @@ class SystemBits:
         phase has passed or a new one has begun: the word is then written up to three times.
         """
         time = now - self._started()
-        if time <= self._time:
+        if time < self._next_edge or time <= self._time:
             return
         self._time = time
         for word in self._words.values():
             self._show(word, time)
+        self._note_next_edge()
+
+    def _look_again(self, *_: object) -> None:
+        """Somebody has written over these bits: the next update puts them right."""
+        self._next_edge = 0
+
+    def _note_next_edge(self) -> None:
+        """Between two edges an update has nothing to do, and they are far apart."""
+        words = self._words.values()
+        self._next_edge = min((word.next_edge(self._time, self._scan) for word in words), default=NEVER)
 
     def _started(self) -> int:
         if self._origin is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 from framekit.blocks.block_status import Failure
@@ -21,6 +21,9 @@ from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
+
+STATIONED = ("read", "write", "call")
+"""Instructions of blocks that talk to one station; the others have none."""
 
 REPEATS = "retries"
 """The parameter that says how often an exchange is repeated, where a protocol has it."""
@@ -135,14 +138,18 @@ class ChannelService:
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
         params = self._params_for(block, repeats)
-        back = self.engine.scope.override(params) if params else None
+        told = self._overriding(params, ended) if params else ended
+        self.driver.do(lambda now: self.transfers.start(block, now, told))
+
+    def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
+        """Gives parameters other values until the exchange has ended."""
+        back = self.engine.scope.override(params)
 
         def done(failure: Failure | None) -> None:
-            if back is not None:
-                back()
+            back()
             ended(failure)
 
-        self.driver.do(lambda now: self.transfers.start(block, now, done))
+        return done
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
         """Begins one read for several blocks without parameters of their own; each is told its own end."""
@@ -168,6 +175,8 @@ class ChannelService:
 
     def _params_for(self, block: Block, repeats: bool) -> dict[str, Any]:
         """What the protocol's parameters are for this exchange alone: those of its station, then its own."""
+        if repeats and not block.params and not self.channel.stations:
+            return {}
         rules = self.channel.stations.get(self.station_of(block)) if self.channel.stations else None
         found = {**(rules.params if rules is not None else {}), **block.params}
         repeated = self.channel.protocol.params.get(REPEATS)
@@ -177,7 +186,7 @@ class ChannelService:
 
     def station_of(self, block: Block) -> Any:
         """The station a block talks to; None for none, and where its own memory names none."""
-        if block.instruction not in ("read", "write", "call"):
+        if block.instruction not in STATIONED:
             return None
         try:
             return self.transfers.station_of(block)

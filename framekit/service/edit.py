@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from framekit.blocks.run_edit import Edit, added_blocks, plan_edit
-from framekit.service.channel import ChannelService
-from framekit.service.device import DeviceService
 from framekit.service.exchanges import rules_of
+from framekit.service.run_channels import Made
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
@@ -28,7 +27,7 @@ class _Prepared:
 
     edit: Edit
     applied: Applied
-    channels: dict[int, tuple[ChannelService, list[DeviceService]]] = field(default_factory=dict)
+    channels: dict[int, Made] = field(default_factory=dict)
 
 
 class RunEditor:
@@ -48,7 +47,7 @@ class RunEditor:
         edit = plan_edit(service.run, run)
         prepared = _Prepared(edit, applied)
         for number in (*edit.channels_changed, *edit.channels_new):
-            prepared.channels[number] = service.make_channel(run, number)
+            prepared.channels[number] = service.lines.of_run(run, number)
         self._waiting = prepared
         service.scheduler.hold(edit.touched)
         self.step()
@@ -74,9 +73,9 @@ class RunEditor:
             service.close_channel(number)
         for number in edit.channels_gone:
             scheduler.remove_channel(number)
-        for number, (channel, devices) in prepared.channels.items():
+        for number, made in prepared.channels.items():
             scheduler.add_channel(number, rules_of(edit.run.channels[number]))
-            service.channels[number], service.devices_on[number] = channel, devices
+            service.lines.put(number, made)
         before, service.run = service.run.sets, edit.run
         for number, on in edit.run.sets.items():
             if before.get(number) != on:  # one that somebody has switched by hand stays so
@@ -88,6 +87,6 @@ class RunEditor:
         service.look_again()
         for number in prepared.channels:
             service.on_channel(number, service.channels[number])
-            service.open_channel(number)
+            service.lines.open(number)
         for state in added:
             scheduler.arm(state, now)

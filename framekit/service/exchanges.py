@@ -6,6 +6,7 @@ It knows which station a block talks to now, and which waiting reads go together
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
+from functools import partial
 
 from framekit.blocks.block_memory import BlockMemory
 from framekit.blocks.block_settings import SettingError
@@ -15,7 +16,7 @@ from framekit.blocks.lanes import LaneRules
 from framekit.blocks.merging import Read, neighbours
 from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import Ended
-from framekit.service.channel import ChannelService
+from framekit.service.channel import STATIONED, ChannelService
 
 
 class Exchanges:
@@ -38,7 +39,7 @@ class Exchanges:
 
     def station_of(self, state: BlockState) -> Hashable:
         """The station a block talks to as its settings are now; None where there is none."""
-        if state.block.job is not None:
+        if state.block.instruction not in STATIONED:
             return None
         try:
             block = self._block_memory.effective(state.block)
@@ -84,7 +85,7 @@ class Exchanges:
             return None
 
     def _ending(self, state: BlockState) -> Ended:
-        return lambda failure: self._finished(state.block.id, failure)
+        return partial(self._finished, state.block.id)
 
     def _joined_ending(self, state: BlockState, states: list[BlockState]) -> Ended:
         """A joined read that the device refuses is not joined again: each block asks for itself from then on."""

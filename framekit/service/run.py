@@ -19,9 +19,7 @@ from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.scheduler import Scheduler
 from framekit.blocks.triggers import awaited_bits
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
-from framekit.link.observe import Seen
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
@@ -30,16 +28,15 @@ from framekit.service.ending import LONGEST_FAREWELL, Ending
 from framekit.service.exchanges import Exchanges, rules_of
 from framekit.service.jobs import JobService
 from framekit.service.memory_access import AddressedMemory
-from framekit.service.ports import devices_of, port_for
+from framekit.service.pulse import Pulse
 from framekit.service.resolver import Resolve, resolver_for
+from framekit.service.run_channels import RunChannels, RunMonitor, undisturbed
 from framekit.service.state_file import StateFile
 from framekit.service.state_keeper import StateKeeper
-from framekit.transport.clock import Clock, Handle
+from framekit.transport.clock import Clock
 
 log = logging.getLogger(__name__)
 
-RunMonitor = Callable[[int, Seen], None]
-"""Gets everything seen on the lines: the channel's number and what was seen."""
 OnChannel = Callable[[int, ChannelService], None]
 """Gets a channel that an edit has brought or changed, before it is opened."""
 
@@ -67,14 +64,14 @@ class RunService:
         self.memory = run.memory.create()
         self.grammar = addresses_of(run.memory)
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
-        self.monitor = monitor
-        self.channels: dict[int, ChannelService] = {}
-        self.devices_on: dict[int, list[DeviceService]] = {}
+        self.lines = lines = RunChannels(clock, self.access, self, monitor)
+        self.channels, self.devices_on = lines.channels, lines.devices
         for number in run.channels:
-            self.channels[number], self.devices_on[number] = self.make_channel(run, number)
+            lines.put(number, lines.of_run(run, number))
         self.editor = RunEditor(self)
         self.on_channel: OnChannel = lambda number, channel: None
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
+        self.pulse = Pulse(clock, self._act, self._next_time)
         self.exchanges = Exchanges(self.channels, self.block_memory, self._finished)
         self.scheduler = self._scheduler()
         self.jobs = self._jobs(resolve or resolver_for(clock))
@@ -83,8 +80,6 @@ class RunService:
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited_bits(run.blocks, self.resolve))
-        self._timer: Handle | None = None
-        self._woken = False
         self.running = False
 
     def _scheduler(self) -> Scheduler:
@@ -95,7 +90,7 @@ class RunService:
             self.resolve,
             {number: rules_of(channel) for number, channel in run.channels.items()},
             self._start_block,
-            self._wake,
+            self.pulse.wake,
             self._ended,
             station_of=self.exchanges.station_of,
             joins=self.exchanges.joins,
@@ -107,7 +102,8 @@ class RunService:
         section = self.run.jobs
         if section is None:
             return None
-        return JobService(section, self.memory, self.channels, self.clock, self._finished, self._wake, resolve, self)
+        wake, done = self.pulse.wake, self._finished
+        return JobService(section, self.memory, self.channels, self.clock, done, wake, resolve, self)
 
     def _keeper(self) -> StateKeeper | None:
         """What was kept is put back; words of blocks come from the run and its counters."""
@@ -121,16 +117,6 @@ class RunService:
         for one in self.states.values():
             self.block_memory.changed(one)
         return keeper
-
-    def make_channel(self, run: Run, number: int) -> tuple[ChannelService, list[DeviceService]]:
-        """A channel of a run with the simulated devices on it, not open yet. Raises DefinitionError, ValueError."""
-        return self._make(run.channels[number], receiving(run, number), run.folder)
-
-    def _make(self, channel: Channel, blocks: list[Block], folder: str) -> tuple[ChannelService, list[DeviceService]]:
-        monitor = self.monitor
-        port, devices = port_for(channel, devices_of(channel, Path(folder)), self.clock)
-        watcher = None if monitor is None else lambda seen: undisturbed(monitor, channel.number, seen)
-        return ChannelService(channel, port, self.clock, self.access, blocks, self, watcher), devices
 
     @property
     def devices(self) -> list[DeviceService]:
@@ -152,26 +138,26 @@ class RunService:
     def start(self) -> None:
         """Opens the ports and arms the triggers."""
         self.running = True
+        self.pulse.start()
         now = self.clock.now()
         for number in self.channels:
             self.scheduler.set_open(number, False)
         for number in self.channels:
-            self.open_channel(number)
+            self.lines.open(number)
         self.system.start(now)
         if self.jobs is not None:
             self.jobs.start()
         self.scheduler.begin(now)
         if self.keeper is not None:
             self.keeper.start()
-        self._arm()
+        self.pulse.set()
 
     def stop(self) -> None:
         """No block starts any more; ports are closed, and the state is kept."""
         self.running = False
         self.scheduler.end()
         self._stop_jobs()
-        if self._timer is not None:
-            self._timer.cancel()
+        self.pulse.stop()
         for number in self.channels:
             self.close_channel(number)
         if self.jobs is not None:
@@ -198,35 +184,27 @@ class RunService:
         if self.jobs is not None:
             self.jobs.stop()
 
-    def open_channel(self, number: int) -> None:
-        """Opens the port of a channel that is not switched off, and those of the simulated devices on its line."""
-        for device in self.devices_on[number]:
-            device.start()
-        if self.channels[number].channel.enabled:
-            self.channels[number].start()
-
     def close_channel(self, number: int) -> None:
-        """Closes them."""
+        """Closes the port of a channel, and those of the simulated devices on its line."""
         self.scheduler.set_open(number, False)
         self.channels[number].stop()
         if self.jobs is not None and self.running:
             self.jobs.opened(number, False)
-        for device in self.devices_on[number]:
-            device.stop()
+        self.lines.stop_devices(number)
 
     def open_for_jobs(self, channel: Channel) -> None:
         """A channel that jobs want and the run does not have. Raises ValueError for a port that cannot be made."""
         number = channel.number
-        self.channels[number], self.devices_on[number] = self._make(channel, [], self.run.folder)
+        self.lines.put(number, self.lines.make(channel, (), self.run.folder))
         self.scheduler.add_channel(number, rules_of(channel))
         self.on_channel(number, self.channels[number])
-        self.open_channel(number)
+        self.lines.open(number)
 
     def close_for_jobs(self, number: int) -> None:
         """Closes such a channel, and forgets it."""
         self.close_channel(number)
         self.scheduler.remove_channel(number)
-        del self.channels[number], self.devices_on[number]
+        self.lines.remove(number)
 
     # ---- change -------------------------------------------------------------------------------------------
 
@@ -240,19 +218,15 @@ class RunService:
 
     def look_again(self) -> None:
         """The blocks are others: frames go to those that receive now, clocks tick for those that look at them."""
-        for number, channel in self.channels.items():
-            if number in self.run.channels:
-                channel.receive_for(receiving(self.run, number))
-        opened = () if self.jobs is None else self.jobs.hosts.opened
-        for number in self.channels.keys() - self.run.channels.keys() - set(opened):
-            del self.channels[number], self.devices_on[number]
+        self.lines.receive_for(self.run, keep=() if self.jobs is None else self.jobs.hosts.opened)
         self.refresh()
         self.system.wait_for(awaited_bits(self.run.blocks, self.resolve))
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not."""
+        self.refresh()
         self.scheduler.fire(number, self.clock.now())
-        self._arm()
+        self.pulse.set()
 
     def enable_set(self, number: int, on: bool = True) -> None:
         """Switches a parameter set on or off. Raises KeyError for a number there is not."""
@@ -273,7 +247,7 @@ class RunService:
         self.scheduler.reset(now)
         for state in self.states.values():
             self.block_memory.changed(state)
-        self._arm()
+        self.pulse.set()
 
     def enable(self, number: int, on: bool = True) -> None:
         """Switches a block on or off. Raises KeyError for a number there is not."""
@@ -297,7 +271,6 @@ class RunService:
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def _start_block(self, state: BlockState, now: int) -> None:
-        self.refresh()
         if state.block.job is None or self.jobs is None:
             self.exchanges.start(state)
         else:
@@ -350,56 +323,21 @@ class RunService:
         """The bits that the memory sets by itself, as they are now."""
         self.system.update(self.clock.now())
 
-    def _wake(self) -> None:
-        """Something came due between two ticks: one call soon is enough for all of it."""
-        if not self._woken and self.running:
-            self._woken = True
-            self.clock.call_soon(self._tick)
-
-    def _tick(self) -> None:
-        self._woken = True  # what comes due meanwhile is in the next time the timer is set for
-        try:
-            if self.running:
-                self.refresh()
-                self.editor.step()
-                self.block_memory.tick(self.clock.now())
-                if self.jobs is not None:
-                    self.jobs.tick(self.clock.now())
-                self.scheduler.tick(self.clock.now())
-        finally:
-            self._woken = False
-            self._arm()
-
-    def _arm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        now = self.clock.now()
-        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
+    def _act(self, now: int) -> None:
+        """Does what is due."""
+        self.system.update(now)
+        self.editor.step()
+        self.block_memory.tick(now)
         if self.jobs is not None:
-            due = min(due, self.jobs.deadline)
-        if self.running and due < NEVER:
-            self._timer = self.clock.call_at(max(due, now), self._tick)
+            self.jobs.tick(now)
+        self.scheduler.tick(now)
 
-
-def undisturbed(watcher: Callable[..., None], *what: object) -> None:
-    """Tells a watcher; what it raises goes to the log, since no exchange may end otherwise because it is watched.
-
-    Only an output that nobody reads any more is the end of the run.
-    """
-    try:
-        watcher(*what)
-    except BrokenPipeError:
-        raise
-    except Exception:
-        log.exception("a watcher of the run failed")
+    def _next_time(self, now: int) -> int:
+        """When something is due next."""
+        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
+        return due if self.jobs is None else min(due, self.jobs.deadline)
 
 
 def protocol_of(run: Run, block: Block) -> Protocol | None:
     """What is spoken on the channel of a block; None for one that has none."""
     return None if block.job is not None else run.channels[block.channel].protocol
-
-
-def receiving(run: Run, channel: int) -> list[Block]:
-    """The RECEIVE blocks of a channel."""
-    return [block for block in run.blocks if block.channel == channel and block.instruction == "receive"]
