@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.check.addresses import parts_in
-from framekit.definition.check.names import OFFERED
+from framekit.definition.check.known_names import OFFERED
 from framekit.definition.expression.syntax import Binary, Expression, Name, Node, names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.expression.syntax import Attribute, Compare, Expression, Name, Text, walk
+from framekit.definition.check.known_names import (
+    BUILT_IN,
+    EXCHANGE,
+    IN_BLOCKS,
+    IN_HANDLERS,
+    OF_EVERY_FRAME,
+    OFFERED,
+    ONLY_THERE,
+    asked_for,
+    behind_a_refusal,
+    part_names,
+    takes_something,
+    without_parts,
+)
+from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, walk
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
@@ -16,30 +30,6 @@ from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.values import Value
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
-
-BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
-EXCHANGE = frozenset({"request", "reply", "buffer", "reply_buffer", "expected", "refusal"})
-IN_HANDLERS = frozenset({"cause", "frame", "outcome"})
-ONLY_THERE = {
-    "it": "it is what a row has taken: use it in a row, or in a step behind one",
-    "part": "it is the piece of a step that has parts:",
-    "cause": "it is known in on_bad and other handlers",
-    "frame": "it is known in on_bad and other handlers; a frame's name is it.frame",
-    "outcome": "it is known in on_fail",
-    "reply": "it is what serve: answers: add serve: {request: …} before",
-}
-"""Words that have a value only in some places."""
-
-OFFERED = frozenset({
-    "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
-    "element_bytes", "own_bytes", "spans", "old", "key", "entry",
-})  # fmt: skip
-IN_BLOCKS = frozenset({
-    "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",
-    "record",
-})  # fmt: skip
-"""What the row of a command block knows besides, and all that is done when its exchange has ended."""
-OF_EVERY_FRAME = frozenset({"frame", "refusal"})
 
 
 class NameChecker:
@@ -108,7 +98,7 @@ class NameChecker:
     def _segments(self, segments: tuple[Segment, ...], outer: Collection[str]) -> None:
         known = set(outer) | field_names(segments)
         for segment in flat(segments):
-            self._expressions(_without_parts(segment), known)
+            self._expressions(without_parts(segment), known)
             if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
                 self._segments(segment.of, known)
 
@@ -131,7 +121,7 @@ class NameChecker:
         local = EXCHANGE | set(sequence.takes) | sequence.local.keys()
         if not self.serves and not {"reply"} & {*sequence.takes, *sequence.local}:
             local -= {"reply"}
-        taken = local | {"it"} if _takes_something(sequence) else local
+        taken = local | {"it"} if takes_something(sequence) else local
         self._expressions(sequence.gives, taken)
         self._expressions(sequence.always, local | {"it"})
         self._expressions(sequence.handlers, taken | IN_HANDLERS)
@@ -175,9 +165,9 @@ class NameChecker:
         if not frames or row.expected or len(frames) < len(row.frames):
             return
         fields = set().union(*(field_names(frame.segments) for frame in frames)) | OF_EVERY_FRAME
-        unsure = {name: frame.name for frame in frames for name in _behind_a_refusal(frame)}
+        unsure = {name: frame.name for frame in frames for name in behind_a_refusal(frame)}
         for expression in expressions_of(row):
-            asked = _asked_for(expression)
+            asked = asked_for(expression)
             for node in walk(expression.root):
                 if not isinstance(node, Attribute) or node.value != Name(node.value.at, "it") or node.name in asked:
                     continue
@@ -239,7 +229,7 @@ class NameChecker:
         replies = {reply.frame.frame for reply in row.reply if reply.frame is not None}
         known = {"request": self._fields(request), "reply": self._fields(replies)}
         for expression in expressions_of(row):
-            asked = _asked_for(expression)
+            asked = asked_for(expression)
             for node in walk(expression.root):
                 whose = node.value.name if isinstance(node, Attribute) and isinstance(node.value, Name) else ""
                 fields = known.get(whose)
@@ -267,50 +257,3 @@ class NameChecker:
                 return
             fields |= field_names(self.protocol.frames[name].segments)
         self._expressions(errors, fields | EXCHANGE | {"code"})
-
-
-def _behind_a_refusal(frame: Frame) -> set[str]:
-    """Fields that a frame may lack when it is to be refused: those from its first segment with a code on."""
-    segments = list(flat(frame.segments))
-    place = next((place for place, segment in enumerate(segments) if segment.refuse is not None), len(segments))
-    return field_names(segments[place:]) - field_names(segments[:place])
-
-
-def _asked_for(expression: Expression) -> set[str]:
-    """Fields that an expression asks for first: `'station' in it`."""
-    return {
-        node.first.value
-        for node in walk(expression.root)
-        if isinstance(node, Compare) and isinstance(node.first, Text) and node.rest[0][0] in ("in", "not in")
-    }
-
-
-def _takes_something(sequence: Sequence) -> bool:
-    """Whether something can have arrived that `it` may stand for."""
-    if sequence.always or "on_other" in sequence.handlers:
-        return True
-    return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
-
-
-def part_names(parts: Iterable[Any]) -> Iterator[str]:
-    """The names of the parts of an address form."""
-    for part in parts:
-        if hasattr(part, "parts"):
-            yield from part_names(part.parts)
-        elif hasattr(part, "name"):
-            yield part.name
-
-
-def _without_parts(segment: Segment) -> list[Any]:
-    """What a segment says itself, without the segments it holds (they are checked on their own)."""
-    parts = [
-        getattr(segment, name)
-        for name in segment.__dataclass_fields__
-        if name not in ("of", "cases", "otherwise", "method")
-    ]
-    return [part for part in parts if part is not None]
-
-
-def frame_fields(frame: Frame) -> set[str]:
-    """The field names of a frame."""
-    return field_names(frame.segments)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 from framekit.definition.check.actions import actions_of
 from framekit.definition.check.addresses import parts_in
-from framekit.definition.check.names import OFFERED
+from framekit.definition.check.known_names import OFFERED
 from framekit.definition.expression.syntax import Text, walk
 from framekit.definition.model.procedure import Lane, Role, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol

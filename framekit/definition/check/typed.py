@@ -9,6 +9,14 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from framekit.definition.check.kinds import Attributes, Kind, KindChecker, never_an_attribute
+from framekit.definition.check.value_kinds import (
+    VARIABLE_KINDS,
+    add_kind,
+    field_kinds,
+    kind_of_segment,
+    kind_of_state,
+    kind_of_variable,
+)
 from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Name, Node, Text
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
@@ -19,8 +27,6 @@ from framekit.definition.model.segments import (
     Count,
     Data,
     Field,
-    FieldType,
-    Inner,
     Length,
     Record,
     Repeat,
@@ -34,16 +40,11 @@ from framekit.definition.model.values import FrameOf
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean
 
-_VARIABLES: dict[str, Kind] = {
-    "flag": "number", "number": "number", "time": "time", "text": "text", "choice": "text", "bytes": "bytes",
-    "list": "list", "frame": "frame",
-}  # fmt: skip
 _OFFERED: dict[str, Kind] = {
     "start": "number", "count": "number", "bytes": "number", "first": "number", "done": "number", "total": "number",
     "element_bytes": "number", "data": "bytes", "bits": "list", "text": "text",
 }  # fmt: skip
 _BUILT_IN: dict[str, Kind] = {"role": "text", "now": "time", "buffer": "bytes", "reply_buffer": "bytes"}
-_TYPES: dict[str, Kind] = {"int": "number", "float": "number", "digits": "number", "bcd": "number", "ascii": "text"}
 
 
 def check_kinds(protocol: Protocol) -> list[Problem]:
@@ -51,63 +52,16 @@ def check_kinds(protocol: Protocol) -> list[Problem]:
     return _Kinds(protocol).check()
 
 
-def field_kinds(segments: Iterable[Segment]) -> dict[str, Kind]:
-    """Kinds of the values of segments; a field whose numbers have names is `any`, since names stand for numbers."""
-    found: dict[str, Kind] = {}
-    for segment in flat(segments):
-        if isinstance(segment, Bits):
-            for part in segment.parts:
-                _add(found, part.name, "number" if part.values is None else "any")
-        elif segment.name:
-            _add(found, segment.name, _kind_of(segment))
-    return found
-
-
-def _add(found: dict[str, Kind], name: str, kind: Kind) -> None:
-    found[name] = kind if found.get(name, kind) == kind else "any"
-
-
-def _kind_of(segment: Segment) -> Kind:
-    match segment:
-        case Field(values=None, unit=None, type=type_):
-            return _of_type(type_)
-        case Field(values=None):
-            return "time"
-        case Data():
-            return "bytes"
-        case Length() | Count():
-            return "number"
-        case Repeat():
-            return "list"
-        case Inner():
-            return "frame"
-    return "any"
-
-
-def _of_type(type_: FieldType) -> Kind:
-    return _TYPES.get(type_.kind, "bytes")
-
-
-def _of_variable(type_: str) -> Kind:
-    return "number" if type_[:1] in "ui" and type_[1:].isdigit() else _VARIABLES.get(type_, "any")
-
-
-def _of_state(variable: StateVariable) -> Kind:
-    if variable.keys is not None:
-        return "table"
-    return "any" if variable.values else _of_variable(variable.type)
-
-
 class _Kinds:
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
         self.found: list[Problem] = []
         names: dict[str, Kind] = dict(_BUILT_IN)
-        names |= {name: _of_variable(parameter.type) for name, parameter in protocol.params.items()}
-        names |= {name: _of_state(variable) for name, variable in protocol.state.items()}
+        names |= {name: kind_of_variable(parameter.type) for name, parameter in protocol.params.items()}
+        names |= {name: kind_of_state(variable) for name, variable in protocol.state.items()}
         names |= dict.fromkeys(protocol.tables, "table")
         untold = protocol.kind == "application"  # the protocol that carries it says what stations are
-        station = "any" if untold else _VARIABLES.get(protocol.station.type, "any")
+        station = "any" if untold else VARIABLE_KINDS.get(protocol.station.type, "any")
         self.globally: dict[str, Kind] = names | {"station": station, "own": station}
 
     def check(self) -> list[Problem]:
@@ -137,7 +91,7 @@ class _Kinds:
     # ---- sections -----------------------------------------------------------------------------------------
 
     def _parameter(self, parameter: Parameter) -> None:
-        wanted = _of_variable(parameter.type)
+        wanted = kind_of_variable(parameter.type)
         checker = self._checker()
         if parameter.type not in ("choice", "list"):
             checker.wants(parameter.default, wanted)
@@ -145,7 +99,7 @@ class _Kinds:
 
     def _variable(self, variable: StateVariable) -> None:
         if variable.layout is None and not variable.values:
-            self._checker().wants(variable.initial, _of_variable(variable.type))
+            self._checker().wants(variable.initial, kind_of_variable(variable.type))
 
     def _line(self) -> None:
         line, receiver = self.protocol.line, self.protocol.receiver
@@ -180,7 +134,7 @@ class _Kinds:
                     checker.wants(type_.size, "number")
                 for expression in (segment.is_, segment.build, segment.default):
                     if expression is not None:
-                        self._for_field(checker, expression, _kind_of(segment), values)
+                        self._for_field(checker, expression, kind_of_segment(segment), values)
             case Bits(parts=parts):
                 for part in parts:
                     for expression in (part.is_, part.build):
@@ -210,13 +164,13 @@ class _Kinds:
         checker = self._checker(field_kinds(frame.segments))
         for name, expression in frame.announces.items():
             variable = self.protocol.state.get(name)
-            checker.wants(expression, "any" if variable is None else _of_state(variable))
+            checker.wants(expression, "any" if variable is None else kind_of_state(variable))
 
     # ---- sequences ----------------------------------------------------------------------------------------
 
     def _sequence(self, sequence: Sequence) -> None:
         local: dict[str, Kind] = dict.fromkeys(sequence.takes, "any")
-        local |= {name: _of_variable(type_) for name, type_ in sequence.local.items()}
+        local |= {name: kind_of_variable(type_) for name, type_ in sequence.local.items()}
         checker = self._checker(local)
         for step in sequence.steps:
             self._step(checker, step, local)
@@ -247,7 +201,7 @@ class _Kinds:
         known: dict[str, Kind] = {}
         for frame in frames if not row.expected and len(frames) == len(row.frames) else ():
             for name, kind in field_kinds(frame.segments).items():
-                _add(known, name, kind)
+                add_kind(known, name, kind)
 
         def attribute(node: Attribute) -> Kind:
             if isinstance(node.value, Name) and node.value.name == "it":
@@ -274,9 +228,9 @@ class _Kinds:
             parameter = self.protocol.params.get(target.name)
             wanted: Kind = "any"
             if target.field is None and variable is not None and not variable.values and variable.layout is None:
-                wanted = _of_variable(variable.type) if target.key is not None or variable.keys is None else "any"
+                wanted = kind_of_variable(variable.type) if target.key is not None or variable.keys is None else "any"
             elif target.field is None and target.key is None and parameter is not None:
-                wanted = _of_variable(parameter.type)
+                wanted = kind_of_variable(parameter.type)
             if isinstance(value, Expression):
                 checker.wants(value, wanted if wanted not in ("list", "frame") else "any")
             else:
@@ -294,21 +248,21 @@ class _Kinds:
                 segment = fields.get(name)
                 if isinstance(value, Expression) and isinstance(segment, Field):
                     judged.add(id(value))
-                    self._for_field(checker, value, _kind_of(segment), segment.values)
+                    self._for_field(checker, value, kind_of_segment(segment), segment.values)
                 elif isinstance(value, Expression) and isinstance(segment, (Data, Length, Count)):
                     judged.add(id(value))
-                    checker.wants(value, _kind_of(segment))
+                    checker.wants(value, kind_of_segment(segment))
         for expression in expressions_of(list(holders)):
             if id(expression) not in judged:
                 checker.kind(expression)
 
     def _service(self, row: ServiceRow) -> None:
         local = dict(_OFFERED) if row.service in ("read", "write") else {}
-        local |= {argument.name: _of_variable(argument.type) for argument in row.takes}
+        local |= {argument.name: kind_of_variable(argument.type) for argument in row.takes}
         local |= dict.fromkeys(row.back, "any")
         checker = self._checker(local)
         for argument in row.takes:
-            checker.wants(argument.default, _of_variable(argument.type) if argument.type != "list" else "any")
+            checker.wants(argument.default, kind_of_variable(argument.type) if argument.type != "list" else "any")
         checker.wants(row.limit.count, "number")
         checker.wants(row.limit.bytes, "number")
         self._made(checker, [row.request, row.buffer])

@@ -7,7 +7,6 @@ evaluated from text.
 from __future__ import annotations
 
 import re
-from fractions import Fraction
 
 from framekit.definition.expression.functions import FUNCTIONS
 from framekit.definition.expression.syntax import (
@@ -19,7 +18,6 @@ from framekit.definition.expression.syntax import (
     Conditional,
     Expression,
     Index,
-    LineTime,
     List,
     Logic,
     Name,
@@ -29,32 +27,14 @@ from framekit.definition.expression.syntax import (
     Text,
     Unary,
 )
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.expression.tokens import ExpressionError, expression_error, place_of, time_of, tokens_of
+from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.times import LINE_UNITS, NEVER, UNITS
 
-_TOKEN = re.compile(
-    r"""\s*(?:
-      (?P<bytes>h'[^']*')
-    | (?P<text>'(?:[^'\\]|\\.)*')
-    | (?P<time>(?:\d+(?:\.\d+)?)\s*(?:ns|us|ms|s|min|h|d|chars?|bits?)\b)
-    | (?P<number>0[xX][0-9a-fA-F]+|\d+)
-    | (?P<word>[A-Za-z_][A-Za-z0-9_]*)
-    | (?P<sign><<|>>|==|!=|<=|>=|//|[-+*%&|^~<>()\[\],.:])
-    )""",
-    re.VERBOSE,
-)
 _BINARY = ({"|"}, {"^"}, {"&"}, {"<<", ">>"}, {"+", "-"}, {"*", "//", "%"})
 _COMPARE = {"==", "!=", "<", "<=", ">", ">=", "in", "not in"}
 _RESERVED = {"if", "else", "or", "and", "not", "in"}
 _DEPTH = 48
-
-
-class ExpressionError(ValueError):
-    """An expression that does not parse; `problem` says where and why."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        super().__init__(str(problem))
 
 
 def parse_expression(text: str, at: Position) -> Expression:
@@ -65,45 +45,15 @@ def parse_expression(text: str, at: Position) -> Expression:
 class _Parser:
     def __init__(self, text: str, at: Position) -> None:
         self.text, self.at = text, at
-        self.tokens = self._tokens()
+        self.tokens = tokens_of(text, at)
         self.place = 0
         self.depth = 0
 
-    # ---- tokens -------------------------------------------------------------------------------------------
-
-    def _tokens(self) -> list[tuple[str, str, Position]]:
-        found, offset = [], 0
-        while offset < len(self.text.rstrip()):
-            match = _TOKEN.match(self.text, offset)
-            if match is None:
-                start = offset + len(self.text[offset:]) - len(self.text[offset:].lstrip())
-                raise self._error(self._strange(start), self._position(start))
-            kind = match.lastgroup or ""
-            found.append((kind, match[kind], self._position(match.start(kind))))
-            offset = match.end()
-        return found
-
-    def _strange(self, offset: int) -> str:
-        sign = self.text[offset]
-        if sign == "'":
-            return "a text has no closing quote"
-        if sign == "=":
-            return "'=' is no operator, comparison is '=='"
-        if sign == "/":
-            return "'/' is no operator, numbers are whole: use '//'"
-        if sign == "!":
-            return "'!' is no operator, write 'not'"
-        if sign == "?":
-            return "'?' is no operator, write 'a if condition else b'"
-        if sign in '"“”„‘’`':
-            return "text stands in single quotes: '…'"
-        return f"'{sign}' does not belong in an expression"
-
     def _position(self, offset: int) -> Position:
-        return Position(self.at.file, self.at.line, self.at.column + offset)
+        return place_of(self.at, offset)
 
     def _error(self, what: str, at: Position, todo: str = "") -> ExpressionError:
-        return ExpressionError(Problem(at, f'in the expression "{self.text}": {what}', todo))
+        return expression_error(self.text, what, at, todo)
 
     def _peek(self) -> str:
         if self.place >= len(self.tokens):
@@ -245,7 +195,7 @@ class _Parser:
         if kind == "number":
             return Number(at, int(word, 16 if word[:2] in ("0x", "0X") else 10))
         if kind == "time":
-            return _time(word, at)
+            return time_of(word, at)
         if kind == "text":
             return Text(at, re.sub(r"\\(.)", r"\1", word[1:-1]))
         if kind == "bytes":
@@ -296,12 +246,3 @@ class _Parser:
             return Bytes(at, bytes.fromhex(word[2:-1]))
         except ValueError:
             raise self._error(f"{word} is not bytes", at, "write pairs of hex digits, such as h'10 3A'") from None
-
-
-def _time(word: str, at: Position) -> Node:
-    match = re.fullmatch(r"([\d.]+)\s*(\w+)", word)
-    assert match is not None
-    count, unit = Fraction(match[1]), match[2]
-    if unit.rstrip("s") + "s" in LINE_UNITS and unit not in UNITS:
-        return LineTime(at, (count.numerator, count.denominator), unit.rstrip("s") + "s")
-    return Number(at, int(count * UNITS[unit]), is_time=True)

@@ -72,13 +72,7 @@ class ProtocolLoader:
         parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
         resolve = NumberNames(self.reader, frames, state)
         return Protocol(
-            name=self._name(),
-            about=self._text("about"),
-            source=self._text("source"),
-            kind="application" if self.source.root.get("protocol") is None else "protocol",
-            profile=self._text("profile") or None,
-            order="little" if self._text("order") == "little" else "big",
-            station=load_station(self.reader, self._own("station")),
+            **self._head(),
             line=line,
             params=parameters,
             state=state,
@@ -99,11 +93,25 @@ class ProtocolLoader:
             services={name: tuple(resolve.service(row) for row in found) for name, found in rows.items()},
             commands=resolve.plainly(commands),
             commands_file=self._text("commands"),
-            sources=self.source.files + (self.source.application.files if self.source.application else ()),
             warnings=(),
-            at=self.source.at,
-            profile_at=self.source.at if (profile := self.source.root.get("profile")) is None else profile.at,
         )
+
+    def _head(self) -> dict[str, Any]:
+        """What a definition says of itself, and where it was read from."""
+        source, root = self.source, self.source.root
+        profile = root.get("profile")
+        return {
+            "name": self._name(),
+            "about": self._text("about"),
+            "source": self._text("source"),
+            "kind": "application" if root.get("protocol") is None else "protocol",
+            "profile": self._text("profile") or None,
+            "order": "little" if self._text("order") == "little" else "big",
+            "station": load_station(self.reader, self._own("station")),
+            "sources": source.files + (source.application.files if source.application else ()),
+            "at": source.at,
+            "profile_at": source.at if profile is None else profile.at,
+        }
 
     def broken(self, loaded: Protocol) -> frozenset[str]:
         """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
