@@ -15,8 +15,8 @@ from framekit.api.results import Answer, Reading
 from framekit.api.settings import LineSettings, ProtocolGiven, checked_params, line_settings, protocol_of
 from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
 from framekit.blocks.commands import CommandBlocks, CommandEnd
-from framekit.blocks.device import memory_of
 from framekit.blocks.load_channel import needs_own
+from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.link.observe import Seen
 from framekit.link.transfer import TransferResult

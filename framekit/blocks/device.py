@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,24 +12,24 @@ from framekit.blocks.device_settings import NO_FILE, DeviceSettings
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.blocks.given import read_params, read_station
 from framekit.blocks.load_fault_plan import read_fault_plan
-from framekit.blocks.memory_sizes import areas_with, read_sizes
+from framekit.blocks.memory_settings import check_places, memory_of, put_values, read_mapping, start_value
+from framekit.blocks.memory_sizes import read_sizes
 from framekit.blocks.model import Place
-from framekit.blocks.own_memory import ProtocolAddresses, addresses_of
+from framekit.blocks.own_memory import addresses_of
 from framekit.definition.check import check_protocol
-from framekit.definition.expression.syntax import Call, Text, names_in, walk
+from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area as AreaModel
-from framekit.definition.model.visit import expressions_of, parts_of
-from framekit.definition.nodes import Entry, Node, Scalar, read_nodes
+from framekit.definition.model.visit import expressions_of
 from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.nodes import Scalar, read_nodes, without
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import kind_of
-from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.addresses import AddressGrammar
 from framekit.memory.area import Area
 from framekit.memory.load import load_profile, load_profile_node
 from framekit.memory.memory import DeviceMemory
@@ -79,12 +79,6 @@ class Device:
         )
         put_values(memory, self.initial)
         return memory
-
-
-def put_values(memory: DeviceMemory, initial: tuple[tuple[Place, tuple[int, ...]], ...]) -> None:
-    """Puts start values into a memory, also into areas that are read-only for others."""
-    for place, values in initial:
-        memory.write(place.address.area, place.address.unit, place.address.start, values, force=True)
 
 
 def load_device(name: str | Path, folder: Path) -> Device:
@@ -244,84 +238,3 @@ class _DeviceLoader:
         node = self.root.get("memory")
         entries = self.reader.entries(node.get("set")) if isinstance(node, MappingNode) else ()
         return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
-
-
-def memory_of(
-    protocol: Protocol, sizes: Mapping[str, AreaModel] | None = None
-) -> tuple[tuple[Area, ...], AddressGrammar]:
-    """A memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol does."""
-    return areas_with(protocol, sizes or {}), ProtocolAddresses(protocol, sizes)
-
-
-def read_mapping(
-    reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
-) -> dict[str, tuple[str, int]]:
-    """`map: {AREA: ADDRESS}`: where areas of a protocol begin in a memory; what is broken is noted and left out."""
-    found: dict[str, tuple[str, int]] = {}
-    for entry in reader.entries(node):
-        with reader.going_on():
-            area = protocol.areas.get(entry.key.text)
-            if area is None or area.layout is not None:
-                what = f"'{protocol.name}' has no area '{entry.key.text}'"
-                if area is not None:
-                    what = f"area '{area.name}' is built from what the protocol knows, it stands in no memory"
-                raise reader.broken(entry.key.at, what, did_you_mean(entry.key.text, protocol.areas))
-            text = reader.text(entry.value)
-            try:
-                address = grammar.parse(text)
-            except AddressError as error:
-                raise reader.broken(entry.value.at, *_parted(error)) from None
-            if address.first_bit % area.element_bits:
-                what = f"{text} is not where a {area.unit} of area '{area.name}' can begin"
-                raise reader.broken(entry.value.at, what, f"name a {area.unit}")
-            found[area.name] = address.area, address.first_bit // area.element_bits
-    return found
-
-
-def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:
-    """Addresses that sequences mention, in `store` and in `memory('…', N)`, and that the memory does not have."""
-    sequences = list(protocol.sequences.values())
-    places = [(where.at, text) for action in parts_of(sequences, Action) for where, text in action.store]
-    for expression in expressions_of(sequences):
-        for node in walk(expression.root):
-            if isinstance(node, Call) and node.function == "memory" and isinstance(node.arguments[0], Text):
-                places.append((node.arguments[0].at, node.arguments[0].value))
-    for at, text in places:
-        try:
-            address = grammar.parse(text)
-        except AddressError as error:
-            yield Problem(at, *_parted(error))
-        else:
-            if address.first_bit % 8:
-                yield Problem(at, f"{text} is in the middle of a byte", "name a byte or a word")
-
-
-def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[Place, tuple[int, ...]] | None:
-    """`ADDRESS: value` or `ADDRESS: [values]`; None when it is broken, which is noted."""
-    with reader.going_on():
-        text = entry.key.text
-        try:
-            address = grammar.parse(text)
-        except AddressError as error:
-            raise reader.broken(entry.key.at, *_parted(error)) from None
-        values = tuple(reader.number(item) for item in reader.items(entry.value))
-        try:
-            grammar.check(address, max(1, len(values)))
-        except AddressError as error:
-            raise reader.broken(entry.value.at, *_parted(error)) from None
-        bits = address.unit_bits
-        for item, value in zip(reader.items(entry.value), values, strict=True):
-            if not (-(1 << bits - 1) if bits > 1 else 0) <= value < 1 << bits:
-                raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
-        return Place(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
-    return None
-
-
-def _parted(error: Exception) -> tuple[str, str]:
-    what, _, todo = str(error).partition(" – ")
-    return what, todo
-
-
-def without(node: MappingNode, key: str) -> MappingNode:
-    """A mapping less one of its keys."""
-    return MappingNode(tuple(entry for entry in node.entries if entry.key.text != key), node.at)

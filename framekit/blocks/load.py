@@ -12,17 +12,17 @@ from pathlib import Path
 from typing import Literal
 
 from framekit.blocks.block_settings import check_items
-from framekit.blocks.device import read_mapping, start_value, without
 from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.kept_state import read_state
 from framekit.blocks.load_block import BlockLoader
 from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.load_jobs_section import read_jobs
+from framekit.blocks.memory_settings import read_mapping, start_value
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Mapping, Node, Scalar
+from framekit.definition.nodes import Mapping, Node, Scalar, without
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.load import load_profile, load_profile_node

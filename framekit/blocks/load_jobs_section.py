@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from framekit.blocks.device import read_mapping
 from framekit.blocks.jobs.load import load_job_profile
 from framekit.blocks.jobs.profile import AfterLate, JobProfile
 from framekit.blocks.jobs.profile_loader import read_scan
 from framekit.blocks.jobs.section import HOST, JobsSection, Opening
 from framekit.blocks.load_channel import ChannelLoader
+from framekit.blocks.memory_settings import read_mapping
 from framekit.blocks.model import Place
 from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import Broken, Reader

@@ -77,8 +77,8 @@ def _carry_out(application: Protocol, records: list[bytes], arguments: argparse.
 def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
     """Command blocks on a port that has done nothing yet, over an empty memory."""
     from framekit.blocks.commands import CommandBlocks
-    from framekit.blocks.device import memory_of
     from framekit.blocks.load_channel import CLIENT_ROLES
+    from framekit.blocks.memory_settings import memory_of
     from framekit.codec.codec import compile_protocol
     from framekit.link.frame_vectors import default_line
     from framekit.link.scope import Scope

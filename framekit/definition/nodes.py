@@ -262,3 +262,8 @@ class _Builder:
 
     def _note(self, at: Position, what: str, todo: str) -> None:
         self.problems.append(Problem(at, what, todo))
+
+
+def without(node: Mapping, key: str) -> Mapping:
+    """A mapping less one of its keys."""
+    return Mapping(tuple(entry for entry in node.entries if entry.key.text != key), node.at)

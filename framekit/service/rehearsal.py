@@ -11,8 +11,9 @@ from dataclasses import replace
 from typing import Any
 
 from framekit.blocks.block_status import Failure
-from framekit.blocks.device import SERVING_ROLES, Device, memory_of, put_values
+from framekit.blocks.device import SERVING_ROLES, Device
 from framekit.blocks.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
+from framekit.blocks.memory_settings import memory_of, put_values
 from framekit.blocks.model import Block, Channel, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.codec.codec import compile_protocol

@@ -13,7 +13,7 @@ from framekit.blocks.block_memory import BlockMemory, status_of
 from framekit.blocks.block_settings import SettingError
 from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import BlockStatus, Failure
-from framekit.blocks.device import put_values
+from framekit.blocks.memory_settings import put_values
 from framekit.blocks.model import Block, Channel, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.scheduler import Scheduler

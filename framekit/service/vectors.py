@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from framekit.blocks.device import memory_of
+from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.scalars import parse_number

@@ -9,7 +9,7 @@ import pytest
 from link.link_world import SECOND, Side, compiled
 from link.service_loop import FRAMES
 
-from framekit.blocks.device import memory_of
+from framekit.blocks.memory_settings import memory_of
 from framekit.link.client import Client
 from framekit.link.construct_values import read_layout
 from framekit.link.scope import Scope

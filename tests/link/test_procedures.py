@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from link.link_world import SECOND, Side, compiled, load
 
-from framekit.blocks.device import memory_of
+from framekit.blocks.memory_settings import memory_of
 from framekit.definition.problems import DefinitionError
 from framekit.link.client import Client, ServiceError
 from framekit.link.serving import MemoryServer

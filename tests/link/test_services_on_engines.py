@@ -11,7 +11,7 @@ from link.link_world import MS, SECOND, Side, compiled
 from link.service_loop import FRAMES
 from link.test_serving import MALFORMED, with_check
 
-from framekit.blocks.device import memory_of
+from framekit.blocks.memory_settings import memory_of
 from framekit.link.client import Client
 from framekit.link.serving import MemoryServer
 from framekit.link.transfer import TransferResult

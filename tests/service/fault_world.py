@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from framekit.blocks.device import Device, memory_of
+from framekit.blocks.device import Device
 from framekit.blocks.fault_plan import FaultPlan, FaultRule
+from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format

@@ -247,7 +247,8 @@ def test_an_accepted_connection_is_not_opened_again() -> None:
 
 
 def framekit_device(protocol: Any) -> Any:
-    from framekit.blocks.device import Device, memory_of
+    from framekit.blocks.device import Device
+    from framekit.blocks.memory_settings import memory_of
 
     areas, grammar = memory_of(protocol)
     return Device(

@@ -1,0 +1,126 @@
+"""READ and WRITE blocks: the addresses of the other side, and the places of the own memory, or values, beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from framekit.blocks.attempts import Attempts
+from framekit.blocks.model import Channel, Place
+from framekit.definition.check.addresses import is_unit
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.nodes import Mapping, Node
+from framekit.definition.problems import Position
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.memory.numbers import unit_bits
+
+
+def address_at(
+    reader: Reader, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
+) -> Address:
+    """An address that stands at `at`, with room for `count` elements behind it. Raises Broken."""
+    try:
+        address = grammar.parse(text, unit)
+        grammar.check(address, count)
+    except AddressError as error:
+        what, _, todo = str(error).partition(" – ")
+        raise reader.broken(at, what, todo) from None
+    return address
+
+
+class TransferLoader:
+    """Reads what such a block has of its own. `place` reads places of the own memory, whose addresses are `grammar`."""
+
+    def __init__(
+        self, reader: Reader, grammar: AddressGrammar, attempts: Attempts, place: Callable[[Node], Place]
+    ) -> None:
+        self.reader = reader
+        self.grammar = grammar
+        self.attempts = attempts
+        self.place = place
+
+    def read(self, instruction: str, keys: Mapping, channel: Channel) -> dict[str, Any]:
+        """Addresses of the other side, and the own places beside them. Raises Broken."""
+        reader = self.reader
+        unit = self.attempts.maybe(reader.text, keys.get("type"))
+        if unit is not None and not is_unit(unit):
+            raise Broken("the schema has told what is wrong with the unit")
+        count = self._count(keys.get("count"))
+        nodes = reader.items(keys.get(instruction))
+        protocol = channel.protocol
+        if instruction not in protocol.services:
+            raise reader.broken(
+                nodes[0].at, f"'{protocol.name}' has no service {instruction}", "use send and receive with its frames"
+            )
+        grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+        units: list[str] = []
+        for node in nodes:
+            with reader.going_on():
+                address = address_at(reader, grammar, node.at, reader.text(node), unit, count if len(nodes) == 1 else 1)
+                units.append(unit or address.unit)
+                if instruction == "write" and protocol.areas[address.area].access == "read":
+                    reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
+        places, values = self._own_side(instruction, keys, len(nodes), count)
+        if len(units) == len(nodes):
+            self._room(keys.get("into" if instruction == "read" else "from"), places, units, count)
+        return {
+            "targets": tuple(reader.text(node) for node in nodes),
+            "units": tuple(units),
+            "places": places,
+            "unit": unit,
+            "count": count,
+            "values": values,
+        }
+
+    def _room(self, node: Node | None, places: tuple[Place, ...], units: list[str], count: int) -> None:
+        """Own places with room for everything that is moved."""
+        for item, place, unit in zip(self.reader.items(node), places, units, strict=False):
+            address = place.address
+            bits = unit_bits(unit) * (count if len(units) == 1 else 1)
+            try:
+                self.grammar.check(address, -(-bits // address.unit_bits))
+            except AddressError as error:
+                what, _, todo = str(error).partition(" – ")
+                self.reader.note(item.at, what, todo)
+
+    def _count(self, node: Node | None) -> int:
+        count = self.attempts.maybe(self.reader.number, node)
+        if node is not None and count is not None and count < 1:
+            self.reader.note(node.at, f"a count of {count} moves nothing", "give 1 or more")
+        return max(1, count or 1)
+
+    def _own_side(
+        self, instruction: str, keys: Mapping, targets: int, count: int
+    ) -> tuple[tuple[Place, ...], tuple[int, ...] | None]:
+        """The own places, one for each address, or the constants to write."""
+        reader = self.reader
+        word, other, does = ("into", "from", "go") if instruction == "read" else ("from", "into", "come from")
+        wrong = keys.get(other)
+        if wrong is not None and instruction == "read":
+            reader.note(wrong.at, f"{other}: does not belong to a {instruction}", f"write {word}:")
+        node, given = keys.get(word), keys.get("values")
+        places = tuple(
+            place for item in reader.items(node) if (place := self.attempts.maybe(self.place, item)) is not None
+        )
+        values = (
+            None
+            if given is None
+            else self.attempts.to(lambda: tuple(reader.number(one) for one in reader.items(given)))
+        )
+        if node is None and given is None and wrong is None:
+            what = f"the block does not say where its data {does}"
+            raise reader.broken(keys.at, what, f"add {word}: with an address of the own memory")
+        if instruction == "read" and given is not None:
+            reader.note(given.at, "a read has no values to write", "leave values out")
+        elif node is not None and given is not None:
+            reader.note(given.at, "the block has values and an own place", "leave one of them out")
+        elif values is not None and len(values) not in (1, max(targets, count)):
+            wanted = max(targets, count)
+            reader.note(keys.at, f"{len(values)} values stand for {wanted} places", f"give one value, or {wanted}")
+        elif values is not None and len(values) == 1:
+            values *= max(targets, count)
+        own = len(reader.items(node))
+        if own and own != targets:
+            what = f"{targets} addresses of the other side stand against {own} own ones"
+            reader.note(keys.at, what, "give as many of one as of the other")
+        return places, values
