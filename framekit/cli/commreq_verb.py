@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import load, print_json
 from framekit.cli.commreq_words import commands_in, record_of
+from framekit.cli.main import WrongWords
 from framekit.cli.one_shot import add_line, carry_out
 
 if TYPE_CHECKING:
@@ -36,6 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="ADDRESS=VALUE,…", help="own memory; may be repeated"
     )
+    parser.add_argument(
+        "--for",
+        dest="duration",
+        metavar="TIME",
+        help="end jobs after this time; default: when they are over",
+    )
     parser.add_argument("--explain", action="store_true", help="only say what the words mean, as without --port")
 
 
@@ -54,12 +61,20 @@ def run(arguments: argparse.Namespace) -> int:
         return NO_COMMAND
     if arguments.port is None or arguments.explain:
         return max(explain(blocks, protocol, data, arguments) for data in records)
-    return _carry_out(application, records, arguments)
+    return _carry_out(application, protocol, records, arguments)
 
 
-def _carry_out(application: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
+def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
     """Carries the commands out until one fails; the exit status."""
+    from framekit.cli.commreq_jobs import carry_out_jobs
     from framekit.cli.commreq_run import CommandRun
+    from framekit.definition.model.commands import JobWork
+    from framekit.definition.model.visit import parts_of
+
+    if any(parts_of(dict(application.services), JobWork)):
+        return carry_out_jobs(application, protocol, records, arguments)
+    if arguments.duration is not None:
+        raise WrongWords("--for is for commands that repeat by themselves – leave it out")
 
     status = 0
 

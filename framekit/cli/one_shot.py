@@ -16,6 +16,8 @@ from framekit.cli.main import WrongWords
 if TYPE_CHECKING:
     from framekit.api.client import Client
     from framekit.api.errors import FramekitError
+    from framekit.api.settings import LineSettings
+    from framekit.definition.model.protocol import Protocol
     from framekit.link.observe import Seen
 
 TIMEOUT, RETRIES = "reply_timeout", "retries"
@@ -61,23 +63,29 @@ def carry_out(arguments: argparse.Namespace, action: Callable[[Client], None], *
     from framekit.api.async_client import AsyncClient
     from framekit.api.client import Client
     from framekit.api.errors import FramekitError
-    from framekit.api.settings import line_settings
 
     try:
-        params = assignments(arguments.param)
-        for name, value in ((TIMEOUT, arguments.timeout), (RETRIES, arguments.retries)):
-            if value is not None:
-                params[name] = value
-        settings = line_settings(
-            load(arguments.protocol), arguments.port, station=arguments.station, speed=arguments.speed,
-            format=arguments.format, own=arguments.own, role=arguments.role, params=params,
-        )  # fmt: skip
+        settings = settings_of(arguments)
         settings.station_for(None, needed=to_station)
         with Client(AsyncClient(settings, monitor=show if arguments.frames else None)) as client:
             action(client)
     except FramekitError as error:
         return failed(arguments, error)
     return 0
+
+
+def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> LineSettings:
+    """The line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError."""
+    from framekit.api.settings import line_settings
+
+    params = assignments(arguments.param)
+    for name, value in ((TIMEOUT, arguments.timeout), (RETRIES, arguments.retries)):
+        if value is not None:
+            params[name] = value
+    return line_settings(
+        protocol or load(arguments.protocol), arguments.port, station=arguments.station, speed=arguments.speed,
+        format=arguments.format, own=arguments.own, role=arguments.role, params=params,
+    )  # fmt: skip
 
 
 def assignments(texts: Sequence[str]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Names are looked up as the run says, then by the system. What jobs do on a chann
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
@@ -64,7 +65,8 @@ class HostChannels:
         if number is None and host in self._section.hosts:
             host = self._section.hosts[host]
             number = self._channel_to(host)
-        if number is not None or is_address(host):
+        opening = self._section.opening
+        if number is not None or is_address(host) or (opening is not None and opening.leads_anywhere):
             self._lead(number, host, way)
             return
 
@@ -86,14 +88,22 @@ class HostChannels:
     # ---- opened when wanted -------------------------------------------------------------------------------
 
     def _lead(self, number: int | None, address: str, way: Way) -> None:
-        number = self._open(address) if number is None else number
+        if number is None:
+            with suppress(ValueError):  # a port that cannot be made leads nowhere
+                number = self._open(address)
         if number in self.opened:
             self.opened.remove(number)
             self.opened.append(number)
         way(number, "no_channel")
 
+    def open_now(self) -> None:
+        """Opens the channel that leads to every host, before a job wants it. Raises ValueError."""
+        opening = self._section.opening
+        if opening is not None and opening.leads_anywhere:
+            self._open("")
+
     def _open(self, address: str) -> int | None:
-        """A channel to an address, where the run allows one more; None where not."""
+        """A channel to an address, where the run allows one more; None where not. Raises ValueError."""
         opening = self._section.opening
         if opening is None:
             return None
@@ -106,10 +116,7 @@ class HostChannels:
         number = FIRST_OPENED
         while number in self._channels:
             number += 1
-        try:
-            self._opener.open_for_jobs(replace(opening.channel, number=number, port=port, host=address))
-        except ValueError:
-            return None
+        self._opener.open_for_jobs(replace(opening.channel, number=number, port=port, host=address))
         self.opened.append(number)
         return number
 

@@ -20,7 +20,7 @@ Store = Callable[[], Failure | None]
 """Puts what was read where it belongs; why not, if it cannot be."""
 
 Watcher = Callable[[JobStatus, Failure | None], None]
-"""Told how a slot is doing whenever a transfer has ended, or could not begin; with what was wrong, if anything was."""
+"""Told how a slot is doing when a transfer has ended, is `late`, or could not begin; and with what was wrong."""
 
 
 class JobOwner(Protocol):

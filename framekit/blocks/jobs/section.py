@@ -34,6 +34,11 @@ class Opening:
     channel: Channel
     connections: int
 
+    @property
+    def leads_anywhere(self) -> bool:
+        """Whether the port is the same for every host: then nobody asks where one is."""
+        return HOST not in self.channel.port
+
     def port_to(self, address: str) -> str:
         """The port that leads to an address."""
         port = self.channel.port

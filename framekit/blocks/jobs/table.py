@@ -316,6 +316,7 @@ class JobTable:
         slot.was_late = True
         if self._tell(slot, word, now):
             self._show(slot, word, True, now)
+            self._watched(slot, Failure(outcome="late"))
         elif slot.state is State.CONNECTING and slot.attempt is not None:
             self.not_connected(slot.attempt, "no_word", now)
         else:
