@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from framekit.blocks.block_status import Failure
-from framekit.blocks.device import memory_of
 from framekit.blocks.jobs.profile import JobProfile
 from framekit.blocks.jobs.section import JobsSection, Opening
+from framekit.blocks.memory_settings import memory_of
 from framekit.blocks.model import Block, Channel
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
