@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from near_run import started
 
-from framekit.blocks.load import load_run
 from framekit.service.control import COMMANDS, ControlError, carry_out
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -30,11 +30,7 @@ def clock() -> VirtualClock:
 
 @pytest.fixture
 def service(tmp_path: Path, clock: VirtualClock) -> RunService:
-    (tmp_path / "r.run.yaml").write_text(RUN, encoding="utf-8")
-    (tmp_path / "there.device.yaml").write_text(DEVICE, encoding="utf-8")
-    service = RunService(load_run(tmp_path / "r.run.yaml"), clock)
-    service.start()
-    return service
+    return started(tmp_path, RUN, DEVICE, clock)
 
 
 def test_a_block_is_fired(service: RunService, clock: VirtualClock) -> None:
