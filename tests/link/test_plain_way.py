@@ -74,7 +74,7 @@ def expectations(name: str) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
     return pairs
 
 
-ROUNDS = int(os.environ.get("FRAMEKIT_STREAMS", "3"))
+ROUNDS = int(os.environ.get("FRAMEKIT_STREAMS", "1"))
 """Streams of every protocol and kind; more when somebody wants to know better."""
 
 SIDES = ("client", "server")
