@@ -47,7 +47,7 @@ def receive(kind: Kind, stream: Sample) -> int:
     for piece in stream.pieces():
         now += CHARACTER * len(piece)
         receiver.append(piece, now)
-        for arrival in receiver.arrivals(expected):
+        while (arrival := receiver.next(expected)) is not None:
             count += type(arrival) is FrameArrived
     return count
 

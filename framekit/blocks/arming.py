@@ -75,7 +75,7 @@ class Arming:
 
     def ended(self, state: BlockState, ok: bool) -> None:
         """A block has ended, well or not."""
-        waiting = self._after.get((state.block.id, ok))
+        waiting = self._after.get((state.id, ok))
         if waiting:
             self.fired.extend(waiting)
 

@@ -22,12 +22,14 @@ class BlockState:
     """
 
     __slots__ = (
-        "block", "companions", "counters", "dead", "enabled", "last_end", "last_failure", "last_outcome",
-        "memory_triggers", "probing", "reasons", "round", "started_at", "starts_left", "waiting",
+        "block", "companions", "counters", "dead", "enabled", "id", "lane", "last_end", "last_failure",
+        "last_outcome", "memory_triggers", "probing", "reasons", "round", "started_at", "starts_left", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
         self.block = block
+        self.id = block.id
+        self.lane = block.lane
         self.counters = Counters()
         self.enabled = block.enabled
         self.waiting = False

@@ -86,8 +86,7 @@ class Lane:
 
     def push(self, state: BlockState, due: int) -> None:
         """A block waits for its turn from `due` on."""
-        block = state.block
-        heapq.heappush(self.waiting, (due, -block.priority, block.id, state))
+        heapq.heappush(self.waiting, (due, -state.block.priority, state.id, state))
 
     def look_again(self, state: BlockState) -> None:
         """A block that stands aside may talk to another station by now: it waits among the others again."""
@@ -133,7 +132,7 @@ class Lane:
             return None
         state, station = taken
         self._probed = state.probing
-        self.running[state.block.id] = station
+        self.running[state.id] = station
         return state
 
     def _probe(self, now: int) -> Taken | None:
@@ -183,18 +182,18 @@ class Lane:
         """Waiting blocks, of those that `wanted` picks, that run in the same exchange as the one just taken."""
         chosen = wanted([entry[3] for entry in self.waiting])
         if chosen:
-            ids = {state.block.id for state in chosen}
+            ids = {state.id for state in chosen}
             self.waiting = [entry for entry in self.waiting if entry[3].block.id not in ids]
             heapq.heapify(self.waiting)
             for state in chosen:
-                self.running[state.block.id] = self.station_of(state)
+                self.running[state.id] = self.station_of(state)
         return chosen
 
     # ---- what became of it --------------------------------------------------------------------------------
 
     def ended(self, state: BlockState, failure: Failure | None, now: int, least: int) -> None:
         """An exchange has ended; the channel is free after the silence, and after `least` at the earliest."""
-        station = self.running.pop(state.block.id)
+        station = self.running.pop(state.id)
         state.probing = False
         self._last = station, now
         self.free_from = now + max(self.rules.silence.between, least)

@@ -6,8 +6,9 @@ before anything is changed. What a piece means is not known here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from framekit.blocks.model import Place
 from framekit.definition.model.protocol import Protocol
@@ -78,10 +79,15 @@ def addresses_of(profile: MemoryProfile) -> OwnAddresses:
 
 def read_piece(memory: DeviceMemory, place: Place, bits: int) -> bytes:
     """`bits` bits from a place on, in memory's form. Raises DeviceMemoryError."""
+    return piece_reader(memory, place, bits)()
+
+
+def piece_reader(memory: DeviceMemory, place: Place, bits: int) -> Callable[[], bytes]:
+    """Does the same at every call. Raises UnknownAreaError."""
     area, first = memory.area(place.address.area), place.address.first_bit
     if first % 8 == 0 and bits % 8 == 0:
-        return area.read_bytes(first // 8, bits // 8)
-    return area.read_bits(first, bits)
+        return partial(area.read_bytes, first // 8, bits // 8)
+    return partial(area.read_bits, first, bits)
 
 
 def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:

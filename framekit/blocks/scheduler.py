@@ -72,7 +72,7 @@ class Scheduler:
     def _take_in(self, state: BlockState) -> None:
         """A block without a channel waits for nobody: it has a lane of its own."""
         self._arming.await_ends(state)
-        self._turns.add(state.block.lane, LaneRules())
+        self._turns.add(state.lane, LaneRules())
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -127,7 +127,7 @@ class Scheduler:
         state = self.states[number]
         state.enabled = on
         if not on:
-            self.lanes[state.block.lane].clear(lambda one: one is state)
+            self.lanes[state.lane].clear(lambda one: one is state)
         elif state.memory_triggers is not None and state.memory_triggers.level_holds():
             self._due(state, now)
             self._wake()
@@ -184,9 +184,9 @@ class Scheduler:
         """Takes a block out that does not run. Raises KeyError for a number there is not."""
         state = self.states.pop(number)
         self._arming.forget(state)
-        self.lanes[state.block.lane].clear(lambda one: one is state)
+        self.lanes[state.lane].clear(lambda one: one is state)
         if state.block.job is not None:
-            self._turns.remove(state.block.lane)
+            self._turns.remove(state.lane)
         return state
 
     # ---- becoming due -------------------------------------------------------------------------------------
@@ -199,12 +199,13 @@ class Scheduler:
     def _may_start(self, state: BlockState) -> bool:
         if not state.enabled or not self._active or state.starts_left == 0 or not self._set_on(state):
             return False
-        return state.memory_triggers is None or not state.memory_triggers.held_back()
+        triggers = state.memory_triggers
+        return triggers is None or triggers.unless is None or not triggers.unless()
 
     def _due(self, state: BlockState, now: int) -> None:
         if not self._may_start(state):
             return
-        lane = self.lanes[state.block.lane]
+        lane = self.lanes[state.lane]
         if state.waiting or state.running:
             state.counters.overruns += 1
             if state.waiting:
@@ -231,8 +232,9 @@ class Scheduler:
                 self._due(state, due)
                 if missed and self._may_start(state):
                     state.counters.overruns += missed
-        for state in self._arming.take_fired():
-            self._due(state, now)
+        if self._arming.fired:
+            for state in self._arming.take_fired():
+                self._due(state, now)
         for lane in self._turns.due(now):
             self._start_next(lane, now)
             self._turns.stir(lane)
@@ -259,7 +261,7 @@ class Scheduler:
         state = self.states[number]
         if not state.running:
             return
-        channel = state.block.lane
+        channel = state.lane
         lane = self.lanes[channel]
         lane.ended(state, failure, now, LEAST_TIME if now == state.started_at else 0)
         self._turns.stir(lane)

@@ -7,12 +7,14 @@ which places of the own memory belong to it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.commands import CommandBlocks, CommandEnd
-from framekit.blocks.fields import FramePart, fixed_bytes, from_memory, parts_of, takes_bytes, to_memory
+from framekit.blocks.fields import FramePart, parts_of, to_memory
+from framekit.blocks.frame_fields import FrameFields
 from framekit.blocks.merging import Read, joined
 from framekit.blocks.model import Block
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
@@ -25,6 +27,7 @@ from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command
+from framekit.link.frame_sender import FrameSender
 from framekit.link.packing import cut_memory, values_of
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
@@ -59,6 +62,8 @@ class BlockTransfers:
         self.mapping = mapping or {}
         self.later = later
         self._parts: dict[str, dict[str, FramePart]] = {}
+        self._fields: dict[int, FrameFields] = {}
+        self._senders: dict[str, FrameSender] = {}
         self._sending: list[Ended] = []
         self._commands: dict[str, CommandBlocks] = {}
 
@@ -237,14 +242,20 @@ class BlockTransfers:
     def _send(self, block: Block, now: int, ended: Ended) -> list[Command]:
         assert block.frame is not None
 
-        def sent() -> None:
-            if ended in self._sending:
-                self._sending.remove(ended)
-                ended(None)
-
-        commands = self.engine.send_frame(block.frame, now, self.fields_of(block), sent)
+        fields = self.fields_of(block)
+        commands = self._sender_of(block.frame).send(fields, now, partial(self._sent, ended))
         self._sending.append(ended)
         return commands
+
+    def _sender_of(self, frame: str) -> FrameSender:
+        if frame not in self._senders:
+            self._senders[frame] = FrameSender(self.engine, frame)
+        return self._senders[frame]
+
+    def _sent(self, ended: Ended) -> None:
+        if ended in self._sending:
+            self._sending.remove(ended)
+            ended(None)
 
     def _parts_of(self, frame: str) -> dict[str, FramePart]:
         if frame not in self._parts:
@@ -252,19 +263,12 @@ class BlockTransfers:
         return self._parts[frame]
 
     def fields_of(self, block: Block) -> dict[str, Any]:
-        """The fields of a SEND block's frame: constants of the block, and data from the own memory."""
-        assert block.frame is not None
-        fields: dict[str, Any] = dict(block.values or {})
-        parts = self._parts_of(block.frame)
-        for name, place in block.data.items():
-            part, bits = parts[name], place.address.unit_bits
-            if takes_bytes(part):
-                size = block.sizes.get(name, fixed_bytes(part))
-                if size is None:
-                    raise ValueError(f"the size of '{name}' is not known – give the block size: {{{name}: N}}")
-                bits = 8 * size
-            fields[name] = from_memory(part, place, read_piece(self.memory, place, bits))
-        return fields
+        """The fields of a SEND block's frame as they are now. Raises DeviceMemoryError, ValueError."""
+        found = self._fields.get(block.id)
+        if found is None or found.block is not block:
+            assert block.frame is not None
+            found = self._fields[block.id] = FrameFields(block, self._parts_of(block.frame), self.memory)
+        return found.read()
 
     def store_frame(self, block: Block, frame: FrameValue) -> None:
         """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""

@@ -41,7 +41,8 @@ def awaited_bits(blocks: Iterable[Block], resolve: Resolve) -> set[tuple[str, in
 class MemoryTriggers:
     """The memory triggers of one block: looked at when a word they read changes, and once at the start.
 
-    A condition that holds already when the run starts counts as having just come true.
+    A condition that holds already when the run starts counts as having just come true. `unless`: whether the block is
+    held back now; None where it never is.
     """
 
     def __init__(self, block: Block, memory: DeviceMemory, resolve: Resolve, fire: Fire) -> None:
@@ -49,7 +50,7 @@ class MemoryTriggers:
         self.fire = fire
         self.watches: list[Watch] = []
         unless = None if block.unless is None else Condition(block.unless, resolve)
-        self._unless = None if unless is None else unless.reader(memory)
+        self.unless = None if unless is None else unless.reader(memory)
         self._levels: list[Callable[[], bool]] = []
         for trigger in block.triggers:
             if isinstance(trigger, (Rising, While)):
@@ -92,9 +93,10 @@ class MemoryTriggers:
 
     def _watch_hold(self, unless: Condition) -> None:
         """A `while` that `unless` has held back goes on when that is over."""
+        holds_back = unless.reader(self.memory)
 
         def look(*_: object) -> None:
-            if self.level_holds() and not self.held_back():
+            if self.level_holds() and not holds_back():
                 self.fire()
 
         for address in unless.addresses.values():
@@ -109,10 +111,6 @@ class MemoryTriggers:
     def level_holds(self) -> bool:
         """Whether a `while` condition asks for another start."""
         return bool(self._levels) and any(holds() for holds in self._levels)
-
-    def held_back(self) -> bool:
-        """Whether `unless` holds."""
-        return self._unless is not None and self._unless()
 
     def cancel(self) -> None:
         for watch in self.watches:

@@ -6,9 +6,8 @@ and change its times; all others are the application's own, one for each channel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any
-from weakref import ref
 
 from framekit.definition.model.protocol import Protocol
 from framekit.link.evaluate import Formula, Names
@@ -16,7 +15,7 @@ from framekit.link.scope import Scope
 
 
 class CommandScope(Scope):
-    """Names of an application of commands on one channel, whose names are `channel`; sessions end with its."""
+    """Names of an application of commands on one channel, whose names are `channel`."""
 
     __slots__ = ("channel", "shared")
 
@@ -32,11 +31,6 @@ class CommandScope(Scope):
             self.device.pop(name, None)
             formulas[name] = _of(channel, name)
         self.formulas = formulas
-        channel.followers.append(ref(self))
-
-    def reset_session(self, but: Collection[str] = ()) -> None:
-        """The application's own session variables return to their start values; the channel's are the channel's."""
-        super().reset_session(self.shared)
 
     def set(self, name: str, value: Any) -> None:
         """As for every scope; what belongs to the channel is set there."""

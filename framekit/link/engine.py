@@ -23,7 +23,7 @@ from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.farewell import Farewell
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import Codec, FrameInfo, FrameTable
 from framekit.link.functions import EngineFunctions
 from framekit.link.lanes import Lanes
 from framekit.link.machine import Machine
@@ -236,6 +236,13 @@ class Engine:
         self.output.put(Item(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
         return self._finish()
 
+    def put_frame(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> list[Command]:
+        """Sends the bytes of a frame that announces nothing: nobody here has anything to do because of it."""
+        self.scope.now = max(self.scope.now, now)
+        self.counters.sent += 1
+        self.output.put(Item(None, data, 0, info, on_sent))
+        return self._given()
+
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
@@ -257,7 +264,14 @@ class Engine:
             self._settle()
         finally:
             self._busy = False
-        commands, self._commands[:] = list(self._commands), []
+        return self._given()
+
+    def _given(self) -> list[Command]:
+        """The commands so far; none while an event is still being dealt with, whose commands they are then."""
+        if self._busy:
+            return []
+        commands = self._commands.copy()
+        self._commands.clear()
         return commands
 
     def _settle(self) -> None:

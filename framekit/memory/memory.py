@@ -55,7 +55,7 @@ class DeviceMemory:
 
     def write(self, area: str, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
         """Puts unsigned values at number `start` on; all or none."""
-        self.area(area).write(unit, start, values, force=force)
+        (self._by_name.get(area) or self.area(area)).write(unit, start, values, force=force)
 
     def read_bytes(self, area: str, offset: int, count: int) -> bytes:
         """`count` bytes from byte `offset` on."""

@@ -81,19 +81,19 @@ class Exchanges:
         try:
             return self._block_memory.effective(state.block)
         except SettingError as error:
-            self._finished(state.block.id, Failure(outcome="bad_setting", cause=str(error)))
+            self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
             return None
 
     def _ending(self, state: BlockState) -> Ended:
-        return partial(self._finished, state.block.id)
+        return partial(self._finished, state.id)
 
     def _joined_ending(self, state: BlockState, states: list[BlockState]) -> Ended:
         """A joined read that the device refuses is not joined again: each block asks for itself from then on."""
 
         def ended(failure: Failure | None) -> None:
             if failure is not None and (failure.outcome == "refused" or failure.device_code is not None):
-                self._alone |= {one.block.id for one in states}
-            self._finished(state.block.id, failure)
+                self._alone |= {one.id for one in states}
+            self._finished(state.id, failure)
 
         return ended
 
@@ -124,7 +124,7 @@ class Exchanges:
         return [read.key for read in neighbours(first, reads, merge, channel.client.grammar)]
 
     def _read_of(self, channel: ChannelService, state: BlockState) -> Read[BlockState] | None:
-        if state.block.id in self._alone:
+        if state.id in self._alone:
             return None
         try:
             block = self._block_memory.effective(state.block)

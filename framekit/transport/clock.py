@@ -199,6 +199,7 @@ class AsyncioClock(_CallHeap):
         self.loop = loop
         self._timer: asyncio.Handle | None = None
         self._timer_at = 0
+        self._soon = False
         self._ringing = False
 
     def now(self) -> int:
@@ -210,25 +211,37 @@ class AsyncioClock(_CallHeap):
         return call
 
     def call_soon(self, callback: Callback) -> Handle:
-        return self.call_at(time.monotonic_ns(), callback)
+        call = self._put(time.monotonic_ns(), callback)
+        self._ring_soon()
+        return call
 
     def _set_timer(self) -> None:
         """One timer of the loop, for the next call; no timer where it is due, since loops wait whole milliseconds."""
         due = self.next_call
-        if due is None or self._ringing or (self._timer is not None and self._timer_at <= due):
+        if due is None or self._ringing or self._soon or (self._timer is not None and self._timer_at <= due):
+            return
+        delay = due - time.monotonic_ns()
+        if delay <= 0:
+            self._ring_soon()
             return
         if self._timer is not None:
             self._timer.cancel()
         self._timer_at = due
-        delay = due - time.monotonic_ns()
-        if delay <= 0:
-            self._timer = self.loop.call_soon(self._ring)
-        else:
-            self._timer = self.loop.call_later((delay + NEVER_EARLY) / 1e9, self._ring)
+        self._timer = self.loop.call_later((delay + NEVER_EARLY) / 1e9, self._time_up)
+
+    def _ring_soon(self) -> None:
+        """In the next turn of the loop; a timer that is set stays, and finds then what is left to do."""
+        if not self._soon and not self._ringing:
+            self._soon = True
+            self.loop.call_soon(self._ring)
+
+    def _time_up(self) -> None:
+        self._timer = None
+        self._ring()
 
     def _ring(self) -> None:
         """Makes what is due. What a call raises goes to the loop, and the others come all the same."""
-        self._timer = None
+        self._soon = False
         self._ringing = True
         now = time.monotonic_ns()
         try:
