@@ -47,7 +47,7 @@ def receive(kind: Kind, stream: Sample) -> int:
     for piece in stream.pieces():
         now += CHARACTER * len(piece)
         receiver.append(piece, now)
-        while (arrival := receiver.next(expected)) is not None:
+        for arrival in receiver.arrivals(expected):
             count += type(arrival) is FrameArrived
     return count
 

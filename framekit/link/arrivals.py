@@ -5,13 +5,13 @@ Offsets count the bytes of the stream from its start; times are when the first a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from framekit.link.values import FrameValue
 
 
-@dataclass(slots=True)
-class FrameArrived:
+class FrameArrived(NamedTuple):
     """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones."""
 
     value: FrameValue
@@ -22,29 +22,58 @@ class FrameArrived:
     other: bool = False
 
 
-@dataclass(slots=True)
+class Fault(NamedTuple):
+    """What is wrong with a frame, and where."""
+
+    cause: str
+    segment: str = ""
+    place: int = 0
+    expected: str = ""
+    found: str = ""
+    message: str = ""
+
+
 class BadFrame:
     """A frame with a fault that is not to be answered as a refusal.
 
     `cause`: check parity framing overrun constant where digits value range require short too_long length surplus cut.
     `segment` and `place` say where in the frame (name or kind; byte offset), `expected` and `found` what was wrong.
+    These cost much more to find out than that there is a fault: they are found out when somebody asks, which has to be
+    before a variable or parameter changes that the frame depends on.
     """
 
-    frame: str
+    __slots__ = (
+        "_explain", "cause", "ended_at", "expected", "found", "frame", "message", "offset", "place", "raw", "segment",
+        "started_at",
+    )  # fmt: skip
+
     cause: str
     segment: str
-    offset: int
+    place: int
     expected: str
     found: str
-    raw: bytes
-    started_at: int
-    ended_at: int
-    place: int = 0
-    message: str = ""
+    message: str
+
+    def __init__(
+        self, frame: str, raw: bytes, offset: int, started_at: int, ended_at: int, explain: Callable[[], Fault]
+    ) -> None:
+        self.frame, self.raw, self.offset = frame, raw, offset
+        self.started_at, self.ended_at = started_at, ended_at
+        self._explain = explain
+
+    def __getattr__(self, name: str) -> Any:
+        """Only asked for what is not known yet."""
+        if name not in Fault._fields:
+            raise AttributeError(name)
+        for field, value in zip(Fault._fields, self._explain(), strict=True):
+            setattr(self, field, value)
+        return object.__getattribute__(self, name)
+
+    def __repr__(self) -> str:
+        return f"<bad {self.frame} at {self.offset}: {self.message or self.cause}>"
 
 
-@dataclass(slots=True)
-class Noise:
+class Noise(NamedTuple):
     """A run of bytes that fit nothing. `skipped`: they belong to a bad frame that has been reported already."""
 
     data: bytes

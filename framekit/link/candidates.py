@@ -8,75 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from framekit.codec.errors import FrameError
-from framekit.link.arrivals import BadFrame
+from framekit.link.arrivals import BadFrame, Fault
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_table import FrameInfo
+from framekit.link.events import LineFault
+from framekit.link.frame_info import FrameInfo
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
+from framekit.link.verdicts import NO, Bad, Complete, Good, Result, Unfinished, worse
 
-
-class Good:
-    """A complete frame; `refusal` is the code it is to be refused with."""
-
-    __slots__ = ("fields", "info", "raw", "refusal")
-
-    def __init__(self, info: FrameInfo, raw: bytes, fields: dict[str, Any], refusal: int | None) -> None:
-        self.info, self.raw, self.fields, self.refusal = info, raw, fields, refusal
-
-
-class Bad:
-    """A frame with a fault. `known_end`: its end does not depend on content that may be damaged.
-
-    What the fault is costs much more to find out than that there is one, so it is found out when somebody asks; that
-    has to be before the place in the stream changes.
-    """
-
-    __slots__ = ("_bad", "_report", "known_end")
-
-    def __init__(self, report: Callable[[], BadFrame], known_end: bool) -> None:
-        self._report = report
-        self._bad: BadFrame | None = None
-        self.known_end = known_end
-
-    @property
-    def bad(self) -> BadFrame:
-        if self._bad is None:
-            self._bad = self._report()
-        return self._bad
-
-
-class Complete:
-    """All its `size` bytes are there; whether anything is wrong with them has not been looked at yet."""
-
-    __slots__ = ("size",)
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-
-
-class Unfinished:
-    """Fits so far and wants more, or, if `silent`, waits for a silence.
-
-    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it
-    had at the call before is what is certain, so `seen` is one call behind `had`. With fewer than `wanted` bytes it is
-    surely not complete.
-    """
-
-    __slots__ = ("had", "seen", "silent", "wanted")
-
-    def __init__(self, silent: bool, had: int, seen: int, wanted: int) -> None:
-        self.silent, self.had, self.seen, self.wanted = silent, had, seen, wanted
-
-
-class _No:
-    __slots__ = ()
-
-
-NO = _No()
-Result = Good | Bad | Complete | Unfinished | _No
 Trouble = Callable[[str, Exception], None]
 """Told about an expression of a frame that could not be worked out: the frame's name and what happened."""
 
@@ -175,7 +116,7 @@ class Candidates:
         raw = bytes(self._stream.buffer[start:end])
         fault = self._stream.fault_in(start, end)
         if fault is not None:
-            return self._bad(info, raw, fault.value, found="a damaged character", known_end=True)
+            return self._damaged(info, raw, fault, True)
         try:
             return Good(info, raw, info.decode(raw, self._context), None)
         except EVALUATION_ERRORS as error:
@@ -187,25 +128,10 @@ class Candidates:
             return NO
         if error.refuse is not None:
             return Good(info, raw, dict(error.fields), error.refuse)
-        return Bad(partial(self._misread, info, raw, error), known_end)
+        return self._bad(info, raw, partial(_misread, error), known_end)
 
-    def _misread(self, info: FrameInfo, raw: bytes, error: FrameError) -> BadFrame:
-        return self._report(
-            info,
-            raw,
-            error.cause,
-            segment=error.segment,
-            place=error.offset,
-            expected=error.expected,
-            found=error.found,
-            message=str(error),
-        )
-
-    def _bad(
-        self, info: FrameInfo, raw: bytes, cause: str, *, expected: str = "", found: str = "",
-        place: int = 0, known_end: bool = False,
-    ) -> Bad:  # fmt: skip
-        return Bad(partial(self._report, info, raw, cause, expected=expected, found=found, place=place), known_end)
+    def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:
+        return Bad(partial(self._report, info, raw, explain), len(raw), known_end)
 
     def _without_end(self, info: FrameInfo, start: int, end: int) -> Result:
         """A frame whose end is lost: the fewest bytes that show it, however many came at once."""
@@ -219,50 +145,39 @@ class Candidates:
         raw = bytes(self._stream.buffer[start:low])
         fault = self._stream.fault_in(start, low)
         if fault is not None:
-            return self._bad(info, raw, fault.value, found="a damaged character")
+            return self._damaged(info, raw, fault, False)
         try:
             info.decode(raw, self._context)
         except EVALUATION_ERRORS as error:
             judged = self._judged(info, raw, error, False)
-            return judged if isinstance(judged, (Bad, _No)) else self._endless(info, raw)
+            return judged if judged is NO or type(judged) is Bad else self._endless(info, raw)
         return self._endless(info, raw)
 
     def _endless(self, info: FrameInfo, raw: bytes) -> Bad:
-        return self._bad(info, raw, "length", expected="a findable end", found="none")
+        return self._bad(info, raw, lambda: Fault("length", expected="a findable end", found="none"), False)
 
     def cut(self, info: FrameInfo, end: int) -> Bad:
         """A frame that fitted and was broken off before buffer index `end`."""
         start = self._stream.position
         raw = bytes(self._stream.buffer[start:end])
         fault = self._stream.fault_in(start, end)
-        cause = "cut" if fault is None else fault.value
-        return self._bad(info, raw, cause, expected="more bytes", found="a pause", place=len(raw))
+        found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found="a pause")
+        return self._bad(info, raw, lambda: found, False)
 
-    def _report(
-        self, info: FrameInfo, raw: bytes, cause: str, *, segment: str = "", place: int = 0,
-        expected: str = "", found: str = "", message: str = "",
-    ) -> BadFrame:  # fmt: skip
+    def _damaged(self, info: FrameInfo, raw: bytes, fault: LineFault, known_end: bool) -> Bad:
+        return self._bad(info, raw, lambda: Fault(fault.value, found="a damaged character"), known_end)
+
+    def _report(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault]) -> BadFrame:
         stream = self._stream
         start = stream.position
-        return BadFrame(
-            frame=info.name,
-            cause=cause,
-            segment=segment,
-            offset=stream.offset,
-            expected=expected,
-            found=found,
-            raw=raw,
-            started_at=stream.time_of(start),
-            ended_at=stream.time_of(start + len(raw) - 1) if raw else stream.time_of(start),
-            place=place,
-            message=message,
-        )
+        started = stream.time_of(start)
+        ended = stream.time_of(start + len(raw) - 1) if raw else started
+        return BadFrame(info.name, raw, stream.offset, started, ended, explain)
+
+
+def _misread(error: FrameError) -> Fault:
+    return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error))
 
 
 def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:
     return item[0], item[1]
-
-
-def worse(first: Bad | None, second: Bad) -> Bad:
-    """The one that got further; of two that got equally far, the one asked first."""
-    return second if first is None or second.bad.place > first.bad.place else first

@@ -198,7 +198,8 @@ class Client:
 
     def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
         """What a request is made of. Raises ParameterError for a parameter that does not fit."""
-        names = Names(self.engine.scope.worked_out(params) if params else None, self.engine.scope)
+        scope = self.engine.scope
+        names = Names(scope.worked_out(params), scope, scope.formulas_for(params)) if params else Names(None, scope)
         names["station"] = self._default_station if station is None else station
         return names
 

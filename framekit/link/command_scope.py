@@ -6,8 +6,9 @@ and change its times; all others are the application's own, one for each channel
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
+from weakref import ref
 
 from framekit.definition.model.protocol import Protocol
 from framekit.link.evaluate import Formula, Names
@@ -15,7 +16,7 @@ from framekit.link.scope import Scope
 
 
 class CommandScope(Scope):
-    """Names of an application of commands on one channel, whose names are `channel`."""
+    """Names of an application of commands on one channel, whose names are `channel`; sessions end with its."""
 
     __slots__ = ("channel", "shared")
 
@@ -31,6 +32,11 @@ class CommandScope(Scope):
             self.device.pop(name, None)
             formulas[name] = _of(channel, name)
         self.formulas = formulas
+        channel.followers.append(ref(self))
+
+    def reset_session(self, but: Collection[str] = ()) -> None:
+        """The application's own session variables return to their start values; the channel's are the channel's."""
+        super().reset_session(self.shared)
 
     def set(self, name: str, value: Any) -> None:
         """As for every scope; what belongs to the channel is set there."""

@@ -23,7 +23,8 @@ from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.farewell import Farewell
-from framekit.link.frame_table import Codec, FrameInfo, FrameTable
+from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.functions import EngineFunctions
 from framekit.link.lanes import Lanes
 from framekit.link.machine import Machine

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from framekit.definition.model.segments import Const, Field, Segment, Skip, Wrap
 from framekit.link.evaluate import Names
-from framekit.link.frame_table import FrameInfo, FrameTable
+from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_table import FrameTable
 from framekit.link.stream import Stream
 
 DONE = -1
@@ -64,14 +65,13 @@ def plain_end(buffer: bytearray, position: int, end: int, escape: int) -> int | 
 class InsideFinder:
     """Looks through what is arriving for frames in the middle of others, every byte once."""
 
-    __slots__ = ("_clear_to", "_marks", "_names", "_places", "_rules")
+    __slots__ = ("_marks", "_names", "_places", "_rules")
 
     def __init__(self, table: FrameTable, names: Names) -> None:
         self._names = names
         self._rules = inside_rules(table)
         self._places: dict[str, int] = {}
         self._marks = marks_of(self._rules.values())
-        self._clear_to = 0
 
     def __bool__(self) -> bool:
         return bool(self._rules)
@@ -81,23 +81,13 @@ class InsideFinder:
         if self._places:
             self._places.clear()
 
-    def nothing_in(
-        self, stream: Stream, end: int, outer: FrameInfo, levels: tuple[tuple[FrameInfo, ...], tuple[FrameInfo, ...]]
-    ) -> bool:
-        """Whether there is surely no frame inside `outer`, which ends at buffer index `end`, nor inside a rival."""
-        for infos in levels:
-            for info in infos:
-                rule = None if info is outer else self._rules.get(info.name)
-                if rule is not None and rule.region(stream.buffer, stream.position, len(stream.buffer)) is not None:
-                    return False
-        if outer.name not in self._rules:
-            return True
-        if self._marks is None:
-            return False
-        if stream.base + end > self._clear_to:
-            found = self._marks.search(stream.buffer, max(stream.position, self._clear_to - 1 - stream.base))
-            self._clear_to = stream.base + (len(stream.buffer) if found is None else found.start())
-        return stream.base + end <= self._clear_to
+    def nothing_in(self, outer: FrameInfo, raw: bytes) -> bool:
+        """Whether there is surely no frame inside `outer`, all of whose bytes are `raw`."""
+        return outer.name not in self._rules or (self._marks is not None and self._marks.search(raw) is None)
+
+    def nothing_from(self, outer: FrameInfo, buffer: bytearray, start: int) -> bool:
+        """As `nothing_in`, for what has come of it."""
+        return outer.name not in self._rules or (self._marks is not None and self._marks.search(buffer, start) is None)
 
     def end_for(self, outer: str, limit: int, base: int) -> int:
         """How far `outer` may be measured: not over what has not been looked through."""
@@ -134,7 +124,6 @@ class InsideFinder:
         for info in rule.frames:
             length = info.measure(stream.buffer, place, len(stream.buffer), self._names, 0)
             if length > 0:
-                self._clear_to = 0  # what is behind it moves up
                 return info, place, place + length
             if length < 0:
                 return None

@@ -1,6 +1,7 @@
 """Who is looked for at a place in the stream, prepared once for every set of frame names.
 
-For each byte a frame may begin with: the expected candidates and the others, in the order of the rows.
+For each byte a frame may begin with: the expected candidates and the others, in the order of the rows; and which of
+them are left when a second byte has told them apart.
 """
 
 from __future__ import annotations
@@ -8,17 +9,46 @@ from __future__ import annotations
 import re
 
 from framekit.codec.python.choices import fixed_bytes
-from framekit.link.frame_table import FrameInfo, FrameTable
+from framekit.definition.model.segments import Const
+from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_table import FrameTable
 
 Level = tuple[FrameInfo, ...]
-Likely = tuple[Level, int, dict[int, Level], Level]
-"""All candidates; the place behind the first byte that tells them apart (0: none); those for its values; the others."""
+
+
+class Left:
+    """The expected candidates that two bytes leave.
+
+    `alone`: the only one. `sure`: every other candidate, the others included, begins with other constants than there
+    are, so that it is surely none.
+    """
+
+    __slots__ = ("alone", "infos", "sure")
+
+    def __init__(self, infos: Level, sure: bool) -> None:
+        self.infos = infos
+        self.alone = infos[0] if len(infos) == 1 else None
+        self.sure = sure
+
+
+class Start:
+    """What may begin with one byte: `at` is the place of the byte that tells the candidates apart (0: none does).
+
+    `left` has its values, `others` is for every other one.
+    """
+
+    __slots__ = ("at", "left", "others")
+
+    def __init__(self, at: int, left: dict[int, Left], others: Left) -> None:
+        self.at = at
+        self.left = left
+        self.others = others
 
 
 class Interest:
-    """The candidates for one pair of name lists."""
+    """The candidates for one pair of name lists. `starting`: what `start` has found, by the first byte."""
 
-    __slots__ = ("_found", "_likely", "_rest", "_wanted", "expected", "others", "starts")
+    __slots__ = ("_found", "_rest", "_starts", "_wanted", "expected", "others", "starting", "starts")
 
     def __init__(self, table: FrameTable, expected: tuple[str, ...], others: tuple[str, ...]) -> None:
         self.expected = expected
@@ -26,7 +56,8 @@ class Interest:
         self._wanted = _on_line(table, expected)
         self._rest = _on_line(table, tuple(name for name in others if name not in expected))
         self._found: dict[int, tuple[Level, Level]] = {}
-        self._likely: dict[int, Likely] = {}
+        self._starts: dict[tuple[Level, Level], Start] = {}
+        self.starting: list[Start | None] = [None] * 256
         self.starts = self._start_pattern()
 
     def at(self, byte: int) -> tuple[Level, Level]:
@@ -37,17 +68,22 @@ class Interest:
             self._found[byte] = found
         return found
 
-    def likely(self, buffer: bytearray, position: int) -> Level:
-        """The expected candidates that may begin here and that no constant byte behind the first one contradicts."""
-        byte = buffer[position]
-        likely = self._likely.get(byte)
-        if likely is None:
-            likely = self._likely[byte] = _told_apart(self.at(byte)[0])
-        everything, place, by_value, others = likely
-        place += position
-        if place == position or place >= len(buffer):
-            return everything
-        return by_value.get(buffer[place], others)
+    def start(self, byte: int) -> Start:
+        """The candidates that may begin with `byte`, told apart by another one; for the same ones the same object."""
+        levels = self.at(byte)
+        found = self._starts.get(levels)
+        if found is None:
+            found = self._starts[levels] = _told_apart(*levels)
+        self.starting[byte] = found
+        return found
+
+    def left(self, buffer: bytearray, position: int) -> Left | None:
+        """The expected candidates that no constant byte contradicts here; None where such a byte is not there yet."""
+        start = self.start(buffer[position])
+        if not start.at:
+            return start.others
+        place = position + start.at
+        return start.left.get(buffer[place], start.others) if place < len(buffer) else None
 
     def _start_pattern(self) -> re.Pattern[bytes] | None:
         """Matches a byte that some candidate begins with; None when any byte may begin one."""
@@ -63,20 +99,39 @@ def _on_line(table: FrameTable, names: tuple[str, ...]) -> Level:
     return tuple(info for name in dict.fromkeys(names) if (info := table.infos[name]).on_line)
 
 
-def _told_apart(infos: Level) -> Likely:
-    """The place with the fewest candidates left, whatever byte stands there."""
-    best: Likely = (infos, 0, {}, infos)
+def _told_apart(infos: Level, rest: Level) -> Start:
+    """By the place with the fewest candidates left, whatever byte stands there."""
+    best = Start(0, {}, Left(infos, not rest))
     most = len(infos)
     allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
     for place in sorted({place for one in allowed for place in one if place}):
         rows = [(info, one.get(place)) for info, one in zip(infos, allowed, strict=True)]
         values = {value for _, one in rows for value in one or ()}
-        by_value = {value: tuple(info for info, one in rows if one is None or value in one) for value in values}
+        left = {value: tuple(info for info, one in rows if one is None or value in one) for value in values}
         others = tuple(info for info, one in rows if one is None)
-        left = max(len(group) for group in (*by_value.values(), others))
-        if left < most:
-            best, most = (infos, place, by_value, others), left
+        fewest = max(len(group) for group in (*left.values(), others))
+        if fewest < most:
+            every, most = (*infos, *rest), fewest
+            best = Start(
+                place,
+                {value: Left(group, _sure(every, group, place, {value}, False)) for value, group in left.items()},
+                Left(others, _sure(every, others, place, values, True)),
+            )
     return best
+
+
+def _sure(every: Level, left: Level, place: int, values: set[int], none_of_them: bool) -> bool:
+    """Whether the constants that all others begin with contradict a byte at `place`: one of `values`, or none of them.
+
+    What measures frames compares these constants; the value of a field it does not compare.
+    """
+    for info in every:
+        if info not in left:
+            first = info.frame.segments[0] if info.frame.segments else None
+            constant = first.data if isinstance(first, Const) and first.when is None else b""
+            if len(constant) <= place or (constant[place] in values) is not none_of_them:
+                return False
+    return True
 
 
 def _beginning(infos: Level, byte: int) -> Level:

@@ -18,7 +18,7 @@ from framekit.link.scope import Scope
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from framekit.link.frame_table import FrameInfo
+    from framekit.link.frame_info import FrameInfo
     from framekit.link.runs import Run
 
 

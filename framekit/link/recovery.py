@@ -9,10 +9,10 @@ import re
 
 from framekit.definition.model.protocol import Receiver as Rules
 from framekit.link.arrivals import Arrival, Noise
-from framekit.link.candidates import Bad
 from framekit.link.noise import NoiseRun
 from framekit.link.pauses import Pauses
 from framekit.link.stream import Stream
+from framekit.link.verdicts import Bad
 
 
 class Again:
@@ -59,7 +59,7 @@ class Recovery:
         if before is not None:
             return before
         bad = worst.bad
-        size = len(bad.raw)
+        size = worst.size
         self._bad_until = start + size
         mode = self._rules.resync
         if mode == "never":

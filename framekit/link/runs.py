@@ -17,6 +17,7 @@ from framekit.link.values import FrameValue
 
 if TYPE_CHECKING:
     from framekit.link.lanes import LaneState
+    from framekit.link.scope import Scope
 
 
 class State(enum.Enum):
@@ -40,7 +41,7 @@ class Dealing:
         "answering", "checks_echo", "exchange", "expected", "last_sent", "last_taken", "names", "raw", "request",
     )  # fmt: skip
 
-    def __init__(self, scope: Names, exchange: Exchange | None, checks_echo: bool, station: Any = None) -> None:
+    def __init__(self, scope: Scope, exchange: Exchange | None, checks_echo: bool, station: Any = None) -> None:
         self.exchange = exchange
         self.expected: tuple[str, ...] = ()
         self.checks_echo = checks_echo
@@ -56,7 +57,9 @@ class Dealing:
             self.expected = exchange.expected
             if exchange.request is not None:
                 self.request = exchange.request.copy()
-            self.names.update(exchange.params)
+            if exchange.params:
+                self.names.update(exchange.params)
+                self.names.formulas = scope.formulas_for(exchange.params)
             self.names.update(exchange.arguments)
             self.names.update(buffer=exchange.buffer, expected=exchange.expected, request=self.request)
             if exchange.station is not None:

@@ -6,16 +6,18 @@ It knows no sequences and no wire; the time is told to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from datetime import datetime
 from typing import Any
+from weakref import ref
 
-from framekit.definition.expression.syntax import Call, Expression, LineTime, names_in, walk
-from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.expression.syntax import Call, Expression, names_in, walk
+from framekit.definition.model.protocol import Protocol, StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.clock import DEFAULT_START, Clock
 from framekit.link.device_state import DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression
+from framekit.link.parameter_formulas import CHANGING, depending, is_constant, lasting
 from framekit.link.parameters import ParameterError, check_value, given_value
 from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
 
@@ -51,8 +53,9 @@ class Scope(Names):
     """
 
     __slots__ = (
-        "_beneath", "_cache", "_changes", "_fits", "_lasting", "_overrides", "clock", "device", "line", "now",
-        "protocol", "settings",
+        "__weakref__",
+        "_anew", "_beneath", "_cache", "_changes", "_expressions", "_fits", "_lasting", "_overrides", "clock", "device",
+        "followers", "line", "now", "protocol", "settings",
     )  # fmt: skip
 
     def __init__(
@@ -74,6 +77,8 @@ class Scope(Names):
         self.now = now
         self._changes = 0
         self.settings = 0
+        self.followers: list[ref[Scope]] = []
+        """Names that belong to this line beside its protocol's own: their sessions end with its."""
         self._overrides: list[dict[str, Any]] = []
         self._beneath: dict[str, Any] = {}
         if self.device.clock is None:
@@ -82,6 +87,8 @@ class Scope(Names):
         self.line = LineTimes(line)
         self._cache: dict[str, tuple[int, Any]] = {}
         self._lasting: frozenset[str] = frozenset()
+        self._expressions: dict[str, Expression] = {}
+        self._anew: dict[frozenset[str], dict[str, Formula]] = {}
         self.update({name: table_values(table) for name, table in protocol.tables.items()})
         self.update(role=role or "", line=self.line, own=_own_station(protocol, own))
         assert self.formulas is not None
@@ -125,11 +132,12 @@ class Scope(Names):
                 self[name] = compile_expression(value)(self)
             elif isinstance(value, Expression):
                 formulas[name] = self._formula(name, value)
+                self._expressions[name] = value
             elif value is not None:
                 self[name] = value
             elif parameter.type == "list":
                 self[name] = []
-        self._lasting = _lasting({name: item for name, item in parameters.items() if name in formulas}, given)
+        self._lasting = lasting({name: item for name, item in parameters.items() if name in formulas}, given)
 
     def _formula(self, name: str, expression: Expression) -> Formula:
         """Works a parameter out; kept until something changes unless it depends on the time or an exchange."""
@@ -145,6 +153,16 @@ class Scope(Names):
             return value
 
         return formula
+
+    def formulas_for(self, given: Iterable[str]) -> Mapping[str, Formula] | None:
+        """The parameters whose formulas mention these, also through others: where one call gives these other values,
+        they are to be worked out on its names. None where there are none."""
+        names = frozenset(given)
+        anew = self._anew.get(names)
+        if anew is None:
+            found = depending(self._expressions, names) - names
+            anew = self._anew[names] = {name: compile_expression(self._expressions[name]) for name in found}
+        return {name: formula for name, formula in anew.items() if not dict.__contains__(self, name)} or None
 
     # ---- state --------------------------------------------------------------------------------------------
 
@@ -166,7 +184,7 @@ class Scope(Names):
     def changes(self, expression: Expression) -> bool:
         """Whether what an expression comes to may change while the parameters stay as they are."""
         root = expression.root
-        if any(isinstance(node, Call) and node.function in _CHANGING for node in walk(root)):
+        if any(isinstance(node, Call) and node.function in CHANGING for node in walk(root)):
             return True
         names = names_in(root) - {"station"}
         formulas = self.formulas or {}
@@ -250,12 +268,16 @@ class Scope(Names):
         del holder[key]
         self._put(name, holder)
 
-    def reset_session(self) -> None:
-        """Session variables return to their start values."""
+    def reset_session(self, but: Collection[str] = ()) -> None:
+        """Session variables return to their start values, `but` these; those of followers too."""
         for variable in self.protocol.state.values():
-            if variable.scope == "session":
+            if variable.scope == "session" and variable.name not in but:
                 self[variable.name] = self._start_value(variable)
         self._changes += 1
+        self.followers = [follower for follower in self.followers if follower() is not None]
+        for follower in self.followers:
+            if (scope := follower()) is not None:
+                scope.reset_session()
 
     def published(self) -> dict[str, Any]:
         """Variables that are shown as status."""
@@ -272,30 +294,5 @@ def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable
     return lambda: fit(initial(scope))
 
 
-_CHANGING = frozenset({"memory", "empty", "full", "with_date"})
 _NOT_THERE = object()
 _OF_EXCHANGES = frozenset({"request", "reply", "buffer"})
-
-
-def _lasting(formulas: Mapping[str, Parameter], given: Mapping[str, Any]) -> frozenset[str]:
-    """Parameters whose formulas depend only on parameters, state, tables and the line, so that results can be kept."""
-
-    def passing(name: str) -> bool:
-        expression = formulas[name].is_ or formulas[name].default
-        if name in given or expression is None:
-            return True
-        calls = {node.function for node in walk(expression.root) if isinstance(node, Call)}
-        return not calls & _CHANGING and not names_in(expression.root) & changing
-
-    changing = {"now", "clock", "station", "request", "buffer"}
-    while fresh := {name for name in formulas if name not in changing and not passing(name)}:
-        changing |= fresh
-    return frozenset(formulas) - changing
-
-
-def is_constant(expression: Expression) -> bool:
-    """Whether an expression reads nothing at all, so that it can be worked out once."""
-    return not names_in(expression.root) and not any(
-        isinstance(node, LineTime) or (isinstance(node, Call) and node.function in _CHANGING)
-        for node in walk(expression.root)
-    )

@@ -89,6 +89,16 @@ class Stream:
         times = self._times
         return times[0] if len(times) == 1 else times[bisect_right(self._ends, self.base + index)]
 
+    @property
+    def fresh(self) -> int:
+        """The buffer index from which on all bytes came with the last call."""
+        return self._ends[-2] - self.base if len(self._ends) > 1 else 0
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether something has been taken out behind the position, so that offsets there do not count on evenly."""
+        return bool(self._removed)
+
     def fault_in(self, start: int, end: int) -> LineFault | None:
         """The first fault of a character in `buffer[start:end]`."""
         low, high = self.base + start, self.base + end

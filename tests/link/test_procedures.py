@@ -17,7 +17,11 @@ from framekit.memory.memory import DeviceMemory
 CELLS = """
 protocol: cells
 extends: standard
-params: {kind: {type: choice, of: [plain, odd], default: plain}}
+params:
+  kind: {type: choice, of: [plain, odd], default: plain}
+  steps: {type: number, default: 1}
+  twice: {type: number, is: steps * 2}
+  offset: {type: number, is: twice - 2}
 groups:
   request: {from: client, head: [{const: STX}]}
   reply: {from: server, head: [{const: ACK}]}
@@ -43,8 +47,14 @@ sequences:
       - {step: two, ask: {fetch: {cell: two}}, into: {second: value}}
       - {step: three, ask: {keep: {cell: one, value: second}}, set: {moved: 1}}
       - {step: four, ask: {keep: {cell: two, value: first}}, set: {moved: 2}}
+  far:
+    takes: [place, station]
+    gives: {found: found, there: offset}
+    local: {found: number}
+    steps:
+      - {step: one, ask: {fetch_at: {cell: place}}, into: {found: value}}
 roles:
-  client: {lanes: {main: {exchange: [exchange, swap]}}}
+  client: {lanes: {main: {exchange: [exchange, swap, far]}}}
 errors:
   frame: "no"
   code: code
@@ -64,6 +74,17 @@ services:
       refuse: [{when: request.cell > 9, code: 1}, {when: request.value == 0, code: 2}]
       serve: {set: {"cells[request.cell]": request.value}}
       reply: {kept: {}}
+  fetch_at:
+    - takes: {cell: {type: number}}
+      request: {get: {cell: cell + offset}}
+      client_only: yes
+      reply: {cell: {value: 0}}
+      gives: {value: reply.value, steps: twice}
+  far:
+    - takes: {place: {type: number}}
+      run: far
+      client_only: yes
+      gives: {value: found, offset: there}
   swap:
     - takes: {one: {type: number}, two: {type: number, default: 1}}
       run: swap
@@ -131,6 +152,25 @@ def test_params_of_a_call_hold_for_what_its_sequence_asks() -> None:
     pair = Pair()
     assert pair.call("fetch", cell=3, params={"kind": "odd"}).meaning == "no such hole"
     assert pair.call("swap", one=3, params={"kind": "odd"}).cause == "no such hole"
+
+
+def test_parameters_that_are_formulas_see_those_of_the_call() -> None:
+    pair = Pair()
+    pair.call("keep", cell=1, value=11)
+    pair.call("keep", cell=7, value=77)
+    assert pair.call("fetch_at", cell=1).gives == {"value": 11, "steps": 2}
+    assert pair.call("fetch_at", cell=1, params={"steps": 4}).gives == {"value": 77, "steps": 8}
+    assert pair.call("far", place=1, params={"steps": 4}).gives == {"value": 77, "offset": 6}
+    assert pair.call("far", place=1).gives == {"value": 11, "offset": 0}
+
+
+def test_a_formula_that_has_a_value_of_its_own_keeps_it() -> None:
+    scope = Pair().asking.engine.scope
+    assert set(scope.formulas_for(["steps"]) or ()) == {"twice", "offset"}
+    assert set(scope.formulas_for(["steps", "twice"]) or ()) == {"offset"}
+    assert scope.formulas_for(["kind"]) is None
+    dict.__setitem__(scope, "offset", 5)
+    assert set(scope.formulas_for(["steps"]) or ()) == {"twice"}
 
 
 def test_arguments_are_checked_as_for_every_service() -> None:

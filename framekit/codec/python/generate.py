@@ -16,7 +16,7 @@ from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
 from framekit.codec.python.examination_state import ExaminationState
 from framekit.codec.python.examine import write_examiner
-from framekit.codec.python.measure import write_measurer
+from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import Module, pasted_names
 from framekit.codec.python.names import identifier
 from framekit.codec.python.normal import normal_protocol
@@ -29,6 +29,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Length, Repeat, Segment
 
 _FUNCTIONS = ("encode", "decode", "measure", "examine")
+"""Every frame's; some have `extent_…` besides."""
 _RULE = "# " + "-" * 98
 _MEASURE_NOTE = """\
 `measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
@@ -55,6 +56,7 @@ class ModuleWriter:
         self.layouts: dict[str, str] = {}
         self.frames_part: list[Source] = []
         self.examine_part: list[Source] = []
+        self.extents: set[str] = set()
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
@@ -84,7 +86,7 @@ class ModuleWriter:
         wanted, number = identifier(name).strip("_"), 1
         taken = {*self.identifiers.values(), *self.layouts.values()}
         found = wanted
-        while found in taken or any(f"{what}_{found}" in self.helpers for what in _FUNCTIONS):
+        while found in taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent")):
             number += 1
             found = f"{wanted}_{number}"
         return found
@@ -99,6 +101,10 @@ class ModuleWriter:
         before = len(self.module.extra)
         self.frames_part.append(write_measurer(self.module, known, frame, segments))
         self.frames_part.extend(self.module.extra[before:])
+        extent = write_extent(self.module, known, frame, segments)
+        if extent is not None:
+            self.extents.add(known)
+            self.frames_part.append(extent)
         self.examine_part.append(write_examiner(self.module, known, name, segments, frame))
 
     def _layout(self, name: str, layout: Layout) -> None:
@@ -217,6 +223,7 @@ class ModuleWriter:
             functions = ", ".join(f"{what}_{known}" for what in _FUNCTIONS)
             refuse = self.protocol.frames[name].refuse
             more = "" if refuse is None else f", refuse={refuse:#x}"
+            more += f", extent=extent_{known}" if known in self.extents else ""
             out.depth = 1
             out.add(f"{quoted(name)}: Frame({quoted(name)}, {functions}{more}),")
             out.depth = 0

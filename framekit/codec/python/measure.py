@@ -48,13 +48,29 @@ def write_measurer(module: Module, identifier: str, frame: Frame, segments: tupl
     return writer.function(f"How long the frame `{frame.name}` at data[start] is; see the top of the module.")
 
 
+def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[Segment, ...]) -> Source | None:
+    """The source of `extent_…` of a frame that holds another one which decides on its size; None for others.
+
+    It says what `measure_…` says, if everything fits: for those who decode at once what it found.
+    """
+    writer = ExtentWriter(module, identifier, segments, MOST if frame.most is None else frame.most)
+    if not any(isinstance(segment, Inner) for segment in segments):
+        return None
+    writer.write(frame)
+    if not writer.asks_inside:
+        return None
+    return writer.function(f"What `measure_{identifier}` says if a good frame is at data[start].")
+
+
 class MeasureWriter(WrapMeasurer):
     """Writes one measuring function."""
+
+    kind = "measure"
 
     def function(self, sentence: str) -> Source:
         """The function around what was written."""
         out = Source()
-        with out.block(f"def measure_{self.identifier}({_HEADER}) -> int:"):
+        with out.block(f"def {self.kind}_{self.identifier}({_HEADER}) -> int:"):
             write_docstring(out, sentence, "")
             for context, local in self.hoisted.items():
                 out.add(f"{local} = {self.module.given(context)}")
@@ -250,3 +266,10 @@ class MeasureWriter(WrapMeasurer):
                 finished.append(self._branch(self.pairs(choose.otherwise, scope), after))
         if all(finished):
             raise Finished
+
+
+class ExtentWriter(MeasureWriter):
+    """Writes a measuring function that takes the frame inside at its word."""
+
+    kind = "extent"
+    first = "extent_first"

@@ -13,7 +13,10 @@ from framekit.definition.model.segments import Const, Inner, Wrap
 
 
 class WrapMeasurer(SegmentMeasurer):
-    """Writes how wraps and inner frames are passed."""
+    """Writes how wraps and inner frames are passed. `asks_inside`: a frame inside decides on the size."""
+
+    first = "measure_first"
+    asks_inside = False
 
     def write(self, frame: Frame | None) -> None:
         """The whole function; without a frame, that of the segments alone."""
@@ -120,7 +123,7 @@ class WrapMeasurer(SegmentMeasurer):
         self.want(1, after)
         place = self.place.text("")
         most = self.shapes.all(segment for segment, _ in after).most
-        measure = self.module.function("measure_first")
+        measure, self.asks_inside = self.module.function(self.first), True
         seen = ""
         if most is not None:
             offset = f"({place} - start) - {most}" if self.place.base == "at" else str(self.place.offset + most)

@@ -29,7 +29,7 @@ class Defaults(dict[str, Any]):
 
 
 class Frame(NamedTuple):
-    """One frame's functions. `refuse`: the code it is always refused with."""
+    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`."""
 
     name: str
     encode: Callable[..., bytes]
@@ -37,6 +37,7 @@ class Frame(NamedTuple):
     measure: Callable[..., int]
     examine: Callable[..., Any]
     refuse: int | None = None
+    extent: Callable[..., int] | None = None
 
 
 def attribute(value: Any, name: str) -> Any:
@@ -143,6 +144,16 @@ def measure_first(choice: Choice, data: bytes | bytearray, start: int, end: int,
         else:
             quiet, lost = quiet or size == QUIET, lost or size == LOST
     return want or (QUIET if quiet else LOST if lost else 0)
+
+
+def extent_first(choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
+    """What `measure_first` says if a frame fits: the only one that the deciding byte allows is not read for that."""
+    place = start + choice.at
+    found = choice.cases.get(data[place], choice.others) if place < end else choice.everything
+    if type(found) is tuple and len(found) == 1:
+        size: int = found[0].measure(data, start, end, ctx, seen)
+        return size
+    return measure_first(choice, data, start, end, ctx, seen)
 
 
 def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
@@ -267,6 +278,7 @@ def measure_hex(measure: Callable[..., int], data: bytes | bytearray, at: int, e
 NEEDS: dict[str, tuple[str, ...]] = {
     "decode_first": ("Choice", "Frame"),
     "measure_first": ("Choice", "Frame", "fits"),
+    "extent_first": ("measure_first",),
     "fits": ("Frame",),
     "encode_one": ("Choice", "Frame"),
     "Choice": ("Frame", "readers_of"),

@@ -1,0 +1,166 @@
+"""What the link knows of one frame before any byte comes: its functions, how it begins, what is inside and repeated.
+
+Made once from the definition and the codec. It knows no other frame but by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from framekit.definition.expression.syntax import Name
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    BitsPart,
+    Choose,
+    Const,
+    Field,
+    Inner,
+    Record,
+    Repeat,
+    Segment,
+    Wrap,
+)
+from framekit.definition.model.segments import Optional as OptionalSegments
+from framekit.link.evaluate import Evaluate, compile_expression
+from framekit.link.intact import intact_of
+from framekit.link.values import FrameValue
+
+
+class FrameCodec(Protocol):
+    """One frame's compiled functions, as the codec contract has them."""
+
+    @property
+    def encode(self) -> Callable[..., bytes]: ...
+    @property
+    def decode(self) -> Callable[..., dict[str, Any]]: ...
+    @property
+    def measure(self) -> Callable[..., int]: ...
+    @property
+    def extent(self) -> Callable[..., int] | None: ...
+
+
+Shape = tuple[tuple[str, str, Any], ...]
+"""Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
+
+
+class FrameInfo:
+    """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
+
+    `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
+    `intact`: a quick look at its check code, where there is one. `carries`: frames that may be put into this one when
+    `insert` holds.
+    """
+
+    __slots__ = (
+        "announces",
+        "carries",
+        "computed",
+        "decode",
+        "echo",
+        "encode",
+        "extent",
+        "first",
+        "flat",
+        "frame",
+        "guesses",
+        "insert",
+        "intact",
+        "known",
+        "measure",
+        "most",
+        "name",
+        "numbers",
+        "on_line",
+        "refuse",
+        "shape",
+    )  # fmt: skip
+
+    def __init__(self, frame: Frame, codec: FrameCodec) -> None:
+        self.frame = frame
+        self.name = frame.name
+        self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
+        self.first = first_byte(frame.segments)
+        self.shape = shape_of(frame.segments)
+        self.flat = not self.shape
+        self.guesses = codec.extent is not None and len(self.shape) == 1 and self.shape[0][0] == "inner"
+        self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
+        self.refuse = frame.refuse
+        self.intact = intact_of(frame)
+        self.most = frame.most
+        self.known: dict[str, Any] = {}
+        self.computed: list[tuple[str, Evaluate]] = []
+        self.numbers: dict[str, dict[str, int]] = {}
+        self.on_line = True
+        self.carries: tuple[str, ...] = ()
+        self.insert: Evaluate | None = None
+        self._collect(frame.segments)
+        self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
+        self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
+
+    def guessed_right(self, value: FrameValue) -> bool:
+        """Whether the frame inside is one that is known."""
+        inner = value.fields.get(self.shape[0][1])
+        return type(inner) is FrameValue and inner.frame != "unknown"
+
+    def _collect(self, segments: tuple[Segment, ...], certain: bool = True) -> None:
+        for segment in segments:
+            there = certain and segment.when is None
+            if isinstance(segment, Field):
+                self._field(segment, segment.values, there)
+            elif isinstance(segment, Bits):
+                for part in segment.parts:
+                    self._field(part, part.values, there)
+            elif isinstance(segment, Wrap):
+                self._collect(segment.of, there)
+                if segment.inside and segment.insert is not None:
+                    self.carries, self.insert = segment.inside, compile_expression(segment.insert)
+            elif isinstance(segment, OptionalSegments):
+                self._collect(segment.of, False)
+
+    def _field(self, field: Field | BitsPart, values: Mapping[int, str] | None, there: bool) -> None:
+        """Constants of a field that may be absent are not known: the builder decides whether it is there.
+
+        Nor is one of several that repeats the request's: that decides which.
+        """
+        name, constants, is_ = field.name, field.constants, field.is_
+        if values:
+            self.numbers[name] = {text: number for number, text in values.items()}
+        if not there:
+            return
+        if constants and (len(constants) == 1 or name not in self.frame.echo):
+            self.known[name] = constants[0]
+        elif is_ is not None:
+            self.computed.append((name, compile_expression(is_)))
+
+
+def _plain_name(expression: Any) -> str | None:
+    return expression.root.name if isinstance(expression.root, Name) else None
+
+
+def first_byte(segments: tuple[Segment, ...]) -> int | None:
+    """The byte every frame of these segments begins with, when that is a constant."""
+    first = segments[0] if segments else None
+    if isinstance(first, Const) and first.when is None and first.data:
+        return first.data[0]
+    return None
+
+
+def shape_of(segments: tuple[Segment, ...]) -> Shape:
+    """Where inner frames stand in the fields of these segments."""
+    found: list[tuple[str, str, Any]] = []
+    for segment in segments:
+        if isinstance(segment, Inner):
+            found.append(("inner", segment.name, None))
+        elif isinstance(segment, (Wrap, OptionalSegments)):
+            found.extend(shape_of(segment.of))
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                found.extend(shape_of(case))
+            found.extend(shape_of(segment.otherwise or ()))
+        elif isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
+            below = shape_of(segment.of)
+            if below:
+                found.append(("record" if isinstance(segment, Record) else "list", segment.name, below))
+    return tuple(found)

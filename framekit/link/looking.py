@@ -1,0 +1,199 @@
+"""One place in the stream, with all that may be strange about it: silences, damaged characters, frames inside others.
+
+What is found does not depend on how the stream is cut into pieces. It is pulled: who waits says what he waits for.
+"""
+
+from __future__ import annotations
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import NEVER
+from framekit.link.arrivals import Arrival, FrameArrived
+from framekit.link.candidates import Candidates, Trouble
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.inside import InsideFinder
+from framekit.link.interest import Interest
+from framekit.link.pauses import Pauses, scope_of
+from framekit.link.recovery import Again, Recovery
+from framekit.link.stream import Stream
+from framekit.link.verdicts import Bad, Good, worse
+
+
+class Looking(Recovery):
+    """The part of a receiver that looks at one place after the other, and says how long it may wait there.
+
+    `_looks_later`: the quick way has seen that more bytes are wanted; who waits for them is found out when somebody
+    asks, until more of them come.
+    """
+
+    def __init__(self, codec: Codec, protocol: Protocol, names: Names, table: FrameTable, trouble: Trouble) -> None:
+        super().__init__(protocol.receiver)
+        self.table = table
+        self.stream = Stream()
+        self.pauses = Pauses(protocol.receiver, names, self.stream)
+        self._deadline = NEVER
+        self._looks_later = False
+        self._waiting: tuple[str, ...] = ()
+        self._waiting_since = 0
+        self._names = names
+        self._scope = scope_of(names)
+        self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
+        inside = InsideFinder(self.table, names)
+        self._inside = inside if inside else None
+        self._quiet = codec.QUIET
+        self._trouble = trouble
+        self._interests: dict[tuple[tuple[str, ...], tuple[str, ...]], Interest] = {}
+        self._interest = self._interest_of((), ())
+        self._version = 0
+        self._given = 0
+        self._declined: list[str] = []
+        self._needs_silence = False
+
+    # ---- what is waited for -------------------------------------------------------------------------------
+
+    @property
+    def deadline(self) -> int:
+        """When somebody has to look again although nothing came."""
+        if self._looks_later:
+            self._look_now()
+        return self._deadline
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """The names of the candidates that the bytes at hand fit so far."""
+        if self._looks_later:
+            self._look_now()
+        return self._waiting
+
+    @property
+    def waiting_since(self) -> int:
+        """When the first byte of these came."""
+        if self._looks_later:
+            self._look_now()
+        return self._waiting_since
+
+    def _look_now(self) -> None:
+        """Somebody wants to know what is waited for, or is about to change that."""
+        self._looks_later = False
+        found = self._look(self._interest)
+        assert found is None, "the quick way has seen that nothing is there yet"
+        self._set_deadline()
+
+    # ---- one place ----------------------------------------------------------------------------------------
+
+    def _look(self, interest: Interest) -> Arrival | Again | None:
+        stream = self.stream
+        position = stream.position
+        self._waiting = ()
+        self._needs_silence = False
+        if position >= len(stream.buffer):
+            return self._at_end()
+        if self._skipping:
+            return self._skip()
+        if self._noise and (self._noise.is_long or stream.first_after(stream.silences, position - 1) == position):
+            return self._noise.take()
+        levels = interest.at(stream.buffer[position])
+        if self._inside:
+            found = self._inside.find(stream, (*levels[0], *levels[1]))
+            if found is not None:
+                return self._noise_before() or self._taken_out(*found)
+        limit, is_cut = self.pauses.reach(self._now)
+        worst: Bad | None = None
+        silent: list[FrameInfo] = []
+        for level, infos in enumerate(levels):
+            good, bad, wanting = self._candidates.judge(infos, limit, silent, self._inside)
+            if good is not None:
+                return self._noise_before() or self._arrived(good, level == 1)
+            if wanting and not is_cut:
+                self._wait((*wanting, *silent))
+                return None
+            worst = bad if worst is None or (bad is not None and bad.bad.place > worst.bad.place) else worst
+            if wanting and worst is None:
+                worst = self._candidates.cut(wanting[0], limit)
+        if worst is not None:
+            return self._bad(worst)
+        return self._ended_by_silence(silent) if silent else self._unusable()
+
+    def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
+        self._waiting = tuple(info.name for info in infos)
+        self._waiting_since = self.stream.time_of(self.stream.position)
+
+    def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | Again | None:
+        """Rule 4: nothing else applies; the frame ends where a silence begins."""
+        stop = self.pauses.silence_behind(self.stream.position, self._now)
+        if stop is None:
+            self._needs_silence = True
+            self._wait(tuple(silent))
+            return None
+        worst: Bad | None = None
+        for info in silent:
+            result = self._candidates.at_silence(info, stop)
+            if isinstance(result, Good):
+                return self._noise_before() or self._arrived(result, info.name not in self._interest.expected)
+            if isinstance(result, Bad):
+                worst = worse(worst, result)
+        return self._unusable() if worst is None else self._bad(worst)
+
+    def _arrived(self, good: Good, other: bool) -> FrameArrived:
+        stream = self.stream
+        position, size = stream.position, len(good.raw)
+        self._given = size
+        self._declined.append(good.info.name)
+        value = self.table.received_as(good.info, good.fields, good.raw, good.refusal)
+        started = stream.time_of(position)
+        ended = stream.time_of(position + size - 1)
+        return FrameArrived(value, good.raw, stream.offset, started, ended, other)
+
+    def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
+        """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
+        stream = self.stream
+        raw = bytes(stream.buffer[start:end])
+        offset = stream.offset + start - stream.position
+        times = stream.time_of(start), stream.time_of(end - 1)
+        stream.remove(start, end)
+        self._candidates.forget()
+        try:
+            value = self.table.received(info.name, info.decode(raw, self._names), raw, None)
+        except EVALUATION_ERRORS as error:
+            self._trouble(info.name, error)
+            value = self.table.received(info.name, {}, raw, None)
+        return FrameArrived(value, raw, offset, *times)
+
+    def _use(self) -> None:
+        """Goes on behind what was handed over last."""
+        self.stream.position += self._given
+        self._given = 0
+        self._declined.clear()
+        if self._candidates.said or self._inside is not None:
+            self._moved()
+
+    def _moved(self) -> None:
+        self._candidates.forget()
+        if self._inside is not None:
+            self._inside.forget()
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def _set_deadline(self) -> None:
+        stream = self.stream
+        deadline = NEVER
+        if self._waiting:
+            quiet, gap = self.pauses.limits()
+            if gap is not None:
+                deadline = stream.last + gap
+            if self._needs_silence:
+                deadline = min(deadline, stream.last + quiet)
+        elif self._noise or self._skipping or stream.position < len(stream.buffer):
+            deadline = stream.last + self.pauses.limits()[0]
+        self._deadline = deadline if deadline > self._now else NEVER
+
+    def _interest_of(self, expected: tuple[str, ...], others: tuple[str, ...]) -> Interest:
+        """The prepared interest; it keeps these very tuples, so that the next call sees at once they are the same."""
+        interest = self._interests.get((expected, others))
+        if interest is None:
+            interest = self._interests[expected, others] = Interest(self.table, expected, others)
+        interest.expected, interest.others = expected, others
+        self._interest = interest
+        self.starts = interest.starts
+        return interest

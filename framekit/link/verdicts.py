@@ -1,0 +1,79 @@
+"""What a candidate can be found to be at a place in the stream.
+
+A frame, good or bad, one that wants more bytes, or none at all. It knows neither the stream nor who asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from framekit.link.arrivals import BadFrame
+from framekit.link.frame_info import FrameInfo
+
+
+class Good:
+    """A complete frame; `refusal` is the code it is to be refused with."""
+
+    __slots__ = ("fields", "info", "raw", "refusal")
+
+    def __init__(self, info: FrameInfo, raw: bytes, fields: dict[str, Any], refusal: int | None) -> None:
+        self.info, self.raw, self.fields, self.refusal = info, raw, fields, refusal
+
+
+class Bad:
+    """A frame with a fault. `known_end`: its end does not depend on content that may be damaged.
+
+    Most are never reported, so the report is made when somebody asks; that has to be before the place in the stream
+    changes.
+    """
+
+    __slots__ = ("_bad", "_report", "known_end", "size")
+
+    def __init__(self, report: Callable[[], BadFrame], size: int, known_end: bool) -> None:
+        self._report = report
+        self._bad: BadFrame | None = None
+        self.size = size
+        self.known_end = known_end
+
+    @property
+    def bad(self) -> BadFrame:
+        if self._bad is None:
+            self._bad = self._report()
+        return self._bad
+
+
+class Complete:
+    """All its `size` bytes are there; whether anything is wrong with them has not been looked at yet."""
+
+    __slots__ = ("size",)
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+
+class Unfinished:
+    """Fits so far and wants more, or, if `silent`, waits for a silence.
+
+    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it
+    had at the call before is what is certain, so `seen` is one call behind `had`. With fewer than `wanted` bytes it is
+    surely not complete.
+    """
+
+    __slots__ = ("had", "seen", "silent", "wanted")
+
+    def __init__(self, silent: bool, had: int, seen: int, wanted: int) -> None:
+        self.silent, self.had, self.seen, self.wanted = silent, had, seen, wanted
+
+
+class _No:
+    __slots__ = ()
+
+
+NO = _No()
+Result = Good | Bad | Complete | Unfinished | _No
+
+
+def worse(first: Bad | None, second: Bad) -> Bad:
+    """The one that got further; of two that got equally far, the one asked first."""
+    return second if first is None or second.bad.place > first.bad.place else first

@@ -1,0 +1,119 @@
+"""The quick way through a stream gives exactly what looking at every place gives: the same things at the same times."""
+
+from __future__ import annotations
+
+import os
+import random
+from typing import Any
+
+import pytest
+from link.link_world import MS, cut_at
+from link.test_shipped_streams import NAMES, loaded, receiver
+
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.events import CharacterFault, LineFault
+from framekit.link.receiver import Receiver
+from framekit.link.values import plain
+
+
+class Careful(Receiver):
+    """Looks at every place."""
+
+    def _plain(self, *_: Any) -> bool:
+        return False
+
+
+def careful(name: str) -> Receiver:
+    protocol, codec, _ = loaded(name)
+    return Careful(codec, protocol, receiver(name)._names)
+
+
+def told(event: Arrival) -> tuple[Any, ...]:
+    if isinstance(event, FrameArrived):
+        return ("frame", event.value.frame, event.value.refusal, plain(event.value), *event[1:])
+    if isinstance(event, BadFrame):
+        fault = event.cause, event.segment, event.place, event.expected, event.found, event.message
+        return ("bad", event.frame, *fault, event.raw, event.offset, event.started_at, event.ended_at)
+    return ("noise", *event)
+
+
+def state(one: Receiver) -> tuple[Any, ...]:
+    since = one.waiting_since if one.waiting else None
+    return one.waiting, since, one.deadline, one.broken, one.is_empty
+
+
+def stream_of(name: str, choose: random.Random) -> bytes:
+    """Frames, whole and damaged, with noise between them; also bytes that frames begin with."""
+    samples = loaded(name)[2]
+    parts = []
+    for _ in range(choose.randrange(1, 12)):
+        frame = bytearray(choose.choice(samples))
+        kind = choose.random()
+        if kind < 0.15:
+            frame[choose.randrange(len(frame))] ^= choose.randrange(1, 256)
+        elif kind < 0.25:
+            del frame[choose.randrange(len(frame)) :]
+        elif kind < 0.4:
+            frame[:0] = choose.randbytes(choose.randrange(1, 9))
+        elif kind < 0.45:
+            frame[:0] = bytes([choose.choice(samples)[0]])
+        elif kind < 0.6:
+            place = choose.randrange(len(frame) + 1)
+            frame[place:place] = min(choose.sample(samples, min(5, len(samples))), key=len)
+        parts.append(bytes(frame))
+    return b"".join(parts)
+
+
+def expectations(name: str) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    table = receiver(name).table
+    of = {side: tuple(it for it in table.on_line if table.infos[it].frame.side in (side, "both")) for side in SIDES}
+    pairs = [(table.on_line, ())]
+    for names in of.values():
+        rest = tuple(it for it in table.on_line if it not in names)
+        pairs += [(names, ()), (names, rest), (names[:1], ()), (names[:1], rest), ((), names)]
+    return pairs
+
+
+ROUNDS = int(os.environ.get("FRAMEKIT_STREAMS", "1"))
+"""Streams of every protocol and kind; more when somebody wants to know better."""
+
+SIDES = ("client", "server")
+
+
+def compare(name: str, stream: bytes, choose: random.Random, pieces: list[bytes], strange: bool) -> None:
+    slow, one_by_one, quick = careful(name), receiver(name), receiver(name)
+    expected, others = choose.choice(expectations(name))
+    now = 0
+    for piece in pieces:
+        now += choose.choice((0, 1, 40, 3000)) * MS if strange else len(piece) * MS // 2
+        faults = [CharacterFault(0, LineFault.PARITY)] if strange and choose.random() < 0.1 else []
+        for each in (slow, one_by_one, quick):
+            each.append(piece, now, faults)
+        wanted = [told(event) for event in iter(lambda: slow.next(expected, others), None)]
+        assert [told(event) for event in iter(lambda: one_by_one.next(expected, others), None)] == wanted
+        assert [told(event) for event in quick.arrivals(expected, others)] == wanted
+        assert state(slow) == state(one_by_one) == state(quick)
+        if strange and choose.random() < 0.2:
+            now += choose.choice((1, 100, 5000)) * MS
+            for each in (slow, one_by_one, quick):
+                each.tick(now)
+            wanted = [told(event) for event in iter(lambda: slow.next(expected, others), None)]
+            assert [told(event) for event in iter(lambda: one_by_one.next(expected, others), None)] == wanted
+            assert [told(event) for event in quick.arrivals(expected, others)] == wanted
+            assert state(slow) == state(one_by_one) == state(quick)
+    assert (
+        [told(it) for it in slow.reset()]
+        == [told(it) for it in one_by_one.reset()]
+        == [told(it) for it in quick.reset()]
+    )
+
+
+@pytest.mark.parametrize("strange", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_the_quick_way_finds_what_looking_finds(name: str, strange: bool) -> None:
+    choose = random.Random(f"{name} {strange}")
+    for _ in range(ROUNDS):
+        stream = stream_of(name, choose)
+        compare(name, stream, choose, [stream], strange)
+        compare(name, stream, choose, cut_at(stream, [choose.randrange(5000) for _ in range(6)]), strange)
+        compare(name, stream, choose, [stream[at : at + 1] for at in range(len(stream))], strange)
