@@ -36,6 +36,10 @@ class CommandFaultError(ValueError):
         self.found = found
 
 
+class StatusPlaceError(CommandFaultError):
+    """The words are a command whose status word has no place."""
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """A command block that has been read: the whole record, the request inside it, and its bytes in memory's form.

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Container, Mapping
 
 from framekit.blocks.block_status import Failure
-from framekit.blocks.command_words import CommandFaultError
+from framekit.blocks.command_words import CommandFaultError, StatusPlaceError
 from framekit.blocks.jobs.order import Command, Order, Record
 from framekit.blocks.jobs.records import RecordReader
 from framekit.blocks.jobs.section import JobsSection
@@ -125,6 +125,7 @@ class JobService:
         try:
             command, refusal = reader.read(reader.words_at(record.place), record.id)
         except CommandFaultError as error:
+            self.table.fault(self.clock.now(), has_place=not isinstance(error, StatusPlaceError))
             self._show_fault(record, True)
             if record.id is not None:
                 self._finished(record.id, Failure(outcome="cannot_send", cause=str(error)))

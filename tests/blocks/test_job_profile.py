@@ -73,7 +73,7 @@ units: {1: {time: 0 ms}, 2: {time: 1 s, most: 0}}
 lengths: {word: 0}
 bits: {size: 10, any_error: 11, ready: 1, done: {first: 1, step: 2}, error: {first: 2, step: 3}}
 words: {good: 0, late: 1, period: 2, replaced: 3, no_slot: 4, unknown_host: 5, no_resolver: 6, no_channel: 7,
-  not_connected: 8, connect_timeout: 9, closed: 10, no_word: 11, unsupported: 0x10000}
+  not_connected: 8, connect_timeout: 9, closed: 10, no_word: 11, no_place: 12, unsupported: 0x10000}
 outcomes: {refused: {word: cod}, otherwise: {word: 1}}
 codes: {1: {text: good, class: good}, 256: {text: large, class: fine}, 2: {text: x, class: fatal, minors: none}}
 minors: {some: {0: zero, 1: {text: one, class: fatal}}}

@@ -285,6 +285,24 @@ def test_what_becomes_of_a_job_whose_transfer_fails(
     assert slot_of(world).error is not goes_on, "a success takes the error away, else it stays"
 
 
+@pytest.mark.parametrize("major", [0x02, 0x04, 0x05, 0x06, 0x07, 0x11])
+def test_every_code_of_a_server_comes_to_the_status_word_with_its_name(major: int) -> None:
+    """The 43 of a service request, the 32 of an error PDU; privilege levels; those without a minor code."""
+    world = JobWorld(takes=MS)
+    profile = world.table.profile
+    minors = profile.codes[major].minors or {0: None, 4: None}
+    for minor in minors:
+        outcome = "error_pdu" if major == 0x11 else "refused"
+        world.next_failure = Failure(outcome=outcome, device_code=major << 8 | minor)
+        world.job(1, times=1)
+        world.run(world.now + 10 * MS)
+        word = world.words("D1")[-1]
+        assert word == minor << 8 | major
+        assert profile.text_of(word).startswith("server: ") and "unknown" not in profile.text_of(word)
+        assert profile.text_of(word).endswith(profile.codes[major].minors[minor].text if minors[minor] else "")
+    assert len(minors) == {0x05: 43, 0x11: 32}.get(major, 2)
+
+
 def test_a_status_word_that_cannot_be_written_ends_the_job() -> None:
     world = JobWorld(takes=MS)
     world.job(1, period=100 * MS)

@@ -104,6 +104,20 @@ def test_refusals_faults_and_reports(tmp_path: Path) -> None:
     assert at_work.jobs.table.counters.refused == 2
 
 
+def test_a_status_word_without_a_place_is_told_by_the_log_alone(tmp_path: Path) -> None:
+    """A190H: the status word would have to tell that it has no place."""
+    system, beyond, wait = list(READ), list(READ), list(READ)
+    system[2], beyond[3], wait[1] = 24, 0xFFFF, 1
+    at_work = ladder(tmp_path, system, beyond, wait)
+    at_work.memory.write("M", "bit", 0, [1, 1])
+    at_work.run(100)
+    assert at_work.memory.read("T", "bit", 0, 3) == [1, 1, 1], "FT"
+    table = at_work.jobs.table
+    assert [(event.name, event.word) for event in table.log] == [("fault", 0xA190), ("fault", 0xA190), ("fault", 0)]
+    assert str(list(table.log)[0]).endswith("fault A190H client: invalid memory type of the status word")
+    assert (table.counters.faults, table.counters.taken) == (3, 0) and at_work.register(10) == [0]
+
+
 def test_the_eighteenth_command_of_a_scan_is_lost(tmp_path: Path) -> None:
     more = "".join(f"\n  {n}: {{command: R401, when: M1}}" for n in range(2, 20))
     at_work = ladder(tmp_path, READ, [2, 0, 8, 11, 0, 0, 2001, 9], more=more)

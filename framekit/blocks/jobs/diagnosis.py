@@ -59,10 +59,14 @@ class EventLog:
 
 @dataclass(slots=True)
 class TableCounters:
-    """Commands since the start: those taken, lost (too many in a scan), refused; by kind those carried out."""
+    """Commands since the start: those taken, lost (too many in a scan), refused; by kind those carried out.
+
+    `faults`: words that were no command, or one whose status word has no place.
+    """
 
     taken: int = 0
     lost: int = 0
+    faults: int = 0
     refused: int = 0
     kinds: dict[str, int] = field(default_factory=dict)
 

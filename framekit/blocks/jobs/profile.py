@@ -93,7 +93,7 @@ class EventCode:
 
 WORDS = (
     "good", "late", "period", "replaced", "no_slot", "unknown_host", "no_resolver", "no_channel", "not_connected",
-    "connect_timeout", "closed", "no_word", "unsupported",
+    "connect_timeout", "closed", "no_word", "no_place", "unsupported",
 )  # fmt: skip
 """The words a profile gives: what a command is answered with, beside the outcomes of transfers."""
 

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from framekit.blocks.command_words import CommandFaultError
+from framekit.blocks.command_words import Command as CommandWords
+from framekit.blocks.command_words import CommandFaultError, StatusPlaceError
 from framekit.blocks.commands import CommandBlocks
 from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order
 from framekit.blocks.model import Place
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.visit import expressions_of
 from framekit.link.addresses import Address
 from framekit.link.block_work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
@@ -33,6 +35,8 @@ class RecordReader:
         self.blocks = CommandBlocks(
             application, compile_protocol(application), memory, channel=Scope(application, role=None)
         )
+        says = "".join(str(one) for one in expressions_of(self.blocks.rules.status))
+        self._status_fields = {name for name in self.blocks.words.head() if name in says}
 
     def words_at(self, place: Place) -> bytes:
         """The words that stand at a place, as many as a command can have."""
@@ -42,17 +46,28 @@ class RecordReader:
     def read(self, data: bytes, number: int | None) -> tuple[Command, int]:
         """The command that begins with these bytes, given by `number`, and the code of its refusal or 0.
 
-        Raises CommandFaultError for words that are none, or whose status word has no place.
+        Raises CommandFaultError for words that are none, StatusPlaceError for those whose status word has no place.
         """
-        words = self.blocks.words.read(data)
+        words = self._words(data)
         try:
             status = self._place(self.blocks.status_words(words), 16)
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            raise StatusPlaceError(str(error)) from None
+        try:
             refusal, block, names = self.blocks.plan(words)
             if refusal or block is None or block.job is None:
                 return Command(kind="job", slot=None, status=status, id=number), refusal
             return self._command(block, block.job, names, status, number), 0
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             raise CommandFaultError(str(error)) from None
+
+    def _words(self, data: bytes) -> CommandWords:
+        try:
+            return self.blocks.words.read(data)
+        except CommandFaultError as error:
+            if error.segment in self._status_fields:
+                raise StatusPlaceError(str(error), error.segment, error.found) from None
+            raise
 
     def _command(
         self, block: CompiledBlock, job: CompiledJob, names: Names, status: Place, number: int | None

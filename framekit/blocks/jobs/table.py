@@ -98,6 +98,11 @@ class JobTable(JobTransfers):
         """When one more command can be taken: now, or with the next scan."""
         return self._limit.room_at(now)
 
+    def fault(self, now: int, *, has_place: bool) -> None:
+        """Notes words that are no command, or one whose status word has no place: nothing else tells of it."""
+        self.counters.faults += 1
+        self.log.add("fault", now, None, 0 if has_place else self.profile.words["no_place"])
+
     def refuse(self, command: Command, word: int, now: int) -> None:
         """Answers a command that is wrong; nothing else happens."""
         self.counters.refused += 1
