@@ -138,11 +138,10 @@ class Watch:
         if self._service is None:
             return
         status = run_status(self._service)
-        seconds = (status.at - self._began) / 1e9
         if self._json:
-            print_json(status_data(status, seconds))
+            print_json(status_data(status, self._began))
         else:
-            print(f"\nstatus at {seconds:.3f} s\n{status_text(status)}\n")
+            print(f"\nstatus at {(status.at - self._began) / 1e9:.3f} s\n{status_text(status, self._began)}\n")
         sys.stdout.flush()
 
     def end(self) -> list[str]:

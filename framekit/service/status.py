@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from framekit.blocks.block_status import BlockStatus
+from framekit.blocks.jobs.diagnosis import Event, JobStatus, TableCounters
 from framekit.service.frame_log import USER_DEFINED
 
 if TYPE_CHECKING:
+    from framekit.blocks.jobs.table import JobTable
     from framekit.definition.line_settings import LineSettings
     from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
@@ -53,14 +55,25 @@ class ChannelStatus:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class JobsStatus:
+    """The jobs of a run: their slots, the last events, oldest first, of `events` there were, and counted commands."""
+
+    slots: tuple[JobStatus, ...]
+    log: tuple[Event, ...]
+    events: int
+    counters: TableCounters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunStatus:
-    """Everything at one moment; `at` is in nanoseconds of the run's clock."""
+    """Everything at one moment; `at` is in nanoseconds of the run's clock. `jobs`: None where the run has none."""
 
     run: str
     at: int
     running: bool
     channels: tuple[ChannelStatus, ...]
     blocks: tuple[BlockStatus, ...]
+    jobs: JobsStatus | None = None
 
 
 def run_status(service: RunService) -> RunStatus:
@@ -72,7 +85,13 @@ def run_status(service: RunService) -> RunStatus:
         running=service.running,
         channels=tuple(_channel_status(service, channel, now) for channel in service.channels.values()),
         blocks=tuple(service.status()),
+        jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
     )
+
+
+def _jobs_status(table: JobTable) -> JobsStatus:
+    counters = replace(table.counters, kinds=dict(table.counters.kinds))
+    return JobsStatus(slots=tuple(table.status()), log=tuple(table.log), events=table.log.total, counters=counters)
 
 
 def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:

@@ -28,12 +28,18 @@ class Event:
     code: EventCode | None = None
 
     def __str__(self) -> str:
+        """In words, with its time."""
+        return f"{self.at / 1e9:.3f} s {self.what}"
+
+    @property
+    def what(self) -> str:
+        """In words, without its time."""
         slot = "" if self.slot is None else f" slot {self.slot}"
         number = "" if self.code is None else f" event {self.code.number:02X}H" + "".join(
             f" {entry:04X}H" for entry in self.code.entries
         )  # fmt: skip
         word = f" {self.word:04X}H {self.text}" if self.word else ""
-        return f"{self.at / 1e9:.3f} s {self.name}{slot}{number}{word}"
+        return f"{self.name}{slot}{number}{word}"
 
 
 class EventLog:
