@@ -26,15 +26,11 @@ from construct import (
     Terminated,
     this,
 )
+from fastcrc.crc16 import modbus as crc
 
-from benchmarks.by_hand import WORDS, BadFrameError
-from framekit.codec.support import crc16_reflected
+from benchmarks.by_hand import BadFrameError
 
 Fields = dict[str, Any]
-
-
-def crc(data: bytes) -> int:
-    return crc16_reflected(data, WORDS, 0xFFFF)
 
 
 def digits(data: bytes) -> bytes:

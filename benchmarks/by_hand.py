@@ -9,11 +9,10 @@ from binascii import unhexlify
 from struct import Struct
 from typing import Any
 
-from framekit.codec.support import crc16_reflected, make_crc_words
+from fastcrc.crc16 import modbus as crc
 
 Fields = dict[str, Any]
 
-WORDS = make_crc_words(0x8005, True)
 REPLY_HEAD = Struct(">BBB")
 INDIVIDUAL_HEAD = Struct(">c2s1s2s2s")
 
@@ -33,7 +32,7 @@ def decode_registers(data: bytes) -> Fields:
         raise BadFrameError("function")
     if len(data) != count + 5:
         raise BadFrameError("length")
-    if crc16_reflected(data[:-2], WORDS, 0xFFFF) != data[-2] | data[-1] << 8:
+    if crc(data):  # over a frame with its own code, low byte first, it is 0
         raise BadFrameError("check")
     return {"station": station, "pdu": {"read_holding_reply": {"function": 3, "bytes": count, "values": data[3:-2]}}}
 
@@ -48,7 +47,7 @@ def encode_registers(fields: Fields) -> bytes:
     if len(values) > 255 or not 0 <= fields["station"] <= 255:
         raise BadFrameError("range")
     data: bytes = REPLY_HEAD.pack(fields["station"], 3, len(values)) + values
-    return data + crc16_reflected(data, WORDS, 0xFFFF).to_bytes(2, "little")
+    return data + crc(data).to_bytes(2, "little")
 
 
 REGISTER_KEYS = {"function", "bytes", "values"}
@@ -132,7 +131,7 @@ def decode_request(data: bytes) -> Fields:
     station, function, address, count = REQUEST.unpack_from(data)
     if function != 3:
         raise BadFrameError("function")
-    if crc16_reflected(data[:6], WORDS, 0xFFFF) != data[6] | data[7] << 8:
+    if crc(data):
         raise BadFrameError("check")
     if not 1 <= count <= 125:
         raise BadFrameError("count")
@@ -146,7 +145,7 @@ def encode_request(fields: Fields) -> bytes:
     if not 1 <= pdu["count"] <= 125:
         raise BadFrameError("count")
     data = REQUEST.pack(fields["station"], 3, pdu["address"], pdu["count"])
-    return data + crc16_reflected(data, WORDS, 0xFFFF).to_bytes(2, "little")
+    return data + crc(data).to_bytes(2, "little")
 
 
 REQUEST_KEYS = {"function", "address", "count"}

@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any
 
 from framekit.codec import support
+from framekit.codec.library_crc import library_crc
 from framekit.definition.checks_catalogue import from_crc, from_ready, ready_methods
 from framekit.definition.model.checks import CheckMethod
 
@@ -60,7 +61,7 @@ def compute(method: CheckMethod, data: bytes | bytearray) -> int:
 @cache
 def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
     """The function that computes a method. Raises TypeError for a fold."""
-    source = source_of(method)
+    source = source_of(method, alone=False)
     names: dict[str, Any] = {name: getattr(support, name) for name in source.functions}
     names |= {name: _constant(text, source.makers) for name, text in source.constants}
     for line in source.imports:
@@ -75,11 +76,18 @@ def _constant(text: str, makers: tuple[str, ...]) -> Any:
 
 
 @cache
-def source_of(method: CheckMethod, data: str = "data") -> CheckSource:
-    """The source that computes a method over the variable `data`. Raises TypeError for a fold."""
+def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True) -> CheckSource:
+    """The source that computes a method over the variable `data`; `alone`: with nothing but the standard library.
+
+    Raises TypeError for a fold.
+    """
     if method.kind == "fold":
         raise TypeError(f"the fold '{method.name}' is an expression of its own")
     if method.kind == "crc":
+        library = None if alone else library_crc(method)
+        if library is not None:
+            call = f"{library.alias}({data}){_plus('^', library.xor)}"
+            return _finished(method, CheckSource(call, imports=(library.import_line,)), fits=True)
         return _finished(method, _crc(method, data), fits=True)
     return _finished(method, *_simple(method, data))
 
@@ -106,14 +114,14 @@ def _simple(method: CheckMethod, data: str) -> tuple[CheckSource, bool]:
 
 
 def _crc(method: CheckMethod, data: str) -> CheckSource:
-    source, xorout = _library_crc(method, data) or (_table_crc(method, data), method.xorout)
+    source, xorout = _standard_crc(method, data) or (_table_crc(method, data), method.xorout)
     expression, functions = source.expression, source.functions
     if method.refin != method.refout:
         expression, functions = f"reflect({expression}, {method.width})", (*functions, "reflect")
     return replace(source, expression=expression + _plus("^", xorout), functions=functions)
 
 
-def _library_crc(method: CheckMethod, data: str) -> tuple[CheckSource, int] | None:
+def _standard_crc(method: CheckMethod, data: str) -> tuple[CheckSource, int] | None:
     """The source, and what is left to be put on by exclusive or; None if the standard library does not help.
 
     It has two polynomials, in C: over 250 bytes 20 times as fast as a loop over a table.

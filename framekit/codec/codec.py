@@ -1,7 +1,7 @@
 """A protocol compiled once: its frames as functions, behind names.
 
-The source that `framekit.codec.python` writes is run in a module of its own and kept as long as the process lives.
-Which link uses it, and what a context holds, is not known here.
+The source that `framekit.codec.python` writes is run in a module of its own. As many codecs are kept as loaded
+definitions. Which link uses it, and what a context holds, is not known here.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from types import CodeType, ModuleType
 from typing import cast
 
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
+from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Choose, Inner, Optional, Record, Repeat, Segment, Wrap
 
@@ -29,15 +30,16 @@ class Codec(FrameFunctions):
 
 
 _compiled: dict[int, Codec] = {}
-"""By the identity of the protocol, which a codec keeps alive."""
+"""By the identity of the protocol, which a codec keeps alive; the one asked for last stands last."""
 
 
 def compile_protocol(protocol: Protocol) -> Codec:
-    """The codec of a protocol; the same protocol is compiled once. Raises DefinitionError."""
+    """The codec of a protocol; the same protocol is compiled once while it is among those in use. Raises
+    DefinitionError."""
     known = _compiled.get(id(protocol))
-    if known is not None:
-        return known
-    return codec_from(protocol, code_of(protocol))
+    if known is None:
+        return codec_from(protocol, code_of(protocol))
+    return _keep(known)
 
 
 def code_of(protocol: Protocol) -> CodeType:
@@ -49,7 +51,15 @@ def code_of(protocol: Protocol) -> CodeType:
 
 def codec_from(protocol: Protocol, code: CodeType) -> Codec:
     """The codec of a protocol whose module has been compiled before; `compile_protocol` gives the same from now on."""
-    codec = _compiled[id(protocol)] = Codec(protocol, module_of(protocol.name, code))
+    return _keep(Codec(protocol, module_of(protocol.name, code)))
+
+
+def _keep(codec: Codec) -> Codec:
+    """Keeps as many codecs as definitions are kept; whoever still uses another one has it, nobody else does."""
+    _compiled.pop(id(codec.protocol), None)
+    _compiled[id(codec.protocol)] = codec
+    while len(_compiled) > MOST_KEPT:
+        _compiled.pop(next(iter(_compiled)), None)
     return codec
 
 

@@ -94,7 +94,10 @@ def _read(kept: bytes) -> StoredCodec | None:
     if hashlib.sha256(content).digest() != digest:
         return None
     sources, *parts = marshal.loads(content)
-    return StoredCodec(*parts) if Sources(*sources).still_hold() else None
+    try:
+        return StoredCodec(*parts) if Sources(*sources).still_hold() else None
+    except ImportError:  # a library it was compiled for has been changed since
+        return None
 
 
 def _stamp() -> str:

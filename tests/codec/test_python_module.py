@@ -20,6 +20,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.python.generate import generate_source
 from framekit.codec.python.source import broken
 from framekit.definition.load import load_protocol
+from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.frames import Layout
 from framekit.definition.shipped import shipped_folder
 
@@ -210,3 +211,14 @@ def test_long_conditions_are_broken_where_python_allows_it(first: str, word: str
         scope: dict[str, int] = dict(zip(names, values, strict=True)) | {"result": 0}
         exec(source, scope)
         assert scope["result"] == int(expected(values))
+
+
+def test_no_more_codecs_are_kept_than_definitions() -> None:
+    """A codec that falls out is made again when it is asked for; the one used last stays."""
+    protocols = [small_protocol("[{field: a, type: u8}]") for _ in range(MOST_KEPT + 1)]
+    first, second, *others = protocols
+    codecs = [compile_protocol(one) for one in (first, second, *others[:-1])]
+    assert compile_protocol(first) is codecs[0]
+    compile_protocol(others[-1])
+    assert compile_protocol(first) is codecs[0]
+    assert compile_protocol(second) is not codecs[1]

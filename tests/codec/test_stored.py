@@ -175,3 +175,15 @@ def test_a_folder_in_the_place_of_a_file_is_nothing_kept(cache: Path) -> None:
     assert folder is not None
     (folder / f"one{SUFFIX}").mkdir(mode=0o700)
     assert read_kept(folder, "one") is None
+
+
+def test_code_for_a_library_that_is_no_longer_there_is_made_again(
+    cache: Path, made: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        wanted = 'compile("from framekit.codec import not_there", "gone", "exec")'
+        patch.setattr("framekit.codec.codec.code_of", lambda protocol: eval(wanted))
+        with pytest.raises(ImportError):
+            stored_codec(written(tmp_path), tmp_path)
+    assert stored_codec(written(tmp_path), tmp_path).encode("one", {"value": 2}) == b"\x01\x02"
+    assert len(made) == 2

@@ -162,6 +162,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "find_last": support.find_last,
     "free": support.free,
     "either": support.either,
+    "none": lambda: None,
     "only": support.only,
     "span": support.span,
 }

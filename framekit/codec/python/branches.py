@@ -80,8 +80,10 @@ class BranchReader(SizedReader):
                 expanded.extend(self.record_items(item.segment, item.scope, item.fields))
             else:
                 expanded.append(item)
+        outside, self.deferred = self.deferred, []  # what waits outside is compared behind all branches
         self.read_items(expanded, after)
         self.finish_deferred()
+        self.deferred = outside
         for item in items:
             entry = item.scope.entries.get(item.segment.name or "")
             if isinstance(item.segment, Record) and entry is not None and entry.record is not None:

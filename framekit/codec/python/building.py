@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
-from framekit.codec.python.shape import everything, names_read
+from framekit.codec.python.reader import not_possible
+from framekit.codec.python.shape import everything, follows_its_length, named, names_read
 from framekit.codec.python.source import Source, quoted
 from framekit.definition.expression.emit import OR, PRODUCT
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children
@@ -28,6 +30,8 @@ class Building:
     """What all parts of an encoder share.
 
     `wires`: the local with the bytes of a segment, by its name. `asked_for`: names whose bytes a length counts.
+    `targets`: what the names mean where something is being written. `rooms`: the local with the room that something in
+    one of several cases takes, by its name.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
@@ -44,6 +48,8 @@ class Building:
             name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
         }
         self.wires: dict[str, str] = {}
+        self.targets = named(segments)
+        self.rooms: dict[str, str] = {}
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -108,11 +114,29 @@ class Building:
             return segment.type.kind not in ("ascii", "bytes")
         return segment is not None and not isinstance(segment, (Data, Repeat))
 
+    @contextmanager
+    def names_of(self, segments: Iterable[Segment]) -> Iterator[None]:
+        """While the segments of a list are written, their names mean them."""
+        outside = self.targets
+        self.targets = {**outside, **named(segments)}
+        yield
+        self.targets = outside
+
+    def size_by_length(self, segment: Segment) -> Expression | None:
+        """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
+        size = segment.type.size if isinstance(segment, Field) else segment.size if isinstance(segment, Data) else None
+        lengths = (one for one in self.by_name.values() if isinstance(one, Length))
+        follows = isinstance(size, Expression) and any(follows_its_length(one, segment) for one in lengths)
+        return size if follows and isinstance(size, Expression) else None
+
     def room_tokens(self, name: str) -> set[str]:
         """What has to be there before the size of a segment on the wire can be told."""
-        segment = self.by_name.get(name)
-        if segment is None:
+        target = self.targets.get(name)
+        if target is None:
             return set()
+        segment = target.only
+        if segment is None:
+            return {f"bytes of {name}"}
         found = self.waits(segment.when)
         if self.shapes.present(segment).fixed is not None:
             return found
@@ -132,8 +156,18 @@ class Building:
         """Text of the bytes these segments take on the wire; `plain`: before conversion."""
         fixed, parts = 0, []
         for name in names:
-            segment = self.by_name.get(name)
+            target = self.targets.get(name)
+            if target is None:
+                continue
+            segment = target.only
             if segment is None:
+                if name not in self.rooms:
+                    raise not_possible(
+                        target.segments[0],
+                        f"the size of '{name}' goes round in a circle",
+                        "size it by that length alone",
+                    )
+                parts.append(self.rooms[name])
                 continue
             size = self.shapes.present(segment).fixed
             if size is not None and not (plain and isinstance(segment, Data)):

@@ -9,7 +9,7 @@ from framekit.codec.python.field_values import Given
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter
-from framekit.codec.python.shape import flat, value_names
+from framekit.codec.python.shape import flat, named, value_names
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.frames import Frame
@@ -159,6 +159,7 @@ class EncodeWriter(PieceWriter):
         else:
             self.add(f'{wire} = b""')
         outside = self._names_for_others(segment, scope)
+        rooms = self._rooms_for_others(segment)
         cases = self._cases(segment, scope, given)
         everywhere = {name for one in flat((segment,)) for name in value_names(one)}
         for header, segments in cases:
@@ -166,7 +167,7 @@ class EncodeWriter(PieceWriter):
                 if segments is None:
                     self.add('raise EncodeError("", "no case fits")')
                     continue
-                inside = self._branch(segments, scope, given, outside)
+                inside = self._branch(segments, scope, given, outside, rooms)
                 others = everywhere - {name for one in flat(segments) for name in value_names(one)}
                 if others:
                     assert given.in_cases is not None
@@ -177,6 +178,7 @@ class EncodeWriter(PieceWriter):
                     self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
         for outer, local in outside.items():
             scope.entries[outer] = Entry(local)
+        self.rooms |= rooms
         if not has_checks:
             self.wires[name] = wire
 
@@ -209,12 +211,28 @@ class EncodeWriter(PieceWriter):
                     self.add(f"{found[name]} = None")
         return found
 
-    def _branch(self, segments: tuple[Segment, ...], scope: Scope, given: Given, outside: dict[str, str]) -> Scope:
+    def _rooms_for_others(self, segment: Segment) -> dict[str, str]:
+        """Locals for the room that what lengths outside the branch count takes in it."""
+        names = {one.name: None for one in flat((segment,)) if one is not segment and one.name in self.asked_for}
+        found = {name: self.names.fresh(f"{name}_room") for name in names if name is not None}
+        for local in found.values():
+            self.add(f"{local} = 0")
+        return found
+
+    def _branch(
+        self,
+        segments: tuple[Segment, ...],
+        scope: Scope,
+        given: Given,
+        outside: dict[str, str],
+        rooms: dict[str, str],
+    ) -> Scope:
         """The values of a case, in a scope of their own."""
         inner = Given(given.text, given.rules, given.path, in_cases=given.in_cases)
         inside = Scope(scope)
         self.values(segments, inside, inner)
         self.flush()
+        self.refuse_absent(inner)
         if inner.computed:
             entries = ", ".join(f"{quoted(name)}: {text}" for name, text in inner.computed.items())
             assert given.in_cases is not None
@@ -222,6 +240,10 @@ class EncodeWriter(PieceWriter):
         for name, local in outside.items():
             if name in inside.entries:
                 self.add(f"{local} = {inside.entries[name].text}")
+        with self.names_of(segments):
+            for name in named(segments):
+                if name in rooms:
+                    self.add(f"{rooms[name]} = {self.room((name,), inside)}")
         return inside
 
 

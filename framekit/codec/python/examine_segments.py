@@ -9,7 +9,7 @@ from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.examining import Behind, Examining
 from framekit.codec.python.expressions import Scope, constant_of
 from framekit.codec.python.function import covers_later, leaves, span_names
-from framekit.codec.python.shape import Fill, follows_its_length, is_plain_name
+from framekit.codec.python.shape import Fill, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
     Bits,
@@ -117,10 +117,11 @@ class SegmentExaminer(Examining):
             self.deferred.append(f'n.same("length", {name}, lambda n: {wanted}{plus}{self.refuse(number)})')
 
     def _wanted_length(self, length: Length) -> str | None:
-        targets = [self.by_name[name] for name in length.of if name in self.by_name]
-        if len(targets) == 1 and follows_its_length(length, targets[0]):
+        targets = targets_of(length, self.segments)
+        if is_followed(length, targets):
             return None
-        converted = [t for t in targets if length.plain and isinstance(t, Data) and t.convert is not None]
+        single = [target.only for target in targets.values()]
+        converted = [t for t in single if length.plain and isinstance(t, Data) and t.convert is not None]
         rooms = [quoted(name) for name in length.of if name not in {target.name for target in converted}]
         parts = [f"n.room({', '.join(rooms)})"] if rooms else []
         parts += [f'len(n["{target.name}"])' for target in converted]

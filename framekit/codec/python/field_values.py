@@ -9,18 +9,18 @@ from framekit.codec.python.branches import default_text
 from framekit.codec.python.building import Building, filled_in
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
-from framekit.codec.python.shape import follows_its_length
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import AND, OR
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
-from framekit.definition.model.segments import BitsPart, Data, Field, Length, Segment
+from framekit.definition.model.segments import BitsPart, Data, Field, Segment
 
 
 @dataclass(slots=True)
 class Given:
     """A mapping of values being used up: its text, how many have to be there, and what is computed beside them.
 
-    `in_cases`: the locals with what the cases that are taken compute, and with the names of the others.
+    `in_cases`: the locals with what the cases that are taken compute, and with the names of the others. `conditional`:
+    the segments of these values that are there under a condition of their own.
     """
 
     text: str
@@ -29,6 +29,7 @@ class Given:
     needed: int = 0
     computed: dict[str, str] = field(default_factory=dict)
     in_cases: tuple[str, str] | None = None
+    conditional: list[tuple[Segment, Scope]] = field(default_factory=list)
 
 
 class FieldValueWriter(Building):
@@ -180,13 +181,10 @@ class FieldValueWriter(Building):
 
     def data_tasks(self, data: Data, scope: Scope, given: Given) -> list[Task]:
         tasks = [Task((data.name,), self.waits(data.when), lambda _: self._data(data, scope, given))]
-        if isinstance(data.size, Expression) and not self._sized_by_length(data):
+        if isinstance(data.size, Expression) and self.size_by_length(data) is None:
             waits = {data.name} | self.waits(data.size, data.when)
             tasks.append(Task((), waits, lambda _: self._data_size(data, scope, given)))
         return tasks
-
-    def _sized_by_length(self, segment: Data | Field) -> bool:
-        return any(isinstance(one, Length) and follows_its_length(one, segment) for one in self.by_name.values())
 
     def _data(self, data: Data, scope: Scope, given: Given) -> None:
         local = self.names.fresh(data.name)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.places import Place, between
-from framekit.codec.python.shape import everything, flat, follows_its_length, names_read, value_names
+from framekit.codec.python.shape import Target, everything, flat, is_followed, names_read, targets_of, value_names
 from framekit.codec.python.source import Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import Check, Choose, Data, Length, Optional, Record, Segment, Wrap
@@ -111,7 +111,7 @@ class Function:
         if name is None:
             return
         if name in self.tracked:
-            first, last = self._kept(name, first, last)
+            first, last = self._kept(name, buffer, first, last)
         self.bounds[name] = Bounds(buffer, first, last)
         if isinstance(segment, CONTAINERS):
             return
@@ -119,10 +119,10 @@ class Function:
             self.trail.remove(name)
         self.trail.append(name)
 
-    def _kept(self, name: str, first: Place, last: Place) -> tuple[Place, Place]:
+    def _kept(self, name: str, buffer: str, first: Place, last: Place) -> tuple[Place, Place]:
         if name in self.presets:
             start, end = self.presets[name]
-            self.add(f"{start}, {end} = {first.text('')}, {last.text('')}")
+            self.add(f"{start}, {end} = {first.text(buffer)}, {last.text(buffer)}")
             return Place(start, 0), Place(end, 0)
         kept: list[Place] = []
         for place, what in ((first, "start"), (last, "end")):
@@ -132,7 +132,7 @@ class Function:
                 kept.append(kept[0].plus(place.offset - first.offset))
             else:
                 local = self.names.fresh(f"{name.strip('_')}_{what}")
-                self.add(f"{local} = {place.text('')}")
+                self.add(f"{local} = {place.text(buffer)}")
                 kept.append(Place(local, 0))
         return kept[0], kept[1]
 
@@ -163,17 +163,17 @@ class Function:
     def _follows(self, before: str, name: str) -> bool:
         return before in self.trail and self.trail.index(before) + 1 == self.trail.index(name)
 
-    def room(self, targets: Iterable[Segment], *, plain: bool) -> str:
+    def room(self, targets: Mapping[str, Target], *, plain: bool) -> str:
         """Text of the bytes these segments take, when everything is read; `plain`: as they are in memory."""
         fixed, parts = 0, []
-        for target in targets:
-            size = self.shapes.of(target).fixed
-            if plain and isinstance(target, Data) and target.convert is not None:
-                parts.append(f"len({self.names_of_values[target.name]})")
+        for name, target in targets.items():
+            size = None if target.only is None else self.shapes.of(target.only).fixed
+            if plain and isinstance(target.only, Data) and target.only.convert is not None:
+                parts.append(f"len({self.names_of_values[name]})")
             elif size is not None:
                 fixed += size
             else:
-                parts.append(self.wire_size(target.name or ""))
+                parts.append(self.wire_size(name))
         return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
 
     def wire_size(self, name: str) -> str:
@@ -191,15 +191,12 @@ class Function:
 def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
     """Names whose places somebody asks for: check ranges, lengths, `len(name)` of what has no length of its own."""
     found: set[str] = set()
-    by_name = {segment.name: segment for segment in everything(segments)}
     for segment in everything(segments):
         if isinstance(segment, Check):
             found.update(leaf.name or "" for leaf in _named(segments, segment.over or ()))
             found.update(span_names(segment, segments))
-        if isinstance(segment, Length):
-            targets = [by_name[name] for name in segment.of if name in by_name]
-            if len(targets) != 1 or not follows_its_length(segment, targets[0]):
-                found.update(segment.of)
+        if isinstance(segment, Length) and not is_followed(segment, targets_of(segment, segments)):
+            found.update(segment.of)
     for expression in expressions_of(segments):
         for node in walk(expression.root):
             if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):

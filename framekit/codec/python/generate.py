@@ -50,7 +50,7 @@ class ModuleWriter:
         protocol = normal_protocol(protocol)
         self.protocol = protocol
         self.standalone = standalone
-        self.module = Module(protocol)
+        self.module = Module(protocol, standalone)
         self.helpers = pasted_names()
         self.identifiers: dict[str, str] = {}
         self.layouts: dict[str, str] = {}

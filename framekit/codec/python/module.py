@@ -46,8 +46,9 @@ def _defined(module: Any) -> set[str]:
 class Module:
     """The shared part of one module being generated."""
 
-    def __init__(self, protocol: Protocol) -> None:
+    def __init__(self, protocol: Protocol, standalone: bool = True) -> None:
         self.protocol = protocol
+        self.standalone = standalone
         self.shapes = Shapes(protocol.frames)
         self.names = Names(pasted_names())
         self.functions: dict[str, None] = {}
@@ -168,7 +169,7 @@ class Module:
             if method.name not in self.folds:
                 self.folds[method.name] = self.names.fresh(f"{method.name}_code"), method
             return f"{self.folds[method.name][0]}({data})"
-        source = source_of(method, data)
+        source = source_of(method, data, alone=self.standalone)
         for function in (*source.functions, *source.makers):
             self.function(function)
         self.imports.update(source.imports)

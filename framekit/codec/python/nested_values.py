@@ -54,9 +54,11 @@ class NestedValueWriter(ValueWriter):
                 return [Task(both, outer, lambda _: self.conditional_record(segment, scope, given))]
             case Repeat():
                 return self._list_tasks(segment, scope, given)
-        names = tuple(inner for one in flat((segment,)) for inner in value_names(one))
+        inside = tuple(flat((segment,)))
+        names = [inner for one in inside for inner in value_names(one)]
+        counted = [f"bytes of {one.name}" for one in inside if one.name in self.asked_for or one is segment]
         assert isinstance(segment, (Choose, Optional))
-        return [Task((*names, f"bytes of {name}"), outer, lambda _: self.branches(segment, scope, given))]
+        return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
 
     def _inner_tasks(self, inner: Inner, scope: Scope, given: Given) -> list[Task]:
         name, waits = inner.name, self.waits(inner.when)
@@ -109,7 +111,8 @@ class NestedValueWriter(ValueWriter):
     def _outer_names(self, segment: Segment) -> set[str]:
         """What is read inside a segment but is not given there."""
         inside = {name for one in everything((segment,)) for name in value_names(one)} - {segment.name}
-        read = self.waits(*expressions_of(segment))
+        follow = {id(size) for one in everything((segment,)) if (size := self.size_by_length(one)) is not None}
+        read = self.waits(*(one for one in expressions_of(segment) if id(one) not in follow))
         own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
         return read - own
 

@@ -1,4 +1,4 @@
-"""The model in the form the compiler works on: every segment has a name, and wraps under a condition are choices."""
+"""The model in the form the compiler works on: segments have names, what holds others under a condition is a choice."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _one(segment: Segment, numbers: Iterator[int]) -> Segment:
     if isinstance(segment, Choose):
         cases = tuple((keys, _all(of, numbers)) for keys, of in segment.cases)
         otherwise = None if segment.otherwise is None else _all(segment.otherwise, numbers)
-        return replace(segment, cases=cases, otherwise=otherwise)
+        return _chosen(replace(segment, cases=cases, otherwise=otherwise), numbers)
     if isinstance(segment, (Wrap, Optional)):
         return _chosen(replace(segment, of=_all(segment.of, numbers)), numbers)
     if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
@@ -46,8 +46,8 @@ def _one(segment: Segment, numbers: Iterator[int]) -> Segment:
     return segment
 
 
-def _chosen(segment: Wrap | Optional, numbers: Iterator[int]) -> Segment:
-    """A wrap or an optional part under a condition as a choice of two cases."""
+def _chosen(segment: Choose | Wrap | Optional, numbers: Iterator[int]) -> Segment:
+    """What holds segments of the frame itself, under a condition, as a choice of two cases."""
     if segment.when is None:
         return segment
     root = segment.when.root

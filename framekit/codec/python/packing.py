@@ -159,7 +159,7 @@ class PackingWriter(NestedValueWriter):
     def data_text(self, data: Data, scope: Scope) -> str:
         """Text of the bytes of data on the wire."""
         local = scope.entries[data.name].text
-        if data.pad is not None and data.size != "rest":
+        if data.pad is not None and data.size != "rest" and self.size_by_length(data) is None:
             size = str(data.size) if isinstance(data.size, int) else self.text(data.size, scope)
             local = f"{local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
         return forms.wire_text(self.module, data, local)

@@ -204,9 +204,11 @@ class PieceWriter(PackingWriter):
                 return self.data_text(segment, scope)
             case Field(long=None):
                 size = segment.type.size
-                text = self.text(size, scope) if isinstance(size, Expression) else str(size or f"len({segment.name})")
-                if size is None and segment.type.end is None:
-                    text = f"len({scope.entries[segment.name].text})"
+                local = scope.entries[segment.name].text
+                if (size is None and segment.type.end is None) or self.size_by_length(segment) is not None:
+                    text = f"len({local})"
+                else:
+                    text = self.text(size, scope) if isinstance(size, Expression) else str(size or f"len({local})")
                 return forms.build(self.module, segment.type, self.wire(segment, scope), text)
             case Field():
                 return self._long(segment, scope)

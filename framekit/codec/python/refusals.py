@@ -34,18 +34,27 @@ Rules = Mapping[str, Rule]
 
 
 def check_given(
-    values: Context, rules: Rules, computed: Context, path: str = "", elsewhere: tuple[str, ...] = ()
+    values: Context,
+    rules: Rules,
+    computed: Context,
+    path: str = "",
+    elsewhere: tuple[str, ...] = (),
+    absent: tuple[str, ...] = (),
 ) -> None:
-    """Every value must be known, and what is computed must be as computed; `elsewhere`: names of cases not taken.
+    """Every value must be known, and what is computed must be as computed.
 
-    Raises EncodeError.
+    `elsewhere`: names of cases not taken. `absent`: names of what is not there; None may be given for them. Raises
+    EncodeError.
     """
     if elsewhere or not values.keys() <= rules.keys():
         for name in values:
             if name not in rules or name in elsewhere:
                 raise EncodeError(path + name, f"there is no '{path}{name}' in this frame")
+    for name in absent:
+        if values.get(name) is not None:
+            raise EncodeError(path + name, f"'{path}{name}' is not part of this frame, but {values[name]!r} is given")
     for name, right in computed.items():
-        if name in values:
+        if name in values and name not in absent:
             given = values[name]
             if rules[name].names and isinstance(given, str):
                 given = rules[name].names.get(given, given)

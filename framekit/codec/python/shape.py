@@ -228,6 +228,53 @@ def value_names(segment: Segment) -> tuple[str, ...]:
     return ()
 
 
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a name means: one segment, or several if cases share it; `only`: the one that is there in every case."""
+
+    segments: tuple[Segment, ...]
+    only: Segment | None
+
+
+def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, Target]:
+    """What a length counts, by name: in its own list, else in the lists around it."""
+    segments = tuple(segments)
+    found = {name: target for name, target in named(segments).items() if name in length.of}
+    for holder in flat(segments):
+        if isinstance(holder, (Record, Repeat)) and isinstance(holder.of, tuple):
+            inner = [one for one in everything(holder.of) if (one.name, one.at) == (length.name, length.at)]
+            if inner:
+                found |= targets_of(length, holder.of)
+    return {name: found[name] for name in length.of if name in found}
+
+
+def named(segments: Iterable[Segment]) -> dict[str, Target]:
+    """The segments of a list by their names."""
+    segments = tuple(segments)
+    found: dict[str, list[Segment]] = {}
+    for segment in flat(segments):
+        if segment.name is not None:
+            found.setdefault(segment.name, []).append(segment)
+    always = {id(segment) for segment in _always(segments)}
+    return {
+        name: Target(tuple(every), every[0] if len(every) == 1 and id(every[0]) in always else None)
+        for name, every in found.items()
+    }
+
+
+def _always(segments: Iterable[Segment]) -> Iterator[Segment]:
+    for segment in segments:
+        yield segment
+        if isinstance(segment, Wrap):
+            yield from _always(segment.of)
+
+
+def is_followed(length: Length, targets: Mapping[str, Target]) -> bool:
+    """Whether the size of what a length counts is read from it, so that nothing can disagree."""
+    found = [segment for target in targets.values() for segment in target.segments]
+    return bool(found) and all(follows_its_length(length, segment) for segment in found)
+
+
 def names_read(segments: Iterable[Segment]) -> set[str]:
     """Every name that an expression in these segments reads."""
     return {name for expression in expressions_of(tuple(segments)) for name in names_in(expression.root)}

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from framekit.codec.python import forms
+from framekit.codec.python.branches import default_text
 from framekit.codec.python.building import filled_in
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import FieldValueWriter, Given
 from framekit.codec.python.order import Task, run_in_order
-from framekit.codec.python.shape import flat
-from framekit.codec.python.source import quoted
-from framekit.definition.expression.emit import AND, BIT_OR, COMPARE
+from framekit.codec.python.reader import not_possible
+from framekit.codec.python.shape import flat, value_names
+from framekit.codec.python.source import literal, quoted
+from framekit.definition.expression.emit import AND, BIT_OR, COMPARE, OR
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Bits,
@@ -42,24 +44,54 @@ class ValueWriter(FieldValueWriter):
             self.add(f"{given.in_cases[0]}: dict[str, Any] = {{}}")
             self.add(f"{given.in_cases[1]}: tuple[str, ...] = ()")
         tasks: list[Task] = []
-        for segment in segments:
-            self.tasks_of(segment, scope, given, tasks)
-        for task in tasks:
-            task.waits_for.difference_update(task.gives)
-        run_in_order(tasks)
+        with self.names_of(segments):
+            for segment in segments:
+                self.tasks_of(segment, scope, given, tasks)
+            for task in tasks:
+                task.waits_for.difference_update(task.gives)
+            run_in_order(tasks)
 
     def check_names(self, given: Given) -> None:
         """What is given beyond what is needed must be known, or as computed."""
         check = self.module.function("check_given")
         computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
         options = f", {filled_in(given.path)}" if given.path else ""
+        absent = [f"() if {there} else {literal(names)}" for there, names in self._conditions(given)]
+        if absent:
+            options += f", absent={absent[0] if len(absent) == 1 else ' + '.join(f'({text})' for text in absent)}"
         if given.in_cases is not None:
             computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
             options += f", elsewhere={given.in_cases[1]}"
         with self.out.block(f"if len({given.text}) != {given.needed}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
+    def _conditions(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
+        """Under what (a text) values are part of the frame, with their names."""
+        found: dict[str, list[str]] = {}
+        for segment, scope in given.conditional:
+            assert segment.when is not None
+            text = self.text(segment.when, scope, OR)
+            for name in value_names(segment):
+                found.setdefault(name, []).append(text)
+            if isinstance(segment, Field) and segment.default is not None:  # a reader gives the default then
+                default = default_text(self.text(segment.default, scope), segment)
+                found[segment.name].append(f"{scope.entries[segment.name].text} == {default}")
+        together: dict[str, list[str]] = {}
+        for name, texts in found.items():
+            together.setdefault(" or ".join(texts), []).append(name)
+        return [(text, tuple(names)) for text, names in together.items()]
+
+    def refuse_absent(self, given: Given) -> None:
+        """In a case: what is given although the case leaves it out is refused as what belongs to another case."""
+        for there, names in self._conditions(given):
+            assert given.in_cases is not None
+            with self.out.block(f"if not ({there}):"):
+                nothing = f"if {given.text}.get(name) is not None"
+                self.add(f"{given.in_cases[1]} += tuple(name for name in {literal(names)} {nothing})")
+
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
+        if segment.when is not None and not isinstance(segment, Require):
+            given.conditional.append((segment, scope))
         match segment:
             case Field():
                 tasks.extend(self.field_tasks(segment, scope, given))
@@ -100,6 +132,10 @@ class ValueWriter(FieldValueWriter):
         return Task((number.name,), {number.of}, lambda _: self._count(number, scope, given))
 
     def _length(self, length: Length, scope: Scope, given: Given) -> None:
+        for name, target in self.targets.items():
+            converted = any(isinstance(one, Data) and one.convert is not None for one in target.segments)
+            if length.plain and name in length.of and target.only is None and converted:
+                raise not_possible(length, f"'{name}' is not converted in every case", "count it as it is sent")
         text = self.room(length.of, scope, plain=length.plain)
         if length.unit != 1:
             text = f"{text} // {length.unit}" if " " not in text else f"({text}) // {length.unit}"

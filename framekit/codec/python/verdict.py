@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import replace
 
 from framekit.codec.python import forms
@@ -11,11 +11,11 @@ from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import START, BufferReader, Item, not_possible
-from framekit.codec.python.shape import follows_its_length, is_plain_name
+from framekit.codec.python.shape import Target, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import literal
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Repeat, Segment
+from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Repeat
 
 _FEW = 6
 """Up to so many allowed values are written into the condition."""
@@ -132,8 +132,8 @@ class JudgingReader(BufferReader):
 
     def compare_length(self, item: Item, length: Length) -> None:
         """A length whose segments are not sized by it is compared with the room they take."""
-        targets = [self.function.by_name[name] for name in length.of if name in self.function.by_name]
-        if len(targets) == 1 and follows_its_length(length, targets[0]):
+        targets = targets_of(length, self.function.segments)
+        if is_followed(length, targets):
             return
         local = item.scope.entries[length.name].text
         self.deferred.append(lambda: self.function.misfit_if(f"{local} != {self.room_text(length, targets)}"))
@@ -153,7 +153,7 @@ class JudgingReader(BufferReader):
 
         self.deferred.append(compare)
 
-    def room_text(self, length: Length, targets: Iterable[Segment]) -> str:
+    def room_text(self, length: Length, targets: Mapping[str, Target]) -> str:
         """Text of what a length counts, when everything is read."""
         total = self.function.room(targets, plain=length.plain)
         if length.unit != 1:

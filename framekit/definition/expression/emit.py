@@ -138,6 +138,8 @@ class _Emitter:
             return f"{function}({', '.join(arguments)})", ATOM
         if function in _METHODS:
             return f"({arguments[0]}).{_METHODS[function]}()", ATOM
+        if function == "none":
+            return "None", ATOM
         if function == "text":
             return f"str({arguments[0]})", ATOM
         if function == "get":

@@ -37,6 +37,7 @@ FUNCTIONS: dict[str, Function] = {
     "find_last": Function(2, 2, "any"),
     "free": Function(1, 1, "number"),
     "either": Function(2, 2, "any"),
+    "none": Function(0, 0, "any"),
     "only": Function(2, 2, "flag"),
     "span": Function(2, 2, "number"),
     "ms": Function(1, 1, "time"),

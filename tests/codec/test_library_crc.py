@@ -1,0 +1,73 @@
+"""CRCs computed by the compiled library: the same codes as ours, on any bytes, for every CRC that has a name."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+
+import pytest
+
+from framekit.codec.checks import function_of, source_of
+from framekit.codec.library_crc import library_crc
+from framekit.codec.python.generate import generate_source
+from framekit.codec.support import crc, make_crc_table
+from framekit.definition.checks_catalogue import crc_catalogue, from_crc
+from framekit.definition.load import load_protocol
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.segments import Check
+from framekit.definition.model.visit import parts_of
+from framekit.definition.shipped import shipped_folder
+
+BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]
+
+
+def shipped_methods() -> Iterator[CheckMethod]:
+    seen = set()
+    for path in sorted(shipped_folder("frames").glob("*.yaml")):
+        if "." not in path.stem:
+            for check in parts_of(load_protocol(path.stem).frames, Check):
+                if check.method.kind == "crc" and check.method not in seen:
+                    seen.add(check.method)
+                    yield check.method
+
+
+def own_code(method: CheckMethod, data: bytes) -> int:
+    table = make_crc_table(method.width, method.poly, method.refin)
+    return crc(data, table, method.width, method.initial, method.refin, method.refout, method.xorout)
+
+
+@pytest.mark.parametrize("method", BY_LIBRARY, ids=lambda method: method.name)
+def test_the_library_gives_our_codes(method: CheckMethod) -> None:
+    choose, computed = random.Random(method.name), function_of(method)
+    for size in (0, 1, 2, 3, 6, 25, 255, 1000):
+        data = choose.randbytes(size)
+        assert computed(data) == own_code(method, data)
+        assert computed(bytearray(data)) == own_code(method, data)
+
+
+def test_every_crc_of_shipped_frames_is_the_librarys() -> None:
+    methods = list(shipped_methods())
+    assert methods
+    for method in methods:
+        assert library_crc(method) is not None, method.name
+
+
+def test_parameters_that_the_library_does_not_have_are_computed_by_a_table() -> None:
+    method = from_crc("own", width=16, poly=0x3D65, init=0x1234, refin=True, refout=True, xorout=0x00FF)
+    assert library_crc(method) is None
+    data = bytes(range(100))
+    assert function_of(method)(data) == own_code(method, data)
+    difference = from_crc("other", width=16, poly=0x8005, init=0xFFFF, refin=True, refout=True, xorout=0x1234)
+    found = library_crc(difference)
+    assert found is not None and found.xor == 0x1234
+    assert function_of(difference)(data) == own_code(difference, data)
+
+
+def test_a_module_that_stands_alone_has_tables_instead() -> None:
+    protocol = load_protocol("modbus-rtu")
+    assert "fastcrc" not in generate_source(protocol)
+    assert "make_crc_words" in generate_source(protocol)
+    assert "from fastcrc.crc16 import" in generate_source(protocol, standalone=False)
+    assert "make_crc_words" not in generate_source(protocol, standalone=False)
+    method = next(shipped_methods())
+    assert not any("fastcrc" in line for line in source_of(method).imports)
