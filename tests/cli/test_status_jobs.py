@@ -37,7 +37,7 @@ def test_jobs_are_shown(run: str, capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert [" ".join(line.split()) for line in out.splitlines() if line.startswith(("5 ", "6 "))] == [
         "5 read 40001 channel 1 waiting 100 ms 4 6 0 0 0 0001h success",
-        "6 read 49999 channel 1 waiting 200 ms - 0 3 0 0 0 0205h server: service request error, 02H",
+        "6 read 49999 channel 1 waiting 200 ms - 0 3 0 0 0205h server: service request error, 02H",
     ]
     assert "\ncommands: 3 taken, 3 job; 1 refused, 0 lost, 0 faults\n" in out
     assert "\nevents: 2, the last 2:\n0.000 s error slot 6 0205H server: service request error, 02H\n" in out
