@@ -19,9 +19,10 @@ from framekit.blocks.load_command_block import CommandBlockLoader
 from framekit.blocks.load_frame_block import FrameBlockLoader
 from framekit.blocks.load_jobs import COMMANDS, JobBlockLoader
 from framekit.blocks.load_rules import RulesLoader
-from framekit.blocks.load_transfer import TransferLoader, address_at
+from framekit.blocks.load_transfer import TransferLoader
 from framekit.blocks.load_triggers import STARTS, TriggerLoader
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Instruction, Place
+from framekit.blocks.own_places import address_at, check_written
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Node, Scalar, without
@@ -53,10 +54,10 @@ class BlockLoader:
         self.without_own: set[int] = set()
         self.rules = RulesLoader(reader, root)
         self.triggers = TriggerLoader(reader, self.place, self.condition)
-        self.transfers = TransferLoader(reader, grammar, attempts, self.place)
+        self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
         self.calls = CallLoader(reader, attempts)
-        self.frames = FrameBlockLoader(reader, self.place)
-        self.commands = CommandBlockLoader(reader, folder, root, self.place)
+        self.frames = FrameBlockLoader(reader, self.place, self.written)
+        self.commands = CommandBlockLoader(reader, folder, root, self.place, self.written)
         self.jobs = JobBlockLoader(reader, grammar, channels, jobs)
 
     # ---- own memory ---------------------------------------------------------------------------------------
@@ -66,6 +67,12 @@ class BlockLoader:
         text = self.reader.text(node)
         address = address_at(self.reader, self.grammar, node.at, text, unit)
         return Place(address=address, text=text)
+
+    def written(self, node: Node, unit: str | None = None) -> Place:
+        """A place of the own memory that the run is to write; an area that can only be read is noted. Raises Broken."""
+        place = self.place(node, unit)
+        check_written(self.reader, self.grammar, node, place)
+        return place
 
     def condition(self, node: Node) -> Expression:
         """An address by itself, or an expression whose names are addresses. Raises Broken."""

@@ -21,13 +21,17 @@ NO_COMMAND = ("type", "count", "into", "from", "data", "size", "values", "with")
 
 
 class CommandBlockLoader:
-    """Reads them; `place` reads a place of the own memory in a unit."""
+    """Reads them; `place` reads a place of the own memory in a unit, `written` one that is to be written."""
 
-    def __init__(self, reader: Reader, folder: Path, root: Mapping, place: Callable[[Node, str | None], Place]) -> None:
+    def __init__(
+        self, reader: Reader, folder: Path, root: Mapping,
+        place: Callable[[Node, str | None], Place], written: Callable[[Node, str | None], Place],
+    ) -> None:  # fmt: skip
         self.reader = reader
         self.folder = folder
         self._root = root
         self._place = place
+        self._written = written
         self._found: dict[tuple[str, str], Protocol | None] = {}
 
     def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
@@ -42,7 +46,7 @@ class CommandBlockLoader:
             "places": (place,),
             "targets": (place.text,),
             "commands": self._application(keys, channel, node),
-            "fault": None if fault is None else self._place(fault, "bit"),
+            "fault": None if fault is None else self._written(fault, "bit"),
         }
 
     def _application(self, keys: Mapping, channel: Channel, block: Node) -> Protocol:

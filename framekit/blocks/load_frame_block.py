@@ -19,11 +19,12 @@ from framekit.definition.problems import did_you_mean
 
 
 class FrameBlockLoader:
-    """Reads the keys of blocks that send and receive single frames. `place` reads addresses of the own memory."""
+    """Reads keys of blocks of single frames. `place` reads addresses of the own memory, `written` those to write."""
 
-    def __init__(self, reader: Reader, place: Callable[[Node], Place]) -> None:
+    def __init__(self, reader: Reader, place: Callable[[Node], Place], written: Callable[[Node], Place]) -> None:
         self.reader = reader
         self.place = place
+        self.written = written
         self.received: dict[tuple[int, str], int] = {}
         self.spoilt = False
 
@@ -43,11 +44,12 @@ class FrameBlockLoader:
             self._direction(instruction, frame, node)
         self._once(instruction, frame, node, (channel, frame.name), number)
         fields = dict(parts_of(frame.segments))
+        where = self.written if instruction == "receive" else self.place
         data = dict(self._own_memory(fields))
         for entry in reader.entries(keys.get("data")):
             with self._going_on():
                 self._known(entry.key, frame, fields)
-                place = self.place(entry.value)
+                place = where(entry.value)
                 self._fits(fields[entry.key.text], place, instruction, entry.value)
                 data[entry.key.text] = place
         values = self._values(keys.get("values"), frame)

@@ -9,8 +9,8 @@ from framekit.blocks.given import read_station
 from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
 from framekit.blocks.jobs.profile import JobProfile
 from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
-from framekit.blocks.load_jobs_section import read_place
 from framekit.blocks.model import Channel, Place
+from framekit.blocks.own_places import read_place
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Node
 from framekit.definition.nodes import Mapping as MappingNode
@@ -84,7 +84,7 @@ class JobBlockLoader:
         return Record(
             place=read_place(self.reader, self.grammar, node, 16),
             application=section.commands,
-            fault=None if fault is None else read_place(self.reader, self.grammar, fault, 1),
+            fault=None if fault is None else read_place(self.reader, self.grammar, fault, 1, written=True),
             id=number,
         )
 
@@ -100,9 +100,9 @@ class JobBlockLoader:
     # ---- places -------------------------------------------------------------------------------------------
 
     def _word(self, node: Node | None, words: int) -> Place | None:
-        """A place with room for so many words; None for none, and for one that is wrong."""
+        """A place to write, with room for so many words; None for none, and for one that is wrong."""
         with self.reader.going_on():
-            return None if node is None else read_place(self.reader, self.grammar, node, 16 * words)
+            return None if node is None else read_place(self.reader, self.grammar, node, 16 * words, written=True)
         return None
 
     # ---- orders -------------------------------------------------------------------------------------------
@@ -130,7 +130,8 @@ class JobBlockLoader:
             raise reader.broken(entry.key.at, what, f"add {own_key}: with an address of the own memory")
         remote = "" if kind == "report" else reader.text(keys.get(kind))
         found = self._unit(remote, unit, count, model, keys.get(kind), kind) or unit
-        place = read_place(reader, self.grammar, own, 1 if found is None else unit_bits(found) * count)
+        bits = 1 if found is None else unit_bits(found) * count
+        place = read_place(reader, self.grammar, own, bits, written=kind == "read")
         found = found or place.address.unit
         most = profile.lengths.get(found)
         if most is not None and count > most:

@@ -12,7 +12,7 @@ from framekit.blocks.jobs.profile_loader import read_scan
 from framekit.blocks.jobs.section import HOST, JobsSection, Opening
 from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.memory_settings import read_mapping
-from framekit.blocks.model import Place
+from framekit.blocks.own_places import read_place
 from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.commands import JobWork
@@ -21,7 +21,7 @@ from framekit.definition.model.visit import parts_of
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.nodes import Node
 from framekit.definition.problems import DefinitionError, Problem
-from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.addresses import AddressGrammar
 
 _AFTER = {one.value: one for one in AfterLate}
 
@@ -110,15 +110,3 @@ def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
     if application.commands is None or not any(parts_of(dict(application.services), JobWork)):
         raise reader.broken(node.at, f"'{name}' has no commands to jobs", "name an application that has them")
     return application
-
-
-def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int) -> Place:
-    """A place of the own memory with room for so many bits from there on. Raises Broken."""
-    text = reader.text(node)
-    try:
-        address = grammar.parse(text)
-        grammar.check(address, -(-bits // address.unit_bits))
-    except AddressError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(node.at, what, todo) from None
-    return Place(address=address, text=text)

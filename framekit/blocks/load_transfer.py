@@ -7,37 +7,26 @@ from typing import Any
 
 from framekit.blocks.attempts import Attempts
 from framekit.blocks.model import Channel, Place
+from framekit.blocks.own_places import address_at
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
-from framekit.definition.problems import Position
-from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.numbers import unit_bits
 
 
-def address_at(
-    reader: Reader, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
-) -> Address:
-    """An address that stands at `at`, with room for `count` elements behind it. Raises Broken."""
-    try:
-        address = grammar.parse(text, unit)
-        grammar.check(address, count)
-    except AddressError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(at, what, todo) from None
-    return address
-
-
 class TransferLoader:
-    """Reads what such a block has of its own. `place` reads places of the own memory, whose addresses are `grammar`."""
+    """Reads what such a block has of its own. `place` reads places of the own memory, `written` those to write."""
 
     def __init__(
-        self, reader: Reader, grammar: AddressGrammar, attempts: Attempts, place: Callable[[Node], Place]
-    ) -> None:
+        self, reader: Reader, grammar: AddressGrammar, attempts: Attempts,
+        place: Callable[[Node], Place], written: Callable[[Node], Place],
+    ) -> None:  # fmt: skip
         self.reader = reader
         self.grammar = grammar
         self.attempts = attempts
         self.place = place
+        self.written = written
 
     def read(self, instruction: str, keys: Mapping, channel: Channel) -> dict[str, Any]:
         """Addresses of the other side, and the own places beside them. Raises Broken."""
@@ -99,9 +88,9 @@ class TransferLoader:
         if wrong is not None and instruction == "read":
             reader.note(wrong.at, f"{other}: does not belong to a {instruction}", f"write {word}:")
         node, given = keys.get(word), keys.get("values")
-        places = tuple(
-            place for item in reader.items(node) if (place := self.attempts.maybe(self.place, item)) is not None
-        )
+        where = self.written if instruction == "read" else self.place
+        tried = (self.attempts.maybe(where, item) for item in reader.items(node))
+        places = tuple(place for place in tried if place is not None)
         values = (
             None
             if given is None

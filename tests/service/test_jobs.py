@@ -169,13 +169,15 @@ def test_an_error_of_the_device_goes_on_and_comes_back(tmp_path: Path) -> None:
 
 
 def test_a_place_that_cannot_be_written_goes_on(tmp_path: Path) -> None:
-    at_work = run(tmp_path, '  0: {job: 3, read: "40001", into: F50, host: FAR, every: 100 ms, status: D10, once: yes}')
+    at_work = run(tmp_path, '  0: {job: 3, read: "40001", into: K50, host: FAR, every: 100 ms, status: D10, once: yes}')
+    at_work.service.memory.area("K").access = "read"
     at_work.run(250)
     assert at_work.word("D", 10) == 0xF485 and at_work.jobs.table.slots[3].counters.refused == 3
 
 
 def test_a_status_word_that_cannot_be_written_ends_the_job(tmp_path: Path) -> None:
-    at_work = run(tmp_path, '  0: {job: 3, read: "40001", into: D1, host: FAR, every: 100 ms, status: F50, once: yes}')
+    at_work = run(tmp_path, '  0: {job: 3, read: "40001", into: D1, host: FAR, every: 100 ms, status: K50, once: yes}')
+    at_work.service.memory.area("K").access = "read"
     at_work.run(250)
     assert at_work.jobs.table.slots[3].details == (0xA290, 0) and {9, 22} <= set(at_work.bits())
 
