@@ -7,10 +7,10 @@ from typing import Any
 
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.scalars import parse_bytes, parse_number
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import Parameter, Protocol
 from framekit.definition.nodes import Entry, Node, Sequence
 from framekit.definition.problems import did_you_mean, plural
-from framekit.link.parameters import ParameterError, given_value
+from framekit.link.parameters import ParameterError, given_item, given_value
 
 
 def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
@@ -52,13 +52,31 @@ def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) ->
                 hint = did_you_mean(name, protocol.params)
                 raise reader.broken(entry.key.at, f"'{protocol.name}' has no parameter '{name}'", hint)
             value = raw_value(reader, entry.value)
+            parameter = protocol.params[name]
+            if parameter.type == "list" and isinstance(entry.value, Sequence):
+                if _items_fit(reader, entry.value, parameter):
+                    found[name] = value
+                continue
             try:
-                given_value(protocol.params[name], value)
+                given_value(parameter, value)
             except ParameterError as error:
                 what, _, todo = str(error).partition(" – ")
                 raise reader.broken(entry.value.at, what, todo) from None
             found[name] = value
     return found
+
+
+def _items_fit(reader: Reader, node: Sequence, parameter: Parameter) -> bool:
+    """Whether every item is what the list holds; each that is not is noted at its place."""
+    fits = True
+    for item in node.items:
+        try:
+            given_item(parameter, reader.text(item))
+        except ParameterError as error:
+            what, _, todo = str(error).partition(" – ")
+            reader.note(item.at, what, todo)
+            fits = False
+    return fits
 
 
 def raw_value(reader: Reader, node: Node) -> Any:

@@ -20,7 +20,7 @@ class ParameterError(ValueError):
     """A value that a parameter does not take; `name` is the parameter."""
 
     def __init__(self, name: str, what: str) -> None:
-        self.name = name
+        self.name, self.what = name, what
         super().__init__(f"parameter '{name}': {what}")
 
 
@@ -35,20 +35,46 @@ def given_value(parameter: Parameter, value: Any) -> Any:
         taken = _TAKE[parameter.type](value)
     except ValueError as error:
         raise ParameterError(parameter.name, str(error)) from None
+    if parameter.type == "list":
+        return [_numbered(parameter, item, place) for place, item in enumerate(taken, start=1)]
     if not isinstance(taken, Expression):
         check_value(parameter, taken)
     return taken
 
 
+def given_item(parameter: Parameter, item: Any) -> Any:
+    """The checked value of one item of a list. Raises ParameterError."""
+    try:
+        taken = _take_item(item) if parameter.items is None else _TAKE[parameter.items](item)
+    except ValueError as error:
+        raise ParameterError(parameter.name, str(error)) from None
+    if isinstance(taken, Expression):
+        raise ParameterError(parameter.name, f"'{item}' depends on the line – write a time such as 50 ms")
+    check_value(parameter, taken)
+    return taken
+
+
+def _numbered(parameter: Parameter, item: Any, place: int) -> Any:
+    try:
+        return given_item(parameter, item)
+    except ParameterError as error:
+        raise ParameterError(parameter.name, f"item {place}: {error.what}") from None
+
+
 def check_value(parameter: Parameter, value: Any) -> None:
-    """Raises ParameterError for a value out of range, or not among the choices."""
-    if parameter.type == "choice" and value not in parameter.choices:
+    """Raises ParameterError for a value out of range, or not among the choices; for a list, if one item is that."""
+    if isinstance(value, list):
+        for item in value:
+            check_value(parameter, item)
+        return
+    if parameter.type == "choice" and parameter.choices and value not in parameter.choices:
         raise ParameterError(parameter.name, f"'{value}' is none of {', '.join(parameter.choices)}")
     if parameter.limits is None or not isinstance(value, int):
         return
     low, high = parameter.limits
-    if not low <= value <= high and not (parameter.type == "time" and value >= NEVER):
-        show: Callable[[int], object] = format_time if parameter.type == "time" else int
+    is_time = "time" in (parameter.type, parameter.items)
+    if not low <= value <= high and not (is_time and value >= NEVER):
+        show: Callable[[int], object] = format_time if is_time else int
         raise ParameterError(parameter.name, f"{show(value)} is not in {show(low)}..{show(high)}")
 
 
@@ -100,7 +126,11 @@ def _take_list(value: Any) -> list[Any]:
         value = [item.strip() for item in value.strip("[] ").split(",") if item.strip()]
     if not isinstance(value, (list, tuple)):
         raise ValueError(f"{value!r} is not a list")
-    return [scalars.parse_constant(item) if isinstance(item, str) else item for item in value]
+    return list(value)
+
+
+def _take_item(value: Any) -> Any:
+    return scalars.parse_constant(value) if isinstance(value, str) else value
 
 
 _TAKE: dict[str, Callable[[Any], Any]] = {

@@ -16,7 +16,7 @@ from framekit.link.parameters import ParameterError, given_value
 from framekit.link.requests import ServiceError
 from framekit.link.service_rows import RowFacts
 
-TYPES = ("time", "number", "flag", "text", "bytes", "list")
+TYPES = ("time", "number", "flag", "choice", "text", "bytes", "list")
 """The types of arguments that are checked; values of any other type are taken as they are."""
 
 
@@ -59,7 +59,8 @@ def _as_parameter(argument: Argument) -> Parameter:
         default=None,
         is_=None,
         limits=argument.limits,
-        choices=(),
+        choices=argument.choices,
         doc="",
         at=NOWHERE,
+        items=cast(Any, argument.items),
     )

@@ -29,14 +29,18 @@ COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
 
 
 class ServiceRows:
-    """Everything the services of one protocol share; `rows` are in the order of the file."""
+    """Everything the services of one protocol share; `rows` ask, `served` are answered, in the order of the file."""
 
     def __init__(self, protocol: Protocol, codec: Codec, table: FrameTable | None = None) -> None:
         self.protocol = protocol
         self.codec = codec
         self.table = table or FrameTable(protocol, codec)
         self.grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
-        self.rows = {service: tuple(RowFacts(row, self) for row in rows) for service, rows in protocol.services.items()}
+        rows = {service: tuple(RowFacts(row, self) for row in rows) for service, rows in protocol.services.items()}
+        asking = {name: tuple(facts for facts in one if not facts.row.server_only) for name, one in rows.items()}
+        self.rows = {name: one for name, one in asking.items() if one}
+        everything = (facts for one in rows.values() for facts in one)
+        self.served = tuple(one for one in everything if one.row.request is not None and not one.row.client_only)
 
     @property
     def error_frames(self) -> tuple[str, ...]:

@@ -93,11 +93,9 @@ class MemoryServer:
         self._refuse = rules(protocol.server_refusals)
         self._rows: dict[str, list[ServingRow]] = {}
         self.codes = codes = codes_of(protocol)
-        for facts_of_service in self.shared.rows.values():
-            for facts in facts_of_service:
-                if facts.row.request is not None and not facts.row.client_only:
-                    row = ServingRow(facts, self.areas, codes)
-                    self._rows.setdefault(row.back.frame, []).append(row)
+        for facts in self.shared.served:
+            row = ServingRow(facts, self.areas, codes)
+            self._rows.setdefault(row.back.frame, []).append(row)
         errors = protocol.errors
         self._memory_codes = {} if errors is None else {n: compile_expression(e) for n, e in errors.memory.items()}
         answer = None if errors is None else errors.answer

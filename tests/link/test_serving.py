@@ -14,6 +14,7 @@ from framekit.codec.errors import FrameError
 from framekit.link.addresses import Address
 from framekit.link.block_work import CompiledBlock
 from framekit.link.evaluate import Names
+from framekit.link.requests import ServiceError
 from framekit.link.values import FrameValue
 from framekit.memory.area import Area
 from framekit.memory.load import load_profile
@@ -215,6 +216,39 @@ def test_the_state_of_a_device_is_served() -> None:
     assert pdu(loop, b"\7") == b"\7\x6d"
     assert pdu(loop, b"\x11") == b"\x11\3\x66\x6b\1"
     assert pdu(loop, bytes.fromhex("08 00 00 A5 37")) == bytes.fromhex("08 00 00 A5 37")
+
+
+TWO_WAYS = """
+protocol: two_ways
+extends: standard
+groups:
+  request: {from: client, head: [{const: STX}]}
+  reply: {from: server, head: [{const: ACK}]}
+frames:
+  short: {group: request, body: [{const: 01}, {field: address, type: u16}]}
+  long: {group: request, body: [{const: 02}, {field: address, type: u16}, {field: count, type: u8}]}
+  values: {group: reply, body: [{const: 01}, {length: n, type: u8, of: [values]}, {data: values, size: n}]}
+areas:
+  D: {unit: word, size: 1000}
+addresses:
+  - {form: "{area}{start:dec}"}
+services:
+  read:
+    - {server_only: yes, areas: [D], request: {short: {address: start}}, reply: {values: {values: data}}}
+    - {areas: [D], request: {long: {address: start, count: count}}, reply: {values: {values: data}}}
+  peek:
+    - {server_only: yes, request: {short: {address: 999}}, reply: {values: {values: h'07'}}}
+"""
+
+
+def test_a_row_for_servers_only_is_answered_and_never_asked() -> None:
+    loop = Loop(TWO_WAYS)
+    loop.memory.write("D", "word", 5, [0x1234])
+    assert loop.do("read", "D5").values == [0x1234]
+    assert loop.log[0][0] == bytes.fromhex("02 02 00 05 01")
+    assert loop.serve(FrameValue("short", {"address": 5})).reply.fields["values"] == b"\x34\x12"
+    with pytest.raises(ServiceError, match="no service 'peek'"):
+        loop.do("call", "peek")
 
 
 # ---- a device with everything else: tests/data/rack.yaml -------------------------------------------------------------

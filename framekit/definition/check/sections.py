@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from framekit.definition.check.segments import constant_number
-from framekit.definition.expression.syntax import Expression, Name, Number, Text
+from framekit.definition.expression.syntax import Expression, List, Name, Number, Text
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, Queue, StateVariable
@@ -62,10 +62,9 @@ def _parameter(parameter: Parameter) -> Iterator[Problem]:
     name, default = parameter.name, parameter.default
     if parameter.is_ is not None and default is not None:
         yield Problem(parameter.at, f"'{name}' has a default, and is: computes it always", "leave one of them out")
-    if parameter.limits is not None and parameter.type not in ("number", "time"):
-        yield Problem(
-            parameter.at, f"a {parameter.type} has no range", "leave range out, or make it a number or a time"
-        )
+    if parameter.limits is not None and not {parameter.type, parameter.items} & {"number", "time"}:
+        todo = "add of: number" if parameter.type == "list" else "leave range out, or make it a number or a time"
+        yield Problem(parameter.at, f"a {parameter.type} has no range", todo)
     if parameter.type == "choice" and not parameter.choices:
         yield Problem(parameter.at, f"'{name}' has nothing to choose from", "add of: [words]")
     if default is None:
@@ -85,18 +84,18 @@ def _choice(parameter: Parameter, default: Expression) -> Iterator[Problem]:
 
 
 def _in_range(parameter: Parameter, default: Expression) -> Iterator[Problem]:
-    if not isinstance(default.root, Number) or parameter.limits is None:
+    if parameter.limits is None:
         return
     low, high = parameter.limits
-    if not low <= default.root.value <= high:
-        shown = f"{_shown(low, parameter)}..{_shown(high, parameter)}"
-        yield Problem(
-            default.at, f"the default {default} of '{parameter.name}' is not in {shown}", "correct one of them"
-        )
+    for node in default.root.items if isinstance(default.root, List) else (default.root,):
+        if isinstance(node, Number) and not low <= node.value <= high:
+            value, least, most = (_shown(number, parameter) for number in (node.value, low, high))
+            what = f"the default {value} of '{parameter.name}' is not in {least}..{most}"
+            yield Problem(node.at, what, "correct one of them")
 
 
 def _shown(number: int, parameter: Parameter) -> str:
-    return format_time(number) if parameter.type == "time" else str(number)
+    return format_time(number) if "time" in (parameter.type, parameter.items) else str(number)
 
 
 def _variable(protocol: Protocol, variable: StateVariable) -> Iterator[Problem]:

@@ -63,6 +63,10 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
             yield Problem(row.at, f"'{unit}' is not a unit of any area", did_you_mean(unit, UNIT_BITS))
     if row.reply and row.reply[-1].when is not None and not row.client_only:
         yield Problem(row.reply[-1].at, "the last reply has a condition", "a server must have a reply for every case")
+    if row.server_only and (row.client_only or row.request is None):
+        what = "neither side uses this row" if row.client_only else "a server answers requests, this row has none"
+        todo = "leave client_only or server_only out" if row.client_only else "add request: {frame: {…}}"
+        yield Problem(row.at, what, todo)
     if row.service in ("read", "write") and row.request is None and row.run is None:
         yield Problem(row.at, f"a row of {row.service} has no request", "add request: {frame: {…}}")
     yield from _data(row)
@@ -118,7 +122,8 @@ def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
             plain = earlier.when is None and earlier.align_bits == 1 and earlier.request is not None
             areas = not earlier.areas or (row.areas and set(row.areas) <= set(earlier.areas))
             units = not earlier.units or (row.units and set(row.units) <= set(earlier.units))
-            alike = bool(earlier.most_variables) == bool(row.most_variables) and earlier.client_only == row.client_only
+            alike = bool(earlier.most_variables) == bool(row.most_variables)
+            alike = alike and (earlier.client_only, earlier.server_only) == (row.client_only, row.server_only)
             if plain and areas and units and alike and row.service in ("read", "write") and _names_places(earlier):
                 what = f"this row of {row.service} is never reached: one above takes all its areas and units"
                 yield Problem(row.at, what, "move it up, or add when:")

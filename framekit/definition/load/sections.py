@@ -10,13 +10,16 @@ from framekit.definition.model.protocol import Line, Parameter, Queue, Receiver,
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.times import parse_format
 
+ITEM_TYPES = {name: name for name in ("time", "number", "flag", "text", "bytes")}
 PARAMETER_TYPES = {name: name for name in ("time", "number", "flag", "choice", "text", "bytes", "list")}
 
 
-def literal_or_expression(reader: Reader, node: Node, type_: str, choices: tuple[str, ...] = ()) -> Expression:
+def literal_or_expression(
+    reader: Reader, node: Node, type_: str, choices: tuple[str, ...] = (), items_type: str | None = None
+) -> Expression:
     """A default: literal where the type allows one to be told from an expression, else an expression. Raises Broken."""
     if isinstance(node, Sequence):
-        items = tuple(literal_or_expression(reader, item, "number").root for item in node.items)
+        items = tuple(literal_or_expression(reader, item, items_type or "number").root for item in node.items)
         return Expression("[…]", List(node.at, items))
     scalar = reader.scalar(node)
     text = scalar.text.strip()
@@ -43,19 +46,26 @@ def load_parameter(reader: Reader, entry: Entry) -> Parameter:
         )
     type_ = reader.one_of(type_node, PARAMETER_TYPES, "a type of parameter")
     choices = reader.texts(keys.get("of")) if type_ == "choice" else ()
+    items = item_type(reader, keys.get("of")) if type_ == "list" else None
     default, formula = keys.get("default"), keys.get("is")
     if default is None and formula is None and type_ != "list":
         reader.warn(entry.key.at, f"parameter '{name}' has no default", "every run will have to give it")
     return Parameter(
         name=name,
         type=type_,  # type: ignore[arg-type]
-        default=None if default is None else literal_or_expression(reader, default, type_, choices),
+        default=None if default is None else literal_or_expression(reader, default, type_, choices, items),
         is_=None if formula is None else reader.expression(formula),
         limits=reader.maybe(reader.range, keys.get("range")),
         choices=choices,
         doc=reader.maybe(reader.text, keys.get("doc")) or "",
         at=entry.key.at,
+        items=items,  # type: ignore[arg-type]
     )
+
+
+def item_type(reader: Reader, node: Node | None) -> str | None:
+    """What the items of a list are, `of:` says it. Raises Broken."""
+    return None if node is None else reader.one_of(node, ITEM_TYPES, "a type of items")
 
 
 def load_state(reader: Reader, entry: Entry, values: object, announced: bool) -> StateVariable:

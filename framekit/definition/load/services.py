@@ -5,7 +5,7 @@ from __future__ import annotations
 from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.commands import CommandLoader
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.sections import literal_or_expression
+from framekit.definition.load.sections import item_type, literal_or_expression
 from framekit.definition.load.types import ORDERS
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.services import (
@@ -125,6 +125,7 @@ class ServiceLoader:
             refuse=tuple(self.refusal(item) for item in reader.items(keys.get("refuse"))),
             serve=None if serve is None else self._work(serve),
             client_only=reader.flag(keys.get("client_only")),
+            server_only=reader.flag(keys.get("server_only")),
             outside_session=reader.flag(keys.get("outside_session")),
         )
 
@@ -235,9 +236,13 @@ def load_argument(reader: Reader, entry: Entry) -> Argument:
     keys = reader.mapping(entry.value)
     type_ = reader.maybe(reader.text, keys.get("type")) or "number"
     default = keys.get("default")
+    choices = reader.texts(keys.get("of")) if type_ == "choice" else ()
+    items = item_type(reader, keys.get("of")) if type_ == "list" else None
     return Argument(
         name=entry.key.text,
         type=type_,
-        default=None if default is None else literal_or_expression(reader, default, type_),
+        default=None if default is None else literal_or_expression(reader, default, type_, choices, items),
         limits=reader.maybe(reader.range, keys.get("range")),
+        choices=choices,
+        items=items,
     )

@@ -33,7 +33,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A named setting. `is_` is a formula that nobody sets."""
+    """A named setting. `is_` is a formula that nobody sets. `items`: what a list holds, None for anything.
+
+    `limits` of a list are those of each item.
+    """
 
     name: str
     type: Literal["time", "number", "flag", "choice", "text", "bytes", "list"]
@@ -43,6 +46,7 @@ class Parameter:
     choices: tuple[str, ...]
     doc: str
     at: Position
+    items: Literal["time", "number", "flag", "text", "bytes"] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -141,6 +141,8 @@ class Argument:
     type: str
     default: Expression | None
     limits: tuple[int, int] | None
+    choices: tuple[str, ...] = ()
+    items: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,6 +170,7 @@ class ServiceRow:
     refuse: tuple[Refusal, ...]
     serve: ServeWork | None
     client_only: bool
+    server_only: bool
     outside_session: bool
 
 
