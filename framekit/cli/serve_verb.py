@@ -212,7 +212,7 @@ async def begin(
 def _captured(
     path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, warn: Callable[[str], None]
 ) -> Callable[[Port], Port] | None:
-    """Puts a capture around every port, all of them as channel 1; it ends with `stack`. Raises Failure."""
+    """Puts a capture around every port; it ends with `stack`. Raises Failure."""
     from framekit.service.capture import Capture
 
     if path is None:
@@ -228,7 +228,7 @@ def _captured(
             warn(trouble)
 
     stack.callback(close)
-    return lambda port: capture.around(1, port)
+    return capture.around_next
 
 
 async def _open(

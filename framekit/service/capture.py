@@ -68,6 +68,7 @@ class Capture:
         self._clock = clock
         self._epoch = time.time_ns() - clock.now() if isinstance(clock, AsyncioClock) else 0
         self._records: dict[int, PcapRecords] = {}
+        self._ports = 0
         self._sinks: dict[int, _Sink] = {}
         if path.suffix.lower() in JSON_SUFFIXES:
             sink = _Sink(path, header_line())
@@ -96,11 +97,21 @@ class Capture:
         """The port with everything that goes through it captured."""
         return TappedPort(port, self._clock, self.tap(channel))
 
+    def around_next(self, port: Port) -> Port:
+        """As `around`, for one port of a server with many: where the format tells channels apart each is the next one.
+
+        A pcap file has no room for that: all of them are its one line.
+        """
+        first = next(iter(self._sinks))
+        self._ports += 1
+        return self.around(first if self._records else first + self._ports - 1, port)
+
     def write(self, channel: int, event: LineEvent) -> None:
         """Writes one event; never raises for a file that cannot be written."""
         records = self._records.get(channel)
         if records is None:
-            self._sinks[channel].write(event_line(channel, event, self._epoch))
+            sink = self._sinks.get(channel) or next(iter(self._sinks.values()))
+            sink.write(event_line(channel, event, self._epoch))
         else:
             self._sinks[channel].write(records.of(event))
 

@@ -17,6 +17,7 @@ import pytest
 
 import framekit
 from framekit.cli.main import main
+from framekit.service.capture import CaptureReader
 from framekit.transport.pty_pair import PtyPair
 
 LONGEST = 30
@@ -136,6 +137,22 @@ def test_a_listener_with_mapped_memory() -> None:
         assert seen[2]["fields"]["pdu"]["read_holding_reply"]["values"] == "10 92" and seen[2]["station"] == 1
         told = [json.loads(line) for line in ended(process).splitlines()]
         assert told[-1]["connections"] == 1
+
+
+@pytest.mark.parametrize(("name", "channels"), [("x.jsonl", [1, 2]), ("x.pcap", [1])])
+def test_each_connection_is_a_channel_of_the_capture(tmp_path: Path, name: str, channels: list[int]) -> None:
+    path = tmp_path / name
+    with serving("modbus-tcp", "--port", "tcp://127.0.0.1:0", "--capture", str(path), "--json") as process:
+        port = int(json.loads(line_of(process))["port"].split()[0].rpartition(":")[2])
+        for number in (1, 2):
+            with socket.create_connection(("127.0.0.1", port), timeout=LONGEST) as client:
+                client.sendall(bytes.fromhex(f"000{number}00000006 01 03 0009 0001"))
+                assert len(client.recv(64)) == 11
+        ended(process)
+    with CaptureReader(path) as reader:
+        found = [(channel, event.data) for channel, event in reader.events() if event.direction == "in"]
+    assert sorted({channel for channel, _ in found}) == channels
+    assert [data[1] for _, data in found] == [1, 2]
 
 
 def test_a_device_that_answers_frames_by_its_own_sequences() -> None:
