@@ -1,24 +1,35 @@
-"""`framekit replay FILE --port PORT`: sends what went in one direction of a capture, in its own time or faster."""
+"""`framekit replay FILE --port PORT`: sends what went in one direction of a capture, in its own time or faster.
+
+To a port, or, on a listener, to whoever connects first.
+"""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
 import signal
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, print_json
+from framekit.cli.common import add_json, print_json, why_not
 from framekit.cli.main import Failure, NoPort, WrongWords
 
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
+    from framekit.transport.clock import AsyncioClock
+    from framekit.transport.port import Port
     from framekit.transport.tapped_port import LineEvent
+
+LISTENING = "tcp-listen://"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, help="a capture: pcap or JSON lines")
-    parser.add_argument("--port", required=True, metavar="PORT", help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT")
+    parser.add_argument(
+        "--port", required=True, metavar="PORT",
+        help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT, or tcp-listen://HOST:PORT for whoever connects first",
+    )  # fmt: skip
     parser.add_argument(
         "--direction", choices=("in", "out"), default="out", help="which bytes to send; default: those once sent"
     )
@@ -69,15 +80,11 @@ def _events(arguments: argparse.Namespace) -> list[LineEvent]:
 async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
     from framekit.service.replay import Replay
     from framekit.transport.clock import AsyncioClock
-    from framekit.transport.open_port import open_port
 
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[str] = loop.create_future()
     clock = AsyncioClock(loop)
-    try:
-        port = open_port(arguments.port, line, clock)
-    except ValueError as error:
-        raise WrongWords(str(error)) from None
+    port = await _port(arguments, line, clock)
     speed_up = None if arguments.as_fast else arguments.speed_up
     replay = Replay(events, port, clock, ended.set_result, direction=arguments.direction, speed_up=speed_up)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -94,3 +101,34 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
     if reason:
         raise (Failure if replay.began else NoPort)(reason)
     return 0
+
+
+async def _port(arguments: argparse.Namespace, line: LineFormat, clock: AsyncioClock) -> Port:
+    """The port, not yet opened; where it is to be a listener, the first connection. Raises WrongWords, NoPort."""
+    from framekit.transport.open_port import host_and_port, open_port
+    from framekit.transport.tcp_port import AcceptedPort, TcpListener
+
+    try:
+        if not arguments.port.startswith(LISTENING):
+            return open_port(arguments.port, line, clock)
+        host, number = host_and_port(arguments.port.removeprefix(LISTENING))
+    except ValueError as error:
+        raise WrongWords(str(error)) from None
+    first: asyncio.Future[AcceptedPort] = clock.loop.create_future()
+
+    def accepted(port: AcceptedPort) -> None:
+        if first.done():
+            port.close()
+        else:
+            first.set_result(port)
+
+    listener = TcpListener(host, number, clock, accepted)
+    try:
+        found = await listener.start()
+    except OSError as error:
+        raise NoPort(f"{arguments.port}: {why_not(error)}") from None
+    print(f"waiting for a connection to {host}:{found}", file=sys.stderr, flush=True)
+    try:
+        return await first
+    finally:
+        listener.stop()

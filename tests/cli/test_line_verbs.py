@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -108,6 +109,21 @@ def test_replay_on_a_real_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert (told["sent"], told["pieces"], told["of"]) == (16, 2, 2)
 
 
+def test_replay_to_whoever_connects(tmp_path: Path) -> None:
+    path = captured(tmp_path / "x.pcap", ("out", ASK), ("in", ANSWER))
+    words = ("--port", "tcp-listen://127.0.0.1:0", "--direction", "in", "--as-fast", "--json")
+    with process("replay", str(path), *words) as one:
+        assert one.stderr is not None and one.stdout is not None
+        port = int(one.stderr.readline().rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port), timeout=30) as client:
+            heard = b""
+            while piece := client.recv(100):
+                heard += piece
+        assert heard == ANSWER
+        told = json.loads(one.stdout.readline())
+        assert (told["sent"], told["pieces"], one.wait(30)) == (len(ANSWER), 1, 0)
+
+
 def test_what_replay_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = captured(tmp_path / "x.jsonl", ("out", ASK))
     for words, what in (
@@ -118,6 +134,8 @@ def test_what_replay_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     ):
         assert main(["replay", str(path), "--port", "/dev/null", *words]) == 2
         assert what in capsys.readouterr().err
+    assert main(["replay", str(path), "--port", "tcp-listen://here"]) == 2
+    assert main(["replay", str(path), "--port", "tcp-listen://192.0.2.1:4000"]) == 3
     assert main(["replay", str(path), "--port", str(tmp_path / "none")]) == 3
     assert "no such device" in capsys.readouterr().err
 
