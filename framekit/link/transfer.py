@@ -102,6 +102,7 @@ class Transfer:
         self._going = False
 
     def _ended(self, job: Job, outcome: Outcome) -> None:
+        job.exchange.on_done = _told  # nothing is left that refers to itself, so it is freed at once
         self._waiting = False
         self._last = outcome
         answer = job.judge(outcome)
@@ -118,6 +119,10 @@ class Transfer:
         result.exchanges, result.written = self._next, self._written
         result.reply, result.raw, result.buffer = self._last.reply, self._last.raw, self._last.buffer
         self._on_done(result)
+
+
+def _told(outcome: Outcome) -> None:
+    """An exchange is told once how it ended."""
 
 
 def elements(
