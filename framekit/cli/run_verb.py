@@ -39,7 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="apply changes of the file while the run goes on, whole or not at all; SIGHUP looks at once",
     )
     parser.add_argument(
-        "--control", action="store_true", help="take lines from standard input: fire N, enable N, disable N, stop"
+        "--control",
+        action="store_true",
+        help="take lines from standard input: fire N, enable N, disable N, stop; with --screen by the key :",
     )
     add_watch(parser)
     add_json(parser)
@@ -58,15 +60,15 @@ def run(arguments: argparse.Namespace) -> int:
     watch = Watch(arguments)
     if arguments.virtual and arguments.watch:
         raise WrongWords("--watch is for runs in real time – leave --virtual out")
-    if arguments.virtual and arguments.control:
+    if arguments.virtual and arguments.control and not arguments.screen:
         raise WrongWords("--control is for runs in real time – leave --virtual out")
-    if arguments.screen and (arguments.watch or arguments.control):
-        raise WrongWords("--watch and --control work with lines – leave --screen out")
+    if arguments.screen and arguments.watch:
+        raise WrongWords("--watch tells its edits in lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
     if arguments.screen:
-        return _live(loaded, watch, arguments.virtual, duration)
+        return _live(loaded, watch, arguments, duration)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
     output.as_ascii = arguments.ascii
     for warning in (*loaded.warnings, *load_problems(loads)):
@@ -82,12 +84,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _live(loaded: Run, watch: Watch, virtual: bool, duration: int | None) -> int:
+def _live(loaded: Run, watch: Watch, arguments: argparse.Namespace, duration: int | None) -> int:
     """The run in the live display; simulated time goes on as real time does."""
     from framekit.cli.screen.session import RunSession
     from framekit.cli.screen.show import show
 
-    return show(RunSession(loaded, watch, virtual=virtual, duration=duration))
+    return show(RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control))
 
 
 def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:

@@ -21,6 +21,7 @@ from framekit.cli.screen.cells import (
     parse_filter,
 )
 from framekit.cli.status_output import BLOCK_HEAD
+from framekit.service.control import COMMANDS
 
 if TYPE_CHECKING:
     from framekit.cli.screen.session import Session
@@ -43,7 +44,7 @@ class MonitorApp(App[None]):
     #frames { height: 1fr; }
     #about { height: 1; padding: 0 1; }
     #fields { height: auto; max-height: 35%; }
-    #filter { display: none; }
+    #filter, #command { display: none; }
     """
     BINDINGS: ClassVar[list[Binding | tuple[str, str] | tuple[str, str, str]]] = [
         Binding("space", "pause", "pause"),
@@ -51,6 +52,7 @@ class MonitorApp(App[None]):
         Binding("b", "bad_only", "bad only"),
         Binding("slash", "find", "filter", key_display="/"),
         Binding("end", "follow", "newest"),
+        Binding("colon", "command", "command", key_display=":"),
         Binding("q", "quit", "quit"),
     ]
 
@@ -78,6 +80,7 @@ class MonitorApp(App[None]):
         yield Static(id="about")
         yield DataTable(id="fields", show_cursor=False)
         yield Input(id="filter", placeholder="ch:1 frame:NAME text – Enter applies, Esc clears")
+        yield Input(id="command", placeholder=f"{COMMANDS} – Enter does it, Esc leaves")
         yield Footer()
 
     def on_mount(self) -> None:
@@ -219,12 +222,37 @@ class MonitorApp(App[None]):
         entry.value = self.filter_text
         entry.focus()
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Commands are there where the session takes them."""
+        return action != "command" or self.session.controls
+
+    def action_command(self) -> None:
+        entry = self.query_one("#command", Input)
+        entry.display = True
+        entry.value = ""
+        entry.focus()
+
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        self._filter(event.value)
+        if event.input.id == "command":
+            self._leave_command(self.session.control(event.value))
+        else:
+            self._filter(event.value)
 
     def on_key(self, event: object) -> None:
-        if getattr(event, "key", "") == "escape" and self.query_one("#filter", Input).display:
+        if getattr(event, "key", "") != "escape":
+            return
+        if self.query_one("#command", Input).display:
+            self._leave_command("")
+        elif self.query_one("#filter", Input).display:
             self._filter("")
+
+    def _leave_command(self, trouble: str) -> None:
+        """Back to the frames; why a command could not be carried out stands where a frame is told about."""
+        self.query_one("#command", Input).display = False
+        self.frames.focus()
+        self.draw_status()
+        if trouble:
+            self.query_one("#about", Static).update(trouble)
 
     def _filter(self, text: str) -> None:
         self.filter_text = text

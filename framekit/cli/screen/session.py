@@ -33,6 +33,12 @@ class Session:
     """What is told when it is over."""
     failure: Exception | None = None
     """Why it could not go on."""
+    controls = False
+    """Whether it takes control lines."""
+
+    def control(self, line: str) -> str:
+        """Carries a control line out; why not, when it cannot be."""
+        raise NotImplementedError
 
     def begin(self) -> LiveView:
         raise NotImplementedError
@@ -50,9 +56,15 @@ class Session:
 
 
 class RunSession(Session):
-    """A run; with `virtual` on simulated time that goes on as real time does. `duration` None: until it is ended."""
+    """A run; with `virtual` on simulated time that goes on as real time does. `duration` None: until it is ended.
 
-    def __init__(self, run: Run, watch: Watch, *, virtual: bool, duration: int | None) -> None:
+    `controlled`: it takes control lines.
+    """
+
+    def __init__(
+        self, run: Run, watch: Watch, *, virtual: bool, duration: int | None, controlled: bool = False
+    ) -> None:
+        self.controls = controlled
         self.title = f"run {run.name}"
         self.run = run
         self.watch = watch
@@ -61,6 +73,19 @@ class RunSession(Session):
         self._duration = duration
         self._virtual = VirtualClock() if virtual else None
         self._view: LiveView | None = None
+        self._stopped = False
+
+    def control(self, line: str) -> str:
+        from framekit.service.control import ControlError, carry_out
+
+        if line.strip().lower() == "stop":
+            self._stopped = True
+        elif self.service is not None:
+            try:
+                carry_out(self.service, line)
+            except ControlError as error:
+                return str(error)
+        return ""
 
     def begin(self) -> LiveView:
         """Raises DefinitionError, ValueError, OSError."""
@@ -96,6 +121,8 @@ class RunSession(Session):
 
     @property
     def is_over(self) -> bool:
+        if self._stopped:
+            return True
         return self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
 
     async def end(self) -> None:

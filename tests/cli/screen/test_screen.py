@@ -52,7 +52,8 @@ def arguments(*words: str) -> argparse.Namespace:
 
 def driven(test: Callable[[MonitorApp, Stepped, Pilot[None]], Coroutine[Any, Any, None]], *words: str) -> Stepped:
     """Runs `test` on the app with a run in it."""
-    session = Stepped(load_run(PLC), Watch(arguments(*words)), virtual=True, duration=None)
+    given = arguments(*words)
+    session = Stepped(load_run(PLC), Watch(given), virtual=True, duration=None, controlled=given.control)
 
     async def drive() -> None:
         app = MonitorApp(session)
@@ -149,6 +150,43 @@ def test_a_filter_and_its_end() -> None:
         assert "bad only" in text_of(app, "#channels")
 
     driven(test)
+
+
+def test_a_run_is_controlled_by_a_key() -> None:
+    async def command(app: MonitorApp, pilot: Pilot[None], text: str) -> None:
+        await pilot.press("colon")
+        app.query_one("#command", Input).value = text
+        await pilot.press("enter")
+
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+        assert session.service is not None
+        first = next(iter(session.service.states))
+        await command(app, pilot, f"disable {first}")
+        assert not session.service.status()[0].enabled
+        await command(app, pilot, "fire 99")
+        assert "there is no block 99" in text_of(app, "#about")
+        assert not app.query_one("#command", Input).display and app.frames.has_focus
+        await pilot.press("colon")
+        await pilot.press("escape")
+        assert not app.query_one("#command", Input).display and not session.is_over
+        await command(app, pilot, "stop")
+        assert session.is_over
+
+    driven(test, "--control")
+
+
+def test_without_control_there_is_no_key_for_it() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        await pilot.press("colon")
+        assert not app.query_one("#command", Input).display
+
+    driven(test)
+
+
+def test_a_port_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["monitor", "mldp", "--port", "nowhere:1", "--screen"]) == 2
+    assert "is no port" in capsys.readouterr().err
 
 
 def test_the_fields_of_the_selected_frame() -> None:
