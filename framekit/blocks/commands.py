@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.command_words import Command, CommandFaultError, CommandWords
-from framekit.blocks.operations import Operation, OperationEnd, fitted
+from framekit.blocks.operations import Operation, OperationEnd, ParamsOf, fitted
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.block_work import CompiledAfter, CompiledBlock, CompiledPlace, compile_afters
@@ -142,8 +142,13 @@ class CommandBlocks:
 
     # ---- carrying out -------------------------------------------------------------------------------------
 
-    def start(self, data: bytes, station: Any, now: int, ended: Ended) -> list[LinkCommand]:
-        """Carries out the command that begins with these bytes; `ended` is called once, perhaps before it returns."""
+    def start(
+        self, data: bytes, station: Any, now: int, ended: Ended, params_of: ParamsOf | None = None
+    ) -> list[LinkCommand]:
+        """Carries out the command that begins with these bytes; `ended` is called once, perhaps before it returns.
+
+        `params_of`: parameters for the station that it turns out to be for.
+        """
         try:
             command = self.words.read(data)
             status = self.status_place(command)
@@ -166,7 +171,7 @@ class CommandBlocks:
             done(OperationEnd(outcome="no_sequence", cause="jobs are run by the run, not by a channel"))
             return []
         assert self.engine is not None and self.client is not None
-        return Operation(self, self.engine, self.client, block, names, done).begin(station, now)
+        return Operation(self, self.engine, self.client, block, names, done, params_of).begin(station, now)
 
     def status_place(self, command: Command) -> Span:
         """Where the status word goes. Raises DeviceMemoryError when nothing can be written there."""

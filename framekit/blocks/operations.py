@@ -29,6 +29,10 @@ NO_PLACE, NO_OWN_PLACE = "no_such_place", "no_own_place"
 """Outcomes of places that the other side's protocol, or the own memory, does not have."""
 
 
+ParamsOf = Callable[[Any], Mapping[str, Any]]
+"""The parameters that a channel has for a station."""
+
+
 class Around(Protocol):
     """What an operation needs of the command blocks it belongs to."""
 
@@ -78,7 +82,7 @@ class Operation:
 
     def __init__(
         self, around: Around, engine: Engine, client: Client, block: CompiledBlock, names: Names,
-        on_end: Callable[[OperationEnd], None],
+        on_end: Callable[[OperationEnd], None], params_of: ParamsOf | None = None,
     ) -> None:  # fmt: skip
         self.around = around
         self.engine = engine
@@ -87,6 +91,7 @@ class Operation:
         self.names = names
         self.on_end = on_end
         self.end = OperationEnd()
+        self._params_of = params_of
         self._station: Any = None
         self._calls = list(block.calls)
         self._own: Span | None = None
@@ -99,7 +104,8 @@ class Operation:
             given = None if block.station is None else block.station(self.names)
             self._station = station if given is None else given
             session = None if block.session is None else block.session(self.names)
-            params = {name: compute(self.names) for name, compute in block.params.items()}
+            known = {} if self._params_of is None else self._params_of(self._station)
+            params = {**known, **{name: compute(self.names) for name, compute in block.params.items()}}
             self._back = self.engine.scope.override(params) if params else None
         except (ParameterError, *EVALUATION_ERRORS) as error:
             return self._failed("cannot_send", str(error))

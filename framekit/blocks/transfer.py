@@ -17,6 +17,7 @@ from framekit.blocks.fields import FramePart, parts_of, to_memory
 from framekit.blocks.frame_fields import FrameFields
 from framekit.blocks.merging import Read, joined
 from framekit.blocks.model import Block
+from framekit.blocks.operations import ParamsOf
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.frames import Frame
@@ -53,6 +54,7 @@ class BlockTransfers:
         station: StationType,
         mapping: Mapping[str, tuple[str, int]] | None = None,
         later: Later | None = None,
+        params_of: ParamsOf | None = None,
     ) -> None:
         self.engine = engine
         self.client = client
@@ -61,6 +63,7 @@ class BlockTransfers:
         self.station = station
         self.mapping = mapping or {}
         self.later = later
+        self.params_of = params_of
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[int, FrameFields] = {}
         self._senders: dict[str, FrameSender] = {}
@@ -216,7 +219,12 @@ class BlockTransfers:
             late()
         elif waits < NEVER and self.later is not None:
             self.later(waits, late)
-        return commands.start(data, self.station_of(block), now, done)
+        return commands.start(data, self.station_of(block), now, done, lambda station: self._params(block, station))
+
+    def _params(self, block: Block, station: Any) -> dict[str, Any]:
+        """What the channel says for a station, and the block does not."""
+        given = {} if self.params_of is None else self.params_of(station)
+        return {name: value for name, value in given.items() if name not in block.params}
 
     def commands_of(self, application: Protocol) -> CommandBlocks:
         """The command blocks of an application on this channel."""

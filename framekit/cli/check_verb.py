@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, near, print_json, told
+from framekit.cli.common import add_json, near, print_json, told_once
 
 if TYPE_CHECKING:
     from framekit.blocks.feasibility import ChannelLoad
@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         print_json([{"file": name, **_file_as_json(checked)} for name, checked in results])
         return int(failed)
     for name, checked in results:
-        for problem in checked.problems:
-            print(told(problem), file=sys.stderr)
+        for line in told_once(checked.problems):
+            print(line, file=sys.stderr)
         if not any(not problem.warning for problem in checked.problems):
             print(f"{name}: {checked.what}")
             _show_loads(checked, arguments.load)

@@ -40,6 +40,23 @@ def told(problem: Problem) -> str:
     return str(replace(problem, at=replace(problem.at, file=near(problem.at.file))))
 
 
+def told_once(problems: Iterable[Problem]) -> list[str]:
+    """Problems as they are printed; a warning that comes again in the same file is one line, with the other places."""
+    lines: dict[tuple[object, ...], list[Problem]] = {}
+    for problem in problems:
+        same = (problem.at.file, problem.what, problem.todo) if problem.warning else (len(lines),)
+        lines.setdefault(same, []).append(problem)
+    return [told(first) + _others(others) for first, *others in lines.values()]
+
+
+def _others(others: list[Problem]) -> str:
+    """Where else the same is: ` (also in lines 16 and 17)`."""
+    *some, last = [str(one.at.line) for one in others] or [""]
+    if not last:
+        return ""
+    return f" (also in line {last})" if not some else f" (also in lines {', '.join(some)} and {last})"
+
+
 def near(file: str) -> str:
     """A path relative to the current folder, where it lies below that."""
     path = Path(file)

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from framekit.cli.common import add_json, duration_of, told, why_not
+from framekit.cli.common import add_json, duration_of, told_once, why_not
 from framekit.cli.main import Failure, WrongWords
 from framekit.cli.watch_options import Watch, add_watch
 
@@ -71,8 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _live(loaded, watch, arguments, duration)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
     output.as_ascii = arguments.ascii
-    for warning in (*loaded.warnings, *load_problems(loads)):
-        output.warning(told(warning))
+    for line in told_once((*loaded.warnings, *load_problems(loads))):
+        output.warning(line)
     try:
         if arguments.virtual:
             assert duration is not None

@@ -6,6 +6,7 @@ are counted in units over the whole area, from 0. Language reference, section 10
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -123,9 +124,18 @@ class AddressGrammar:
         width = address.unit_bits
         there = area.size * area.element_bits // width
         if address.start < 0 or address.start + count > there:
-            has = f"{address.unit} 0 to {there - 1}" if there else f"no whole {address.unit}"
+            has = self._range_of(address, there) if there else f"no whole {address.unit}"
             asked = str(address) if count == 1 else f"{count} × {address.unit} from {address} on"
             raise AddressError(f"{asked} is not in area {area.name}, which has {has}")
+
+    def _range_of(self, address: Address, count: int) -> str:
+        """The places of an area that has `count`: as they are written, where that does not begin with 0."""
+        if address.area not in self.views:
+            return f"{address.unit} 0 to {count - 1}"
+        first, last = (self._written(replace(address, start=start, text="")) for start in (0, count - 1))
+        numbers = re.findall(r"\d+", first or "")
+        from_0 = last is None or not numbers or not numbers[-1].strip("0")
+        return f"{address.unit} 0 to {count - 1}" if from_0 else f"{first} to {last}"
 
     # ---- places -------------------------------------------------------------------------------------------
 

@@ -76,6 +76,9 @@ class Planner:
                 if found is not None:
                     exchanges, more = found
                     return Plan(facts, exchanges, carried.address.start, carried.count, skip + more, piece.bits)
+        area = self.shared.protocol.areas[piece.address.area]
+        if piece.data is not None and area.access == "read":
+            raise ServiceError(f"{piece.address} is in area {area.name}, which can only be read")
         where = "" if piece.count == 1 else f"{piece.count} × {piece.address.unit} from "
         hint = "name another address, or look whether role and parameters are those of the device"
         raise ServiceError(f"no row of '{service}' carries {where}{piece.address} – {hint}")

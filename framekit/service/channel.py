@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 from framekit.blocks.block_status import Failure
@@ -84,6 +84,7 @@ class ChannelService:
             protocol.station,
             channel.mapping,
             self._later,
+            self.params_of,
         )
         role = None if channel.role is None else protocol.roles[channel.role]
         self._role_has_session = role is not None and role.session is not None
@@ -177,12 +178,16 @@ class ChannelService:
         """What the protocol's parameters are for this exchange alone: those of its station, then its own."""
         if repeats and not block.params and not self.channel.stations:
             return {}
-        rules = self.channel.stations.get(self.station_of(block)) if self.channel.stations else None
-        found = {**(rules.params if rules is not None else {}), **block.params}
+        found = {**self.params_of(self.station_of(block)), **block.params}
         repeated = self.channel.protocol.params.get(REPEATS)
         if not repeats and repeated is not None and repeated.is_ is None and repeated.type == "number":
             found[REPEATS] = 0 if repeated.limits is None else max(0, repeated.limits[0])
         return found
+
+    def params_of(self, station: Any) -> Mapping[str, Any]:
+        """The parameters that the channel has for a station."""
+        rules = self.channel.stations.get(station) if self.channel.stations and isinstance(station, Hashable) else None
+        return {} if rules is None else rules.params
 
     def station_of(self, block: Block) -> Any:
         """The station a block talks to; None for none, and where its own memory names none."""

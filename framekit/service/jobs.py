@@ -234,13 +234,14 @@ class JobService:
         client = channel.client
         assert client is not None
         station = channel.channel.station if order.station is None else order.station
+        params = {**channel.params_of(station), **order.params}
         if order.kind == "read":
             return client.read(
                 order.remote,
                 station=station,
                 unit=order.unit,
                 count=order.count,
-                params=order.params,
+                params=params,
                 now=now,
                 on_done=done,
             )
@@ -248,7 +249,7 @@ class JobService:
         data = read_piece(self.memory, order.place, order.count * unit_bits(unit))
         values = values_of(data, unit, order.count)
         return client.write(
-            order.remote, values, station=station, unit=order.unit, params=order.params, now=now, on_done=done
+            order.remote, values, station=station, unit=order.unit, params=params, now=now, on_done=done
         )
 
     def _store(self, order: Order, result: TransferResult) -> Failure | None:

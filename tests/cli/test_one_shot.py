@@ -30,6 +30,23 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, frame
         yield device.port, device.memory
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["40001", "-1"], "-1 does not fit into a word: 0 to 65535 – for a number with sign write --type int16"),
+        (["40001", "--type", "dword", "5", "-2"], "-2 does not fit into a dword: 0 to 4294967295 – for a number"),
+        (["00001", "-1"], "-1 does not fit into a bit: 0 to 1"),
+        (["50001", "-1"], "'50001' is not an address"),
+        (["30001", "1"], "30001 is in area input_register, which can only be read"),
+    ],
+)
+def test_what_cannot_be_written(
+    bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str], words: list[str], says: str
+) -> None:
+    status, out, err = call(capsys, "write", "modbus-rtu", "--port", bench[0], "--station", "7", *words)
+    assert (status, out) == (2, "") and err.startswith(f"framekit write: {says}")
+
+
 def test_read(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     line = ("modbus-rtu", "--port", bench[0], "--station", "7")
     assert call(capsys, "read", *line, "40001", "-n", "3") == (0, "40001  100 200 300\n", "")
@@ -45,7 +62,7 @@ def test_read(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[
 
 def test_write(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     line = ("modbus-rtu", "--port", bench[0], "--station", "7")
-    assert call(capsys, "write", *line, "40011", "0x10", "-2") == (0, "", "")
+    assert call(capsys, "write", *line, "40011", "--type", "int16", "0x10", "-2") == (0, "", "")
     assert bench[1].read("40011", 2) == [0x10, 0xFFFE]
     assert call(capsys, "write", *line, "40011", "--type", "float32", "--order", "ABCD", "1.5", "-0.1") == (0, "", "")
     assert bench[1].read("40011", 2) == [0x3FC0, 0]

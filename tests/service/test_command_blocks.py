@@ -42,6 +42,16 @@ def test_status_words_may_stand_in_points(world: CommandWorld) -> None:
     assert world.own("Q", 36, 16) == [1] + [0] * 15 and world.own("R", 200) == [11]
 
 
+@pytest.mark.parametrize(("target", "ended"), [(9, True), (8, False)])
+def test_parameters_of_a_station_are_those_of_commands_to_it(tmp_path: Path, target: int, ended: bool) -> None:
+    stations = "stations: {9: {params: {enq_count: 1, enq_ack: 100 ms}}}"
+    world = CommandWorld(tmp_path, "ccm", DEVICE, f", role: master, own: 1, {stations}")
+    world.put("R", 1, 6, 0, 8, 499, 0, 0, 6101, target, *READ[2:])
+    world.service.fire(0)
+    world.clock.run_for(2 * SECOND)
+    assert (world.own("R", 500) != [0]) is ended
+
+
 def test_words_are_copied_when_the_block_starts(world: CommandWorld) -> None:
     world.fire(READ)
     world.clock.run_for(SECOND // 100)

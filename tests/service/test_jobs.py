@@ -80,6 +80,16 @@ def test_a_trigger_during_a_pending_command_is_an_overrun(tmp_path: Path) -> Non
     assert str(at_work.service.states[0].last_failure) == "refused 400: client: time-out is over, still waiting"
 
 
+@pytest.mark.parametrize(("station", "word"), [(9, 0x9790), (8, 0)])
+def test_parameters_of_a_station_are_those_of_its_jobs(tmp_path: Path, station: int, word: int) -> None:
+    more = "params: {reply_timeout: 60 s}, stations: {9: {timeout: 200 ms}}"
+    head = HEAD.replace("station: 1, host: 3.0.0.2", f"station: 1, host: 3.0.0.2, {more}")
+    block = f'  0: {{job: 1, read: "40001", into: D1, station: {station}, host: FAR, status: D9, once: yes}}'
+    at_work = run(tmp_path, block, head)
+    at_work.run(1000)
+    assert at_work.word("D", 9) == word, "station 8 has the channel's own time"
+
+
 def test_abort_and_inspect_blocks(tmp_path: Path) -> None:
     blocks = """
   0: {job: 5, read: "40001", into: D1, host: FAR, every: 100 ms, once: yes}

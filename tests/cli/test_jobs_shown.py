@@ -55,3 +55,14 @@ def test_and_for_programs(run: str, capsys: pytest.CaptureFixture[str]) -> None:
         (0.0, "error", 6), (0.5, "refused", 7),
     ]  # fmt: skip
     assert jobs["commands"] == {"taken": 3, "lost": 0, "faults": 0, "refused": 1, "kinds": {"job": 3}}
+
+
+def test_a_warning_that_comes_again_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    chan4 = Path(__file__).parents[2] / "examples" / "ge-channels" / "chan4.run.yaml"
+    assert main(["check", str(chan4)]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "chan4.run.yaml:15:86: warning: the period is over before the time-out" in line
+    assert line.endswith(" (also in lines 16, 17 and 18)")
+    assert main(["check", "--json", str(chan4)]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert [problem["line"] for problem in found["problems"]] == [15, 16, 17, 18]
