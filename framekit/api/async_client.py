@@ -19,6 +19,7 @@ from framekit.blocks.load_channel import needs_own
 from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.link.observe import Seen
+from framekit.link.ready import MOST_KEPT
 from framekit.link.transfer import TransferResult
 from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
@@ -37,6 +38,7 @@ class AsyncClient(AsyncLine):
     ) -> None:
         super().__init__(settings, open_within=open_within, monitor=monitor)
         self._command_turn = asyncio.Lock()
+        self._known_reads: dict[tuple[str, str | None, Order | None, int], Typed] = {}
 
     # ---- reading ------------------------------------------------------------------------------------------
 
@@ -70,15 +72,26 @@ class AsyncClient(AsyncLine):
         `float32`, `string` …; `order`: where their bytes stand. `params`: other values of parameters, for this call.
         Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
         """
-        service = self._working()
+        self._working()
         to = self.settings.station_for(station)
-        how = typed(service.client.grammar, address, type, order, count)
+        how = self._how(address, type, order, count)
         result = await self._transfer(
             lambda client, now, done: client.read(
                 address, station=to, unit=how.unit, count=how.units, params=self._params(params), now=now, on_done=done
             )
         )
         return self._reading(how, result, (address,), to)
+
+    def _how(self, address: str, type: str | None, order: Order | None, count: int) -> Typed:
+        """As `typed`, once for reads that are repeated."""
+        key = (address, type, order, count)
+        how = self._known_reads.get(key)
+        if how is None:
+            how = typed(self._working().client.grammar, address, type, order, count)
+            if len(self._known_reads) >= MOST_KEPT:
+                self._known_reads.clear()
+            self._known_reads[key] = how
+        return how
 
     async def read_many(
         self, addresses: Sequence[str], *, station: Any = None, type: str | None = None, order: Order | None = None,

@@ -6,56 +6,33 @@ retried here. Language reference, sections 11 and 13.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from framekit.definition.model import protocol as model
 from framekit.link.addresses import Address
-from framekit.link.construct_values import EACH
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.client_exchanges import ClientExchanges, given_in
+from framekit.link.direct_read import DirectRead
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
 from framekit.link.events import Command
-from framekit.link.exchange import Asked, Exchange, Outcome
-from framekit.link.frame_table import Codec
+from framekit.link.exchange import Asked, Outcome
 from framekit.link.packing import memory_of
-from framekit.link.ready import CompiledRow, Prepared, ReadyRead, ReadyReads
-from framekit.link.replies import ErrorReader, UnfitReplyError
-from framekit.link.requests import Piece, Plan, Planner, ServiceError
+from framekit.link.ready import ReadyRead
+from framekit.link.requests import Piece, Plan, ServiceError
 from framekit.link.service_arguments import arguments_of
-from framekit.link.service_rows import RowFacts, ServiceRows
-from framekit.link.transfer import Answer, Done, Job, Transfer, TransferResult, elements
+from framekit.link.service_rows import RowFacts
+from framekit.link.transfer import Done, TransferResult
 from framekit.memory.numbers import unit_bits
 
 __all__ = ["Client", "ServiceError", "TransferResult"]
 
 
-class Starts(Protocol):
-    """What a client needs of an engine: its names, and exchanges started on it."""
-
-    @property
-    def scope(self) -> Any: ...
-
-    def start(self, exchange: Exchange, now: int) -> list[Command]: ...
-
-
-class Client:
+class Client(ClientExchanges):
     """READ, WRITE and other services over one engine.
 
     Every method returns the engine's commands and calls `on_done` exactly once, perhaps before it returns. What cannot
     be asked at all is raised before anything is sent: AddressError, ServiceError, PackingError (all ValueError).
     `params` are names for this transfer alone, its rows and its sequences; they go before the protocol's parameters.
     """
-
-    def __init__(self, protocol: model.Protocol, codec: Codec, engine: Starts) -> None:
-        self.engine = engine
-        self.shared = ServiceRows(protocol, codec)
-        self.grammar = self.shared.grammar
-        self.planner = Planner(self.shared)
-        self.errors = ErrorReader(self.shared)
-        default = protocol.station.default
-        self._default_station = None if default is None else compile_expression(default)(Names())
-        self._ready = ReadyReads(engine.scope)
-        self._rows = {facts: CompiledRow(facts) for rows in self.shared.rows.values() for facts in rows}
 
     # ---- read and write -----------------------------------------------------------------------------------
 
@@ -70,10 +47,14 @@ class Client:
             names = self._names(station, params)
             place, elements = self._place(address, unit, count)
             plan = self.planner.plan("read", Piece(place, elements), names)
-            exchanges = tuple(self._prepared(plan, pieces, names, _given(names)) for pieces in plan.exchanges)
+            exchanges = tuple(self._prepared(plan, pieces, names, given_in(names)) for pieces in plan.exchanges)
             ready = ReadyRead(plan, exchanges, unit or place.unit, count)
             if key is not None:
-                self._ready.keep(key, ready)
+                self._ready.keep(key, ready, self.engine.direct_request)
+        if ready.direct is not None:
+            commands = self.engine.ask(DirectRead(ready, ready.direct, self._read_directly, on_done), now)
+            if commands is not None:
+                return commands
         return self._begin_read([ready.plan], [(ready.unit, ready.count)], ready.exchanges, now, on_done)
 
     def write(
@@ -162,7 +143,7 @@ class Client:
         plan = Plan(
             facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
         )
-        job = self._job(self._prepared(plan, tuple(pieces), offered, _given(names)))
+        job = self._job(self._prepared(plan, tuple(pieces), offered, given_in(names)))
         exchange = job.exchange
         exchange.inside = inside
         exchange.arguments = {argument.name: offered[argument.name] for argument in facts.row.takes}
@@ -193,109 +174,6 @@ class Client:
                 problem = ServiceError(f"the condition of row '{facts.row.name}' cannot be worked out: {error!r}")
         kind = f"{len(pieces)} addresses" if pieces else "no address"
         raise problem or ServiceError(f"no row of '{rows[0].row.service}' fits these arguments and {kind}")
-
-    # ---- exchanges ----------------------------------------------------------------------------------------
-
-    def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
-        """What a request is made of. Raises ParameterError for a parameter that does not fit."""
-        scope = self.engine.scope
-        names = Names(scope.worked_out(params), scope, scope.formulas_for(params)) if params else Names(None, scope)
-        names["station"] = self._default_station if station is None else station
-        return names
-
-    def _transfer(
-        self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], names: Names, now: int, on_done: Done
-    ) -> list[Command]:
-        """Does the exchanges of all plans; `wanted` are the units and counts to be read."""
-        given = _given(names)
-        exchanges = [self._prepared(plan, pieces, names, given) for plan in plans for pieces in plan.exchanges]
-        return self._begin_read(plans, wanted, exchanges, now, on_done)
-
-    def _begin_read(
-        self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], exchanges: Sequence[Prepared], now: int,
-        on_done: Done,
-    ) -> list[Command]:  # fmt: skip
-        def finish(data: list[bytes]) -> TransferResult:
-            return TransferResult(True, *elements(plans, wanted, data)) if wanted else TransferResult(True)
-
-        return self._begin([self._job(prepared) for prepared in exchanges], finish, now, on_done)
-
-    def _begin(
-        self, jobs: Sequence[Job], finish: Callable[[list[bytes]], TransferResult], now: int, on_done: Done
-    ) -> list[Command]:
-        commands: list[Command] = []
-
-        def start(exchange: Exchange) -> None:
-            commands.extend(self.engine.start(exchange, max(now, self.engine.scope.now)))
-
-        Transfer(jobs, start, finish, on_done).go()
-        return commands
-
-    def _prepared(self, plan: Plan, pieces: tuple[Piece, ...], names: Names, params: Mapping[str, Any]) -> Prepared:
-        """An exchange of a plan, worked out. Raises ServiceError."""
-        row = self._rows[plan.facts]
-        offered = self._offered(plan, pieces, names)
-        try:
-            request = None if row.request is None else row.request(offered)
-            buffer = b"" if row.buffer is None else row.buffer(offered)
-            run = None if plan.facts.run is None else plan.facts.run(offered)
-        except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the request of row '{plan.facts.row.name}' cannot be made: {error}") from None
-        arguments = self._arguments(run, offered) if pieces and request is None else {}
-        return Prepared(row, pieces, offered, run, names["station"], request, buffer, arguments, params)
-
-    def _job(self, prepared: Prepared) -> Job:
-        return Job(prepared.exchange(), prepared.pieces, partial(self._judge, prepared))
-
-    def _arguments(self, run: Any, offered: Names) -> dict[str, Any]:
-        """What a procedure that carries a transfer takes of the names of its row."""
-        sequence = self.shared.protocol.sequences.get(str(run))
-        return {} if sequence is None else {name: offered[name] for name in sequence.takes if name in offered}
-
-    def _offered(self, plan: Plan, pieces: tuple[Piece, ...], names: Names) -> Names:
-        if not pieces:
-            return names
-        variables = [self.planner.offered(plan, piece) for piece in pieces]
-        offered = Names({} if len(pieces) > 1 else variables[0], names)
-        offered[EACH] = variables
-        return offered
-
-    def _judge(self, asked: Prepared, outcome: Outcome) -> Answer:
-        """What an exchange brought; anything but a fitting reply is a failure."""
-        row, pieces, reply = asked.row, asked.pieces, outcome.reply
-        names = Names({"request": asked.request}, asked.names)
-        try:
-            refusal = None if reply is None else self.errors.refusal(reply, names)
-            if refusal is not None:
-                word = outcome.outcome or "refused"
-                code, meaning = refusal
-                return Answer(TransferResult(False, outcome=word, cause=outcome.cause, code=code, meaning=meaning))
-            if not outcome.ok:
-                return Answer(TransferResult(False, outcome=outcome.outcome, cause=outcome.cause))
-            gives = self._gives(asked, outcome)
-            if not pieces:
-                blocks = row.reply.blocks(outcome, asked.names)
-                return Answer(gives={"data": blocks} if blocks and not row.gives else gives)
-            if row.request is None:
-                return Answer(gives=gives)  # a procedure that wrote
-            data = row.reply.data(outcome, pieces, asked.names)
-            if row.facts.row.service == "read" and len(data) != len(pieces):
-                raise UnfitReplyError("the reply brings no data")
-            return Answer(data=data, gives=gives)
-        except EVALUATION_ERRORS as error:
-            return Answer(TransferResult(False, outcome="unfit_reply", cause=str(error)))
-
-    def _gives(self, asked: Prepared, outcome: Outcome) -> dict[str, Any]:
-        if not asked.row.gives:
-            return {}
-        known = Names(outcome.results, asked.names)
-        known.update(request=asked.request, reply=outcome.reply, buffer=outcome.buffer)
-        return {name: compute(known) for name, compute in asked.row.gives}
-
-
-def _given(names: Names) -> dict[str, Any]:
-    """The parameters that were given for one transfer alone, worked out."""
-    return {name: value for name, value in names.items() if name != "station"}
 
 
 def _may_hold(when: Evaluate | None, names: Names) -> bool:

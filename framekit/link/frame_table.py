@@ -113,6 +113,12 @@ class FrameTable:
         """The bytes of a frame value; afterwards the value holds them and every field as sent. Raises ValueError."""
         info = self.infos[value.frame]
         data = info.encode(value.fields if info.flat else plain(value.fields), names)
+        self.mark_sent(value, data, names)
+        return data
+
+    def mark_sent(self, value: FrameValue, data: bytes, names: Context) -> None:
+        """The value has become these bytes: from now on it holds them, and every field as sent."""
+        info = self.infos[value.frame]
         value.raw = data
         value.pending = lambda: self._read_back(info, data, names)
         for kind, name, _ in info.shape:
@@ -121,7 +127,6 @@ class FrameTable:
                 inner.pending = partial(value.computed_inside, name)
         if info.announces:
             value.complete()
-        return data
 
     def _read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
         try:

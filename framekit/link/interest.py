@@ -77,7 +77,7 @@ class Interest:
         self.starting[byte] = found
         return found
 
-    def left(self, buffer: bytearray, position: int) -> Left | None:
+    def left(self, buffer: bytearray | bytes, position: int) -> Left | None:
         """The expected candidates that no constant byte contradicts here; None where such a byte is not there yet."""
         start = self.start(buffer[position])
         if not start.at:

@@ -111,6 +111,16 @@ class Lanes:
         machine.session.busy = len(run.agenda) > 1
         self._next_of_agenda(run)
 
+    def take_over(self, exchange: Exchange) -> Run:
+        """A run for an exchange that has begun otherwise."""
+        lane = self.lane_for(exchange.run)
+        assert lane is not None
+        run = Run(lane, "exchange")
+        lane.running.append(run)
+        self._plans[run] = exchange
+        self._reorder()
+        return run
+
     @staticmethod
     def _give_way(lane: LaneState) -> None:
         if lane.listener is not None:
@@ -231,6 +241,11 @@ class Lanes:
     def _reorder(self) -> None:
         self.order = tuple(run for lane in self.lanes for run in lane.runs())
         self.machine.changed = self.machine.stirred = True
+
+    @property
+    def is_waited_for(self) -> bool:
+        """Whether exchanges wait for their turn."""
+        return any(lane.waiting for lane in self.lanes)
 
     @property
     def is_free(self) -> bool:

@@ -6,12 +6,16 @@ It knows no areas and no frames. Language reference, section 11 (packing).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from struct import Struct
 
 from framekit.codec.support import span, swap
 from framekit.definition.model.services import Packing
 from framekit.memory.errors import MemoryValueError
 from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
+
+_FORMS = {8: "B", 16: "H", 32: "I", 64: "Q"}
+"""What `struct` calls units of these many bits."""
 
 
 class PackingError(ValueError):
@@ -122,11 +126,20 @@ def join_memory(pieces: Sequence[tuple[bytes, int]]) -> bytes:
 
 def values_of(memory: bytes, unit: str, count: int) -> list[int]:
     """Elements in memory's form as unsigned numbers."""
+    return list(reader_of(unit, count)(memory))
+
+
+def reader_of(unit: str, count: int) -> Callable[[bytes], Iterable[int]]:
+    """`values_of` for so many elements, to be used again and again."""
     bits = unit_bits(unit)
     if bits == 1:
-        return unpack_bits(memory, count)
+        return lambda memory: unpack_bits(memory, count)
     size = bits // 8
-    return [int.from_bytes(memory[at : at + size], "little") for at in range(0, count * size, size)]
+    form = _FORMS.get(bits)
+    if form is not None:
+        return Struct(f"<{count}{form}").unpack_from
+    places = range(0, count * size, size)
+    return lambda memory: [int.from_bytes(memory[at : at + size], "little") for at in places]
 
 
 def memory_of(values: Sequence[int], unit: str) -> bytes:

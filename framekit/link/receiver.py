@@ -79,6 +79,20 @@ class Receiver(PlainLooking):
         """Whether every byte has been used or reported."""
         return self.stream.position + self._given >= len(self.stream.buffer) and not self._noise
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether what comes next begins anew: nothing is at hand, skipped over, or out of step."""
+        stream = self.stream
+        at_end = stream.position + self._given >= len(stream.buffer)
+        return at_end and not self._noise.data and not self._skipping and not self.broken and self._inside is None
+
+    def pass_by(self, size: int, now: int) -> None:
+        """So many bytes came, the last of them at `now`, and were a good frame for somebody else."""
+        if self._given:
+            self._use()
+        self._now = now
+        self.stream.pass_by(size, now)
+
     # ---- frames out ---------------------------------------------------------------------------------------
 
     def next(self, expected: tuple[str, ...], others: tuple[str, ...] = ()) -> Arrival | None:

@@ -77,6 +77,26 @@ class ReplyReader:
         frames = [row.frame.frame for row in facts.row.reply if row.frame is not None]
         self.expected = tuple(dict.fromkeys((*frames, *self.shared.error_frames)))
 
+    def data_fields(self) -> dict[str, str]:
+        """By their frames, the replies in which one field is the data of the only piece, and nothing else matters."""
+        found: dict[str, str] = {}
+        several: set[str] = set()
+        for row, _, _ in self.rows:
+            frame = row.frame
+            name = None if frame is None else frame.frame
+            if frame is None or name is None or row.buffer is not None:
+                continue
+            if name in found:
+                several.add(name)
+            padded = padded_names(self.shared.protocol.frames[name].segments)
+            fields = [field for field, value in frame.fields.items() if self._collect(value, False) is not _nothing]
+            plain = [field for field in fields if field not in padded and _is_data(frame.fields[field])]
+            if len(fields) == len(plain) == 1:
+                found[name] = plain[0]
+            else:
+                several.add(name)
+        return {name: field for name, field in found.items() if name not in several | set(self.shared.error_frames)}
+
     def data(self, outcome: Outcome, pieces: Sequence[Piece], names: Names) -> list[bytes]:
         """The data of each piece in memory's form; [] if the reply row brings none. Raises UnfitReplyError."""
         return self._first(outcome, names, lambda found: self._unpacked(found, pieces))
@@ -144,7 +164,7 @@ class ReplyReader:
     def _collect(self, value: Value, padded: bool) -> Collect:
         match value:
             case Expression():
-                return _data_there(padded) if bare_name(value) == "data" else _nothing
+                return _data_there(padded) if _is_data(value) else _nothing
             case FrameOf(frame=frame, fields=fields):
                 return self._fields(fields, padded_names(self.shared.protocol.frames[frame].segments))
             case RecordOf(fields=fields):
@@ -175,6 +195,10 @@ class ReplyReader:
         if collect is _nothing:
             return _nothing
         return lambda actual, names, found: collect(read_layout(decode, actual, names), names, found)
+
+
+def _is_data(value: Value) -> bool:
+    return isinstance(value, Expression) and bare_name(value) == "data"
 
 
 def _nothing(actual: Any, names: Names, found: Found) -> None:

@@ -181,14 +181,19 @@ class Scope(Names):
             return empty_record(layout.segments)
         return empty_of(variable.type, variable.size)
 
-    def changes(self, expression: Expression) -> bool:
-        """Whether what an expression comes to may change while the parameters stay as they are."""
+    def changes(self, expression: Expression, *, within_exchange: bool = True) -> bool:
+        """Whether what an expression comes to may change while the parameters stay as they are.
+
+        Without `within_exchange` request, reply and buffer count as known, as they are for one that is repeated.
+        """
         root = expression.root
         if any(isinstance(node, Call) and node.function in CHANGING for node in walk(root)):
             return True
         names = names_in(root) - {"station"}
         formulas = self.formulas or {}
-        return any(name in self.protocol.state or name in formulas or name in _OF_EXCHANGES for name in names)
+        if within_exchange and names & _OF_EXCHANGES:
+            return True
+        return any(name in self.protocol.state or name in formulas for name in names)
 
     def is_settable(self, name: str) -> bool:
         return name in self.protocol.state or name in self.protocol.params or name == "clock"

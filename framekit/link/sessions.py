@@ -35,6 +35,12 @@ class SessionState:
             return []
         return [*closing, ("begin", ""), *(("open", name) for name in session.open), ("opened", "")]
 
+    def is_ready(self, station: Any, outside: bool) -> bool:
+        """Whether an exchange can begin at once: nothing has to be opened or closed for it."""
+        if self.session is None:
+            return True
+        return self.is_open and not self.busy and not outside and not self._another(station)
+
     def _another(self, station: Any) -> bool:
         return self._one_station is not None and station != self.station and bool(self._one_station(self.scope))
 

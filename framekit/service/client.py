@@ -15,6 +15,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.client import Client, TransferResult
+from framekit.link.direct import DirectRequest
+from framekit.link.direct_read import DirectRead
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
@@ -46,6 +48,10 @@ class Request:
         self.exchange: Exchange | None = None
         self.given_up = False
 
+    def follow(self, exchange: Exchange) -> None:
+        """The exchange under way, from now on."""
+        self.exchange = exchange
+
 
 class _Tracking:
     """An engine that notes which request each exchange belongs to."""
@@ -66,6 +72,17 @@ class _Tracking:
         told = exchange.on_done
         exchange.on_done = lambda outcome: self.during(request, lambda: told(outcome))
         return self.engine.start(exchange, now)
+
+    def direct_request(self, exchange: Exchange) -> DirectRequest | None:
+        return self.engine.direct_request(exchange)
+
+    def ask(self, ask: DirectRead, now: int) -> list[Command] | None:
+        request = self.current
+        if request is not None:
+            if request.given_up:
+                return None
+            ask.follow = request.follow
+        return self.engine.ask(ask, now)
 
     def during(self, request: Request, action: Callable[[], Any]) -> Any:
         """Does something for a request: what it starts belongs to that."""
@@ -167,13 +184,19 @@ class ClientService:
 
     def request(self, begin: Begin, on_done: Callable[[TransferResult], None]) -> Request:
         """Starts a transfer; `on_done` is called exactly once. Raises ValueError for what cannot be asked."""
-        request = Request()
-        self.driver.do(lambda now: self.tracking.during(request, lambda: begin(self.client, now, on_done)))
+        request, tracking = Request(), self.tracking
+        before, tracking.current = tracking.current, request  # `during`, without functions made for every request
+        try:
+            commands = begin(self.client, self.clock.now(), on_done)
+        finally:
+            tracking.current = before
+        self.driver.carry_out(commands)
         return request
 
     def give_up(self, request: Request) -> None:
         """Nobody waits for it any more: nothing more is asked, and the line is free once its reply came or is late."""
         request.given_up = True
+        self.engine.unfold()
         exchange = request.exchange
         if exchange is not None:
             self.driver.do(lambda now: self.engine.give_up(exchange, now))

@@ -59,8 +59,7 @@ class Driver:
         self.reopenings = 0
         self.load = LineLoad(port.settings, clock.now())
         self._pending: deque[Command] = deque()
-        self._timer: Handle | None = None
-        self._timer_at = NEVER
+        self._alarm = clock.alarm(self._ring)
         self._send_timer: Handle | None = None
         self._reopen_timer: Handle | None = None
         self.longest_retry = LONGEST_RETRY
@@ -84,10 +83,11 @@ class Driver:
         """Closes the port and forgets what was to be sent."""
         self.stopped, self._started = True, False
         self._pending.clear()
-        for timer in (self._timer, self._send_timer, self._reopen_timer):
+        self._alarm.set(NEVER)
+        for timer in (self._send_timer, self._reopen_timer):
             if timer is not None:
                 timer.cancel()
-        self._timer = self._send_timer = self._reopen_timer = None
+        self._send_timer = self._reopen_timer = None
         self.port.close()
 
     def switch_off(self) -> None:
@@ -96,7 +96,7 @@ class Driver:
             self.stop()
             self.is_open = False
             self.on_state("switched off")
-            self._carry_out(self.engine.closed(self.clock.now(), "switched off"))
+            self.carry_out(self.engine.closed(self.clock.now(), "switched off"))
 
     def hurry(self) -> bool:
         """Opens a port that waits to be opened again at once; whether the port is open, or will be, or has failed."""
@@ -110,7 +110,7 @@ class Driver:
 
     def do(self, action: Callable[[int], list[Command]]) -> None:
         """Runs something that talks to the engine (an exchange started, say) and carries out what comes of it."""
-        self._carry_out(action(self.clock.now()))
+        self.carry_out(action(self.clock.now()))
 
     # ---- events of the port -------------------------------------------------------------------------------
 
@@ -121,20 +121,20 @@ class Driver:
         self.is_open = True
         self._retry = min(FIRST_RETRY, self.longest_retry)
         self.on_state("open")
-        self._carry_out(self.engine.opened(now))
+        self.carry_out(self.engine.opened(now))
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         self.load.bytes_in += len(data)
-        self._carry_out(self.engine.receive(data, now, faults))
+        self.carry_out(self.engine.receive(data, now, faults))
 
     def line_break(self, now: int) -> None:
-        self._carry_out(self.engine.line_break(now))
+        self.carry_out(self.engine.line_break(now))
 
     def sent(self, now: int) -> None:
-        self._carry_out(self.engine.sent(now))
+        self.carry_out(self.engine.sent(now))
 
     def control(self, lines: Mapping[str, bool], now: int) -> None:
-        self._carry_out(self.engine.control(dict(lines), now))
+        self.carry_out(self.engine.control(dict(lines), now))
 
     def closed(self, now: int, reason: str) -> None:
         """The port is gone: the engine is told, and the port is opened again after a while."""
@@ -145,7 +145,7 @@ class Driver:
         again = f", trying again in {self._retry / 1e9:.1f} s" if self.port.opens_again else ""
         log.info("%s: closed (%s)%s", self.port.name, reason, again)
         self.on_state(reason)
-        self._carry_out(self.engine.closed(now, reason))
+        self.carry_out(self.engine.closed(now, reason))
         if self.port.opens_again:
             self._reopen_timer = self.clock.call_at(now + self._retry, self._reopen)
             self._retry = min(2 * self._retry, self.longest_retry)
@@ -158,7 +158,8 @@ class Driver:
 
     # ---- commands -----------------------------------------------------------------------------------------
 
-    def _carry_out(self, commands: list[Command]) -> None:
+    def carry_out(self, commands: list[Command]) -> None:
+        """Does what the engine wants, in order, and looks when it wants to be called again."""
         if commands:
             self._pending.extend(commands)
             self._next_commands()
@@ -181,7 +182,8 @@ class Driver:
         match command:
             case Send(data=data):
                 self.load.bytes_out += len(data)
-                self.port.write(data)
+                if self.port.write_through(data):
+                    self._pending.extend(self.engine.sent(self.clock.now()))
             case Break(duration=duration):
                 self.port.send_break(duration)
             case SetRts(on=on):
@@ -193,18 +195,7 @@ class Driver:
     # ---- time ---------------------------------------------------------------------------------------------
 
     def _set_timer(self) -> None:
-        """One timer on the clock, moved only when the engine wants an earlier call, or a later one once it has rung."""
-        deadline = self.engine.deadline
-        if deadline == self._timer_at and self._timer is not None:
-            return
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        self._timer_at = deadline
-        if deadline < NEVER and not self.stopped:
-            self._timer = self.clock.call_at(deadline, self._ring)
+        self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _ring(self) -> None:
-        self._timer = None
-        self._timer_at = NEVER
-        self._carry_out(self.engine.tick(self.clock.now()))
+        self.carry_out(self.engine.tick(self.clock.now()))

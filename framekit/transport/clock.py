@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from framekit.transport.alarm import ExactAlarm, LateAlarm
+
 Callback = Callable[[], None]
 
 NEVER_EARLY = 1_000
@@ -36,6 +38,16 @@ class Clock(Protocol):
 
     def call_soon(self, callback: Callback) -> Handle:
         """Asks for a call as soon as possible, in the order of asking."""
+
+    def alarm(self, callback: Callback) -> Alarm:
+        """An alarm that calls `callback`; it is not set yet."""
+
+
+class Alarm(Protocol):
+    """One call that is moved again and again: cheaper than to cancel one and ask for another."""
+
+    def set(self, when: int) -> None:
+        """The call will come at `when`, never earlier, and not when it was set to before; NEVER: not at all."""
 
 
 class Lagging(Protocol):
@@ -124,6 +136,9 @@ class VirtualClock(_CallHeap):
 
     def call_soon(self, callback: Callback) -> Handle:
         return self._put(self._now, callback)
+
+    def alarm(self, callback: Callback) -> Alarm:
+        return ExactAlarm(self, callback)
 
     # ---- those who lag behind -----------------------------------------------------------------------------
 
@@ -214,6 +229,9 @@ class AsyncioClock(_CallHeap):
         call = self._put(time.monotonic_ns(), callback)
         self._ring_soon()
         return call
+
+    def alarm(self, callback: Callback) -> Alarm:
+        return LateAlarm(self, callback)
 
     def _set_timer(self) -> None:
         """One timer of the loop, for the next call; no timer where it is due, since loops wait whole milliseconds."""

@@ -58,6 +58,11 @@ class Port(ABC):
     def write(self, data: bytes) -> None:
         """Sends bytes behind everything handed over before; `sent` follows, also when there are none."""
 
+    def write_through(self, data: bytes) -> bool:
+        """As `write`, for ports that can say at once that everything has left: True, and then `sent` is not told."""
+        self.write(data)
+        return False
+
     @abstractmethod
     def close(self) -> None:
         """Closes the port; no event follows. Closing twice does nothing."""

@@ -56,6 +56,11 @@ class TappedPort(Port):
             self.tap(LineEvent("data", self.clock.now(), "out", data))
         self.inner.write(data)
 
+    def write_through(self, data: bytes) -> bool:
+        if self.is_open and data:
+            self.tap(LineEvent("data", self.clock.now(), "out", data))
+        return self.inner.write_through(data)
+
     def close(self) -> None:
         if self.is_open:
             self.is_open = False

@@ -96,6 +96,16 @@ class StreamPort(Port):
             transport.write(data)
             self._tell_when_sent()
 
+    def write_through(self, data: bytes) -> bool:
+        connection = self.connection
+        transport = None if connection is None or self.events is None else connection.transport
+        if connection is None or transport is None or self._sent_due:
+            self.write(data)
+            return False
+        transport.write(data)
+        self._sent_due = connection.is_full  # `left` is called when the operating system has taken the rest
+        return not connection.is_full
+
     def send_break(self, duration: int) -> None:
         if self._transport is not None:
             self._tell_when_sent()

@@ -1,0 +1,74 @@
+"""A read of one exchange that takes the short way, and the quick look at a reply that is nothing but its data.
+
+Where there is any doubt the reply is judged as every other is. Nothing is sent from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from framekit.link.direct import DirectRequest
+from framekit.link.exchange import Exchange, Outcome
+from framekit.link.packing import Packer, PackingError, reader_of
+from framekit.link.transfer import Done, TransferResult
+
+if TYPE_CHECKING:
+    from framekit.link.ready import ReadyRead
+
+Judge = Callable[["ReadyRead", Outcome], TransferResult]
+
+
+class PlainReply:
+    """Where the data of one piece stand in replies that bring nothing else; `fields` has it by the reply's frame."""
+
+    __slots__ = ("_packer", "_size", "_start", "_values", "fields")
+
+    def __init__(self, fields: dict[str, str], packer: Packer, start: int, size: int, unit: str, count: int) -> None:
+        self.fields = fields
+        self._packer = packer
+        self._start, self._size = start, size
+        self._values = reader_of(unit, count)
+
+    def result(self, outcome: Outcome) -> TransferResult | None:
+        """What the reply brings; None when that has to be judged with care."""
+        reply = outcome.reply
+        field = None if reply is None else self.fields.get(reply.frame)
+        if reply is None or field is None:
+            return None
+        found = reply.fields.get(field)
+        if type(found) is not bytes:
+            return None
+        try:
+            data = self._packer.to_memory(found, self._start, self._size)
+        except PackingError:
+            return None
+        values = list(self._values(data))
+        return TransferResult(True, values, data, exchanges=1, reply=reply, raw=outcome.raw, buffer=outcome.buffer)
+
+
+class DirectRead:
+    """One read. `follow` is told the exchange that it becomes when it cannot take the short way to its end."""
+
+    __slots__ = ("_judge", "_on_done", "_ready", "follow", "request")
+
+    def __init__(self, ready: ReadyRead, request: DirectRequest, judge: Judge, on_done: Done) -> None:
+        self.request = request
+        self.follow: Callable[[Exchange], None] | None = None
+        self._ready = ready
+        self._judge = judge
+        self._on_done = on_done
+
+    def done(self, outcome: Outcome) -> None:
+        """The exchange has ended, well or not."""
+        plain = self._ready.plain
+        result = None if plain is None or not outcome.ok else plain.result(outcome)
+        self._on_done(self._judge(self._ready, outcome) if result is None else result)
+
+    def exchange(self) -> Exchange:
+        """The exchange for the long way."""
+        exchange = self._ready.exchanges[0].exchange()
+        exchange.on_done = self.done
+        if self.follow is not None:
+            self.follow(exchange)
+        return exchange
