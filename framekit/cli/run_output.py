@@ -40,13 +40,13 @@ class Output:
         from framekit.definition.problems import DefinitionError
         from framekit.service.run import RunService
 
-        self.began = clock.now()
         try:
             self.at_work = RunService(run, clock, self.seen)
         except DefinitionError:
             raise
         except ValueError as error:
             raise Failure(str(error)) from None
+        self.began = clock.now()  # not before devices and protocols are there, which takes its time
         return self.at_work
 
     def seconds(self, time: int) -> float:

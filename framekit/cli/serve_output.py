@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from framekit.blocks.device import Device
     from framekit.link.observe import Seen
     from framekit.service.serving import Serving
+    from framekit.service.serving_ports import Served
 
 
 class ServeOutput:
@@ -51,12 +52,12 @@ class ServeOutput:
     def warning(self, text: str) -> None:
         print(text, file=sys.stderr)
 
-    def ready(self, port: str) -> None:
+    def ready(self, served: Served) -> None:
         """The port is open: requests can come."""
         self.is_ready = True
-        self.show_ready(port)
+        self.show_ready(served)
 
-    def show_ready(self, port: str) -> None:
+    def show_ready(self, served: Served) -> None:
         raise NotImplementedError
 
     def summary(self, serving: Serving) -> None:
@@ -82,11 +83,11 @@ def _client(port: str) -> str:
 class TextServeOutput(ServeOutput):
     """For people."""
 
-    def show_ready(self, port: str) -> None:
+    def show_ready(self, served: Served) -> None:
         own = [str(device.own) for device in self.devices if device.own is not None]
         stations = f" station{'s' if len(own) > 1 else ''} {', '.join(own)}" if own else ""
         names = dict.fromkeys(device.protocol.name for device in self.devices)
-        self.line(f"ready: {', '.join(names)}{stations} on {port}")
+        self.line(f"ready: {', '.join(names)}{stations} on {served.about}")
 
     def show(self, port: str, number: int, seen: Seen) -> None:
         self.line(seen_text(seen, (seen.at - self.began) / 1e9, _client(port)))
@@ -117,10 +118,12 @@ class JsonServeOutput(ServeOutput):
     def data(self, line: dict[str, Any]) -> None:
         self.line(json.dumps(line, ensure_ascii=False))
 
-    def show_ready(self, port: str) -> None:
+    def show_ready(self, served: Served) -> None:
         stations = [_plain(device.own) for device in self.devices if device.own is not None]
         protocol = self.devices[0].protocol.name
-        self.data({"event": "ready", "protocol": protocol, "port": port, "stations": stations})
+        ready = {"event": "ready", "protocol": protocol, "port": served.port, "stations": stations}
+        line = served.about.removeprefix(served.port).removeprefix(" at ")
+        self.data({**ready, "line": line} if line else ready)
 
     def show(self, port: str, number: int, seen: Seen) -> None:
         from framekit.codec.plain import PlainValues

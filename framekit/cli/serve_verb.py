@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from framekit.cli.serve_output import ServeOutput
     from framekit.definition.times import LineFormat
     from framekit.service.serving import Serving, ServingMonitor
+    from framekit.service.serving_ports import Served
     from framekit.transport.clock import AsyncioClock
     from framekit.transport.port import Port
 
@@ -158,8 +159,8 @@ async def _serve(
             output.warning(text)
     with contextlib.ExitStack() as stack:
         monitor = None if arguments.quiet else output.seen
-        serving, name = await begin(arguments, devices, line, clock, monitor, output.warning, stack)
-        output.ready(name)
+        serving, served = await begin(arguments, devices, line, clock, monitor, output.warning, stack)
+        output.ready(served)
         _show_status(output, serving, clock, every, ended)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
@@ -193,8 +194,8 @@ async def begin(
     monitor: ServingMonitor | None,
     warn: Callable[[str], None],
     stack: contextlib.ExitStack,
-) -> tuple[Serving, str]:
-    """Serves on the port that is asked for, until `stack` ends; also what to call the port. Raises Failure."""
+) -> tuple[Serving, Served]:
+    """Serves on the port that is asked for, until `stack` ends; also how the port is called. Raises Failure."""
     from framekit.service.serving import Serving
 
     first_state: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -233,12 +234,12 @@ def _captured(
 
 async def _open(
     url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: contextlib.ExitStack
-) -> str:
-    """Opens the port, or begins to listen; what to call it. Raises NoPort when that can't be done."""
+) -> Served:
+    """Opens the port, or begins to listen; how it is called. Raises NoPort when that can't be done."""
     from framekit.service.serving_ports import begin_serving
 
     try:
-        return (await begin_serving(url, serving, clock, first_state, stack)).about
+        return await begin_serving(url, serving, clock, first_state, stack)
     except OSError as error:
         raise NoPort(f"{url}: {error.strerror}" if error.strerror else str(error)) from None
     except ValueError as error:

@@ -103,7 +103,7 @@ def test_a_pseudo_terminal_and_sigterm() -> None:
 def test_a_client_after_another_is_not_taken_for_it() -> None:
     """A DF1 receiver drops a command with the header of the one before: transactions begin with another number."""
     with serving("df1", "--role", "full", "--port", "pty:", "--json", "--quiet") as process:
-        port = json.loads(line_of(process))["port"].split()[0]
+        port = json.loads(line_of(process))["port"]
         for _ in range(2):
             with framekit.connect("df1", port, role="full", station=1, params={"reply_timeout": "2 s"}) as client:
                 assert client.read("N7:0", 2) == [0, 0]
@@ -112,8 +112,8 @@ def test_a_client_after_another_is_not_taken_for_it() -> None:
 def test_stations_with_a_memory_each() -> None:
     with serving("mldp", "--station", "1,2", "--port", "pty:", "--json", "--quiet") as process:
         ready = json.loads(line_of(process))
-        assert (ready["event"], ready["stations"]) == ("ready", [1, 2])
-        with opened(ready["port"].split()[0]) as descriptor:
+        assert (ready["event"], ready["stations"], ready["line"]) == ("ready", [1, 2], "9600 8N1")
+        with opened(ready["port"]) as descriptor:
             assert ask(descriptor, b"\x0502WSS0106%MW1001234\x04", 7) == b"\x0602WSS\x03"
             assert ask(descriptor, b"\x0501RSB06%MW10001\x04", 15) == b"\x0601RSB01020000\x03"
             assert ask(descriptor, b"\x0502RSB06%MW10001\x04", 15) == b"\x0602RSB01021234\x03"
@@ -126,7 +126,7 @@ def test_a_listener_with_mapped_memory() -> None:
     words = [word for place in places for word in ("--map", place)] + ["--set", "M509=4242", "--set", "P0020A=1"]
     memory = ("modbus-tcp", "--memory", "masterlogic")
     with serving(*memory, *words, "--port", "tcp-listen://127.0.0.1:0", "--json") as process:
-        port = json.loads(line_of(process))["port"].split()[0]
+        port = json.loads(line_of(process))["port"]
         with socket.create_connection(("127.0.0.1", int(port.rpartition(":")[2])), timeout=LONGEST) as client:
             client.sendall(bytes.fromhex("000100000006 01 03 0009 0001"))
             assert client.recv(64) == bytes.fromhex("000100000005 01 03 02 1092"), "register 10 is M509"
@@ -143,7 +143,7 @@ def test_a_listener_with_mapped_memory() -> None:
 def test_each_connection_is_a_channel_of_the_capture(tmp_path: Path, name: str, channels: list[int]) -> None:
     path = tmp_path / name
     with serving("modbus-tcp", "--port", "tcp://127.0.0.1:0", "--capture", str(path), "--json") as process:
-        port = int(json.loads(line_of(process))["port"].split()[0].rpartition(":")[2])
+        port = int(json.loads(line_of(process))["port"].rpartition(":")[2])
         for number in (1, 2):
             with socket.create_connection(("127.0.0.1", port), timeout=LONGEST) as client:
                 client.sendall(bytes.fromhex(f"000{number}00000006 01 03 0009 0001"))

@@ -68,13 +68,13 @@ class ServeSession(Session):
         for device in self.devices:
             self.problems += warnings_of(device)
         try:
-            self.serving, name = await begin(
+            self.serving, served = await begin(
                 self._arguments, self.devices, self._line, clock, monitor, self.problems.append, self._stack
             )
         except Failure as failure:
             self.failure = failure
         else:
-            self._state = f"on {name}"
+            self._state = f"on {served.about}"
 
     @property
     def is_over(self) -> bool:
