@@ -128,6 +128,10 @@ class Candidates:
             return NO
         if error.refuse is not None:
             return Good(info, raw, dict(error.fields), error.refuse)
+        return self.misread(info, raw, error, known_end)
+
+    def misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool = True) -> Bad:
+        """A bad frame at the current place, as decoding says."""
         return self._bad(info, raw, partial(_misread, error), known_end)
 
     def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:

@@ -25,7 +25,6 @@ from framekit.definition.model.segments import (
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.intact import intact_of
-from framekit.link.values import FrameValue
 
 
 class FrameCodec(Protocol):
@@ -49,45 +48,30 @@ class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
-    `intact`: a quick look at its check code, where there is one. `carries`: frames that may be put into this one when
-    `insert` holds.
+    `inner`: the field with the only frame inside. `intact`: a quick look at its check code, where there is one; what
+    fails `proof` is bad for certain, and not refused. `carries`: frames that may be put into this one when `insert`
+    holds.
     """
 
     __slots__ = (
-        "announces",
-        "carries",
-        "computed",
-        "decode",
-        "echo",
-        "encode",
-        "extent",
-        "first",
-        "flat",
-        "frame",
-        "guesses",
-        "insert",
-        "intact",
-        "known",
-        "measure",
-        "most",
-        "name",
-        "numbers",
-        "on_line",
-        "refuse",
+        "announces", "carries", "computed", "decode", "echo", "encode", "extent", "first", "flat", "frame", "guesses",
+        "inner", "insert", "intact", "known", "measure", "most", "name", "numbers", "on_line", "proof", "refuse",
         "shape",
     )  # fmt: skip
 
-    def __init__(self, frame: Frame, codec: FrameCodec) -> None:
+    def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: bool) -> None:
         self.frame = frame
         self.name = frame.name
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
-        self.guesses = codec.extent is not None and len(self.shape) == 1 and self.shape[0][0] == "inner"
+        self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
+        self.guesses = codec.extent is not None and self.inner is not None
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
+        self.proof = None if may_refuse else self.intact
         self.most = frame.most
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []
@@ -99,10 +83,9 @@ class FrameInfo:
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
 
-    def guessed_right(self, value: FrameValue) -> bool:
-        """Whether the frame inside is one that is known."""
-        inner = value.fields.get(self.shape[0][1])
-        return type(inner) is FrameValue and inner.frame != "unknown"
+    def holds_known(self, fields: Mapping[str, Any]) -> bool:
+        """Whether the only frame inside is one that is known."""
+        return self.inner is not None and "unknown" not in fields[self.inner]
 
     def _collect(self, segments: tuple[Segment, ...], certain: bool = True) -> None:
         for segment in segments:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
+from framekit.codec.python.shape import Shapes
 from framekit.definition.model import protocol as model
 from framekit.definition.model.segments import (
     Inner,
@@ -42,7 +43,11 @@ class FrameTable:
 
     def __init__(self, protocol: model.Protocol, codec: Codec) -> None:
         self.codec = codec
-        self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
+        shapes = Shapes(protocol.frames)
+        self.infos = {
+            name: FrameInfo(frame, codec.frames[name], shapes.may_refuse(shapes.segments(frame)))
+            for name, frame in protocol.frames.items()
+        }
         inner = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
         for info in self.infos.values():
             info.on_line = not info.frame.inner and info.name not in inner
@@ -64,6 +69,23 @@ class FrameTable:
                 self._take_inner(name, value, fields)
             else:
                 self._convert(((kind, name, below),), value, fields)
+        return value
+
+    def arrived(self, info: FrameInfo, fields: dict[str, Any], raw: bytes) -> FrameValue | None:
+        """As `received_as`, at once for a frame that has nothing but one plain frame inside.
+
+        None where that is none that is known, and the size of the whole was only guessed.
+        """
+        if info.inner is None:
+            return self.received_as(info, fields, raw, None)
+        ((frame, content),) = fields[info.inner].items()
+        inside = self.infos.get(frame)
+        if inside is None or inside.shape:
+            return None if info.guesses and inside is None else self.received_as(info, fields, raw, None)
+        value = FrameValue(info.name, fields, raw, info.refuse)
+        refuse = inside.refuse if value.refusal is None else value.refusal
+        fields[info.inner] = FrameValue(frame, content, None, refuse)
+        value.refusal = refuse
         return value
 
     def _take_inner(self, name: str, outer: FrameValue, fields: dict[str, Any]) -> None:

@@ -78,8 +78,10 @@ class Interest:
         return found
 
     def left(self, buffer: bytearray | bytes, position: int) -> Left | None:
-        """The expected candidates that no constant byte contradicts here; None where such a byte is not there yet."""
-        start = self.start(buffer[position])
+        """The expected candidates that no constant byte contradicts here; None where not enough is there to tell."""
+        if position >= len(buffer):
+            return None
+        start = self.starting[buffer[position]] or self.start(buffer[position])
         if not start.at:
             return start.others
         place = position + start.at

@@ -13,7 +13,8 @@ from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.frame_info import FrameInfo
 from framekit.link.interest import Interest, Left
 from framekit.link.looking import Looking
-from framekit.link.verdicts import Bad, Complete, Result, Unfinished
+from framekit.link.values import FrameValue
+from framekit.link.verdicts import Good, Unfinished
 
 UNSURE = -1
 """Instead of a place: look at it with care."""
@@ -27,7 +28,10 @@ GOING_ON = ("next_start", "after_frame")
 new_tuple = tuple.__new__
 """Makes a named tuple in a quarter of the time that calling its class takes."""
 
-Taken = tuple[FrameInfo | None, int, dict[str, Any] | None]
+Taken = tuple[FrameInfo | None, int, dict[str, Any] | None, FrameError | None]
+"""A candidate, its size as `measure` says it, its fields if it is good, its fault if it is bad."""
+
+NOTHING: Taken = (None, 0, None, None)
 
 
 class PlainLooking(Looking):
@@ -37,57 +41,71 @@ class PlainLooking(Looking):
         """Adds what there is to `found` as long as it is plain; whether more bytes are wanted before anything else.
 
         `data` are the bytes of the stream's buffer; all frames in it count as used. Without it the first thing found
-        is added, and a frame counts as handed over. Locals and the long loop are for speed: a frame is to cost little
-        more than its decoding.
+        is added, and a frame counts as handed over.
         """
-        stream, said, noise = self.stream, self._candidates.said, self._noise
         if self._is_strange():
             return False
-        one, names, inside, whole = data is None, self._names, self._inside, data or stream.buffer
-        place, end = stream.position, len(whole)
-        fresh, last, offset = stream.fresh, stream.last, stream.offset - place
-        starting, received = interest.starting, self.table.received_as
-        while place < end:
-            start = starting[whole[place]] or interest.start(whole[place])
-            left = start.others
-            if start.at:
-                if place + start.at >= end:
-                    break
-                left = start.left.get(whole[place + start.at], left)
-            info, size, fields, value = left.alone, 0, None, None
+        stream, noise, one = self.stream, self._noise, data is None
+        while True:
+            if data is not None and not noise.data and not self._candidates.said:
+                self._go_to(self._row(interest, found, data))
+            left = interest.left(stream.buffer, stream.position)
+            if left is None:
+                return False
             try:
-                if info is not None and not said:
-                    size = info.extent(whole, place, end, names)
-                elif left.infos:
-                    info, size, fields = self._taken(left, place, end, said)
-                if size > 0 and info is not None:
-                    raw = bytes(whole[place : place + size])
-                    value = received(info, info.decode(raw, names) if fields is None else fields, raw, None)
-            except EVALUATION_ERRORS as error:
-                if not isinstance(error, FrameError) or error.refuse is not None:
-                    break
-            if info is None or value is None or (info.guesses and not info.guessed_right(value)):
-                further = self._beside(found, left, place, size)
+                taken = self._taken(left)
+            except EVALUATION_ERRORS:
+                return False
+            info, size, fields, _ = taken
+            if info is None or fields is None:
+                further = self._beside(found, left, taken, one)
                 if further < 0 or (one and found):
-                    return further == WANTING  # the stream is where it stopped
-                place, said = further, {}
+                    return further == WANTING
                 continue
-            if inside is not None and not (left.alone and left.sure and inside.nothing_in(info, raw)):
-                break
+            raw = bytes(stream.buffer[stream.position : stream.position + size])
+            if self._inside is not None and not (left.alone and left.sure and self._inside.nothing_in(info, raw)):
+                return False
             if noise.data:
                 found.append(noise.take())
                 if one:
-                    break
-            started = last if place >= fresh else stream.time_of(place)
-            ended = last if place + size > fresh else stream.time_of(place + size - 1)
-            found.append(new_tuple(FrameArrived, (value, raw, offset + place, started, ended, False)))
+                    return False
+            found.append(self._arrived(Good(info, raw, fields, None), False))
             if one:
-                self._given = size
-                self._declined.append(info.name)
-                break
-            place, said = place + size, {}
-        self._go_to(place)
-        return False
+                return False
+            self._use()
+
+    def _row(self, interest: Interest, found: list[Arrival], data: bytes) -> int:
+        """Adds the good frames that stand in a row, and gives the place behind them.
+
+        Locals and a long loop are for speed: a frame is to cost little more than its decoding.
+        """
+        stream, names, inside = self.stream, self._names, self._inside
+        starting, arrived = interest.starting, self.table.arrived
+        place, end, fresh, last = stream.position, len(data), stream.fresh, stream.last
+        offset = stream.offset - place
+        try:
+            while place < end:
+                start = starting[data[place]] or interest.start(data[place])
+                left = start.left.get(data[place + start.at], start.others) if start.at else start.others
+                info = left.alone
+                if info is None:
+                    break
+                size = info.extent(data, place, end, names)
+                if size <= 0:
+                    break
+                behind = place + size
+                raw = data[place:behind]
+                fields = info.decode(raw, names)
+                value = FrameValue(info.name, fields, raw, info.refuse) if info.flat else arrived(info, fields, raw)
+                if value is None or (inside is not None and not (left.sure and inside.nothing_in(info, raw))):
+                    break
+                started = last if place >= fresh else stream.time_of(place)
+                ended = last if behind > fresh else stream.time_of(behind - 1)
+                found.append(new_tuple(FrameArrived, (value, raw, offset + place, started, ended, False)))
+                place = behind
+        except EVALUATION_ERRORS:
+            return place
+        return place
 
     def _go_to(self, place: int) -> None:
         if place != self.stream.position:
@@ -106,25 +124,22 @@ class PlainLooking(Looking):
             or (stream.silences and self._noise.data)
         )
 
-    def _beside(self, found: list[Arrival], left: Left, place: int, size: int) -> int:
+    def _beside(self, found: list[Arrival], left: Left, taken: Taken, one: bool) -> int:
         """The next place after one where no good frame begins, or UNSURE or WANTING.
 
-        `size` is what the only candidate said. What that is comes to `found`, as far as it is anything yet.
+        What begins there comes to `found`, as far as it is anything yet; only the first if it is to be `one`.
         """
-        self._go_to(place)
-        stream, info = self.stream, left.alone
+        stream, (info, size, _, fault) = self.stream, taken
         if (left.infos and info is None) or stream.silences or self._noise.is_long:
             return UNSURE
         if info is not None:
+            place = stream.position
             if self._inside is not None and not (left.sure and self._inside.nothing_from(info, stream.buffer, place)):
                 return UNSURE
-            before = self._candidates.said.get(info.name)
-            if info.guesses and before is None:
-                size = info.measure(stream.buffer, place, len(stream.buffer), self._names, 0)
             if size < 0:
-                return self._wanting(info, place, size)
-            if size > 0 and left.sure and stream.base + place >= self._bad_until:
-                return self._reported(found, info, place, size)
+                return self._wanting(info, size)
+            if fault is not None and left.sure and stream.base + place >= self._bad_until:
+                return self._reported(found, info, size, fault, one)
         if not left.sure or self._rules.resync == "never":
             return UNSURE
         passed_over = self._unusable()
@@ -132,62 +147,85 @@ class PlainLooking(Looking):
             found.append(passed_over)
         return UNSURE if passed_over is None else stream.position
 
-    def _wanting(self, info: FrameInfo, place: int, size: int) -> int:
+    def _wanting(self, info: FrameInfo, size: int) -> int:
         """A frame has begun, as its only candidate says by `size`."""
         if size <= self._quiet:
             return UNSURE
-        said, had = self._candidates.said, len(self.stream.buffer) - place
+        said, had = self._candidates.said, len(self.stream.buffer) - self.stream.position
         before = said.get(info.name)
         said[info.name] = Unfinished(False, had, before.had if type(before) is Unfinished else 0, had - size)
         return WANTING
 
-    def _reported(self, found: list[Arrival], info: FrameInfo, place: int, size: int) -> int:
+    def _reported(self, found: list[Arrival], info: FrameInfo, size: int, fault: FrameError, one: bool) -> int:
         """A bad frame that is a new one, after the noise before it."""
+        stream = self.stream
         if self._rules.resync not in GOING_ON:
             return UNSURE
         if self._noise:
             found.append(self._noise.take())
-            return place
-        bad = self._candidates.read(info, Complete(size))
-        arrival = self._bad(bad) if type(bad) is Bad else None
-        if not isinstance(arrival, BadFrame):
-            return UNSURE
-        found.append(arrival)
-        return self.stream.position
+            if one:
+                return stream.position
+        raw = bytes(stream.buffer[stream.position : stream.position + size])
+        bad = self._bad(self._candidates.misread(info, raw, fault))
+        assert isinstance(bad, BadFrame), "it is a new one, and no noise is before it"
+        found.append(bad)
+        return stream.position
 
-    def _taken(self, left: Left, place: int, end: int, said: dict[str, Result]) -> Taken:
-        """The shortest good frame of several, or of one that has been asked before, with its size and perhaps fields.
+    # ---- candidates ---------------------------------------------------------------------------------------
 
-        No frame if that is not sure. Raises what expressions and decoding raise.
-        """
-        buffer, names = self.stream.buffer, self._names
+    def _taken(self, left: Left) -> Taken:
+        """What begins at the present place. Raises what expressions and decoding raise."""
+        stream, names, info = self.stream, self._names, left.alone
+        if info is None:
+            return self._shortest(left) if left.infos else NOTHING
+        buffer, place, said = stream.buffer, stream.position, self._candidates.said
+        if said:
+            before = said.get(info.name)
+            if type(before) is not Unfinished or before.silent:
+                return info, self._quiet, None, None
+            size, guessed = info.measure(buffer, place, len(buffer), names, before.seen), False
+        else:
+            size, guessed = info.extent(buffer, place, len(buffer), names), info.guesses
+        fault = None
+        if size > 0:
+            raw = bytes(buffer[place : place + size])
+            if stream.base + place < self._bad_until and info.proof is not None and not info.proof(raw):
+                return info, size, None, None  # a bad frame or none: here both are passed over
+            try:
+                fields = info.decode(raw, names)
+                if not guessed or info.holds_known(fields):
+                    return info, size, fields, None
+            except FrameError as error:
+                if error.refuse is not None:
+                    return info, self._quiet, None, None
+                fault = error.with_traceback(None)
+        if guessed:
+            size = info.measure(buffer, place, len(buffer), names, 0)
+        return info, size, None, fault if size > 0 else None
+
+    def _shortest(self, left: Left) -> Taken:
+        """The shortest good frame of several."""
+        buffer, names, said = self.stream.buffer, self._names, self._candidates.said
+        place, end = self.stream.position, len(buffer)
         whole: list[tuple[int, FrameInfo]] = []
-        size = self._quiet
         for info in left.infos:
-            seen = 0
-            if said:
-                before = said.get(info.name)
-                if type(before) is not Unfinished or before.silent:
-                    return left.alone, self._quiet, None
-                if end - place < before.wanted and left.alone is None:
-                    continue
-                seen = before.seen
-            size = info.measure(buffer, place, end, names, seen)
+            before = said.get(info.name)
+            if said and (type(before) is not Unfinished or before.silent):
+                return NOTHING
+            if type(before) is Unfinished and end - place < before.wanted:
+                continue
+            size = info.measure(buffer, place, end, names, before.seen if type(before) is Unfinished else 0)
             if size > 0:
                 whole.append((size, info))
-        if left.alone is not None or not whole:
-            return left.alone, size, None
-        if len(whole) == 1:
-            return whole[0][1], whole[0][0], None
         for size, info in sorted(whole, key=_size_of):
             raw = bytes(buffer[place : place + size])
-            if info.intact is None or info.intact(raw):
+            if len(whole) == 1 or info.intact is None or info.intact(raw):
                 try:
-                    return info, size, info.decode(raw, names)
+                    return info, size, info.decode(raw, names), None
                 except FrameError as error:
                     if error.refuse is not None:
-                        raise
-        return None, 0, None
+                        break
+        return NOTHING
 
 
 def _size_of(item: tuple[int, FrameInfo]) -> int:
