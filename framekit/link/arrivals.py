@@ -6,20 +6,36 @@ Offsets count the bytes of the stream from its start; times are when the first a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from framekit.link.values import FrameValue
 
 
-class FrameArrived(NamedTuple):
-    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones."""
+class Filling(Protocol):
+    """What makes frame values of the frames inside one."""
 
-    value: FrameValue
+    def fill(self, value: FrameValue) -> FrameValue:
+        """The same value, with frame values inside; once is enough."""
+
+
+class FrameArrived(NamedTuple):
+    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones.
+
+    `decoded` is the value with the frames inside it as the codec gives them; `filling` makes values of them.
+    """
+
+    decoded: FrameValue
     raw: bytes
     offset: int
     started_at: int
     ended_at: int
     other: bool = False
+    filling: Filling | None = None
+
+    @property
+    def value(self) -> FrameValue:
+        """The frame."""
+        return self.decoded if self.filling is None else self.filling.fill(self.decoded)
 
 
 class Fault(NamedTuple):

@@ -24,7 +24,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.link.evaluate import Evaluate, compile_expression
-from framekit.link.intact import intact_of
+from framekit.link.intact import Intact, intact_of
 
 
 class FrameCodec(Protocol):
@@ -48,18 +48,17 @@ class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
-    `inner`: the field with the only frame inside. `intact`: a quick look at its check code, where there is one; what
-    fails `proof` is bad for certain, and not refused. `carries`: frames that may be put into this one when `insert`
-    holds.
+    `inner`: the field with the only frame inside. `constant`: its bytes, if it is nothing else. `intact`: a quick look
+    at its check code, where there is one. `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
-        "announces", "carries", "computed", "decode", "echo", "encode", "extent", "first", "flat", "frame", "guesses",
-        "inner", "insert", "intact", "known", "measure", "most", "name", "numbers", "on_line", "proof", "refuse",
-        "shape",
+        "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo", "encode", "extent",
+        "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "measure", "most", "name", "numbers",
+        "on_line", "refuse", "shape",
     )  # fmt: skip
 
-    def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: bool) -> None:
+    def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
         self.frame = frame
         self.name = frame.name
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
@@ -71,7 +70,8 @@ class FrameInfo:
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
-        self.proof = None if may_refuse else self.intact
+        self.constant = _constant(frame.segments)
+        self._may_refuse = may_refuse
         self.most = frame.most
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []
@@ -82,6 +82,15 @@ class FrameInfo:
         self._collect(frame.segments)
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
+
+    @property
+    def proof(self) -> Intact | None:
+        """As `intact`; what fails it is bad for certain, and is not refused. Worked out when somebody asks."""
+        try:
+            return self._proof
+        except AttributeError:
+            self._proof: Intact | None = None if self.intact is None or self._may_refuse() else self.intact
+            return self._proof
 
     def holds_known(self, fields: Mapping[str, Any]) -> bool:
         """Whether the only frame inside is one that is known."""
@@ -120,6 +129,13 @@ class FrameInfo:
 
 def _plain_name(expression: Any) -> str | None:
     return expression.root.name if isinstance(expression.root, Name) else None
+
+
+def _constant(segments: tuple[Segment, ...]) -> bytes | None:
+    """The bytes of a frame that is nothing but constants."""
+    data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
+    plain = all(isinstance(segment, Const) and segment.when is None for segment in segments)
+    return data if plain and data else None
 
 
 def first_byte(segments: tuple[Segment, ...]) -> int | None:

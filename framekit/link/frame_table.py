@@ -45,7 +45,7 @@ class FrameTable:
         self.codec = codec
         shapes = Shapes(protocol.frames)
         self.infos = {
-            name: FrameInfo(frame, codec.frames[name], shapes.may_refuse(shapes.segments(frame)))
+            name: FrameInfo(frame, codec.frames[name], partial(shapes.may_refuse, frame.segments))
             for name, frame in protocol.frames.items()
         }
         inner = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
@@ -64,28 +64,12 @@ class FrameTable:
     ) -> FrameValue:
         """As `received`, for a frame that is known."""
         value = FrameValue(info.name, fields, raw, info.refuse if refusal is None else refusal)
-        for kind, name, below in info.shape:
-            if kind == "inner":
-                self._take_inner(name, value, fields)
-            else:
-                self._convert(((kind, name, below),), value, fields)
+        self._convert(info.shape, value, fields)
         return value
 
-    def arrived(self, info: FrameInfo, fields: dict[str, Any], raw: bytes) -> FrameValue | None:
-        """As `received_as`, at once for a frame that has nothing but one plain frame inside.
-
-        None where that is none that is known, and the size of the whole was only guessed.
-        """
-        if info.inner is None:
-            return self.received_as(info, fields, raw, None)
-        ((frame, content),) = fields[info.inner].items()
-        inside = self.infos.get(frame)
-        if inside is None or inside.shape:
-            return None if info.guesses and inside is None else self.received_as(info, fields, raw, None)
-        value = FrameValue(info.name, fields, raw, info.refuse)
-        refuse = inside.refuse if value.refusal is None else value.refusal
-        fields[info.inner] = FrameValue(frame, content, None, refuse)
-        value.refusal = refuse
+    def fill(self, value: FrameValue) -> FrameValue:
+        """Makes values of the frames inside one as decoded, and gives it; what has been done is not done again."""
+        self._convert(self.infos[value.frame].shape, value, value.fields)
         return value
 
     def _take_inner(self, name: str, outer: FrameValue, fields: dict[str, Any]) -> None:

@@ -7,28 +7,48 @@ them are left when a second byte has told them apart.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
+from framekit.link.arrivals import Filling
 from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import FrameTable
+from framekit.link.inside import InsideFinder
 
 Level = tuple[FrameInfo, ...]
+
+
+Take = tuple[
+    bytes | None, Callable[..., int], Callable[..., dict[str, Any]], str, int | None, str | None, Filling | None,
+    Callable[[bytes], Any] | None,
+]  # fmt: skip
+"""What taking a frame needs, in one look: its bytes if it is nothing else, its `extent` and `decode`, its name and
+`refuse`, the field whose frame has to be a known one, what fills in the frames inside it, what finds others.
+"""
 
 
 class Left:
     """The expected candidates that two bytes leave.
 
-    `alone`: the only one. `sure`: every other candidate, the others included, begins with other constants than there
-    are, so that it is surely none.
+    `alone`: the only one; `take` is for that. `sure`: every other candidate, the others included, begins with other
+    constants than there are, so that it is surely none.
     """
 
-    __slots__ = ("alone", "infos", "sure")
+    __slots__ = ("alone", "infos", "sure", "take")
 
-    def __init__(self, infos: Level, sure: bool) -> None:
+    def __init__(self, infos: Level, sure: bool, table: FrameTable, inside: InsideFinder | None) -> None:
         self.infos = infos
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
+        self.take: Take | None = None
+        if self.alone is not None and (inside is None or sure):
+            info = self.alone
+            self.take = (
+                info.constant, info.extent, info.decode, info.name, info.refuse, info.inner if info.guesses else None,
+                None if info.flat else table, None if inside is None else inside.search_in(info),
+            )  # fmt: skip
 
 
 class Start:
@@ -48,9 +68,27 @@ class Start:
 class Interest:
     """The candidates for one pair of name lists. `starting`: what `start` has found, by the first byte."""
 
-    __slots__ = ("_found", "_rest", "_starts", "_wanted", "expected", "others", "starting", "starts")
+    __slots__ = (
+        "_found",
+        "_inside",
+        "_rest",
+        "_starts",
+        "_table",
+        "_wanted",
+        "expected",
+        "others",
+        "starting",
+        "starts",
+    )
 
-    def __init__(self, table: FrameTable, expected: tuple[str, ...], others: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        table: FrameTable,
+        expected: tuple[str, ...],
+        others: tuple[str, ...] = (),
+        inside: InsideFinder | None = None,
+    ) -> None:
+        self._table, self._inside = table, inside
         self.expected = expected
         self.others = others
         self._wanted = _on_line(table, expected)
@@ -73,7 +111,7 @@ class Interest:
         levels = self.at(byte)
         found = self._starts.get(levels)
         if found is None:
-            found = self._starts[levels] = _told_apart(*levels)
+            found = self._starts[levels] = self._told_apart(*levels)
         self.starting[byte] = found
         return found
 
@@ -87,6 +125,29 @@ class Interest:
         place = position + start.at
         return start.left.get(buffer[place], start.others) if place < len(buffer) else None
 
+    def _told_apart(self, infos: Level, rest: Level) -> Start:
+        """By the place with the fewest candidates left, whatever byte stands there."""
+        best = Start(0, {}, self._left(infos, not rest))
+        most = len(infos)
+        allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
+        for place in sorted({place for one in allowed for place in one if place}):
+            rows = [(info, one.get(place)) for info, one in zip(infos, allowed, strict=True)]
+            values = {value for _, one in rows for value in one or ()}
+            left = {value: tuple(info for info, one in rows if one is None or value in one) for value in values}
+            others = tuple(info for info, one in rows if one is None)
+            fewest = max(len(group) for group in (*left.values(), others))
+            if fewest < most:
+                every, most = (*infos, *rest), fewest
+                by_value = {
+                    value: self._left(group, _sure(every, group, place, {value}, False))
+                    for value, group in left.items()
+                }
+                best = Start(place, by_value, self._left(others, _sure(every, others, place, values, True)))
+        return best
+
+    def _left(self, infos: Level, sure: bool) -> Left:
+        return Left(infos, sure, self._table, self._inside)
+
     def _start_pattern(self) -> re.Pattern[bytes] | None:
         """Matches a byte that some candidate begins with; None when any byte may begin one."""
         firsts = {info.first for info in (*self._wanted, *self._rest)}
@@ -99,27 +160,6 @@ class Interest:
 def _on_line(table: FrameTable, names: tuple[str, ...]) -> Level:
     """Each frame once; frames that only stand in others are never looked for."""
     return tuple(info for name in dict.fromkeys(names) if (info := table.infos[name]).on_line)
-
-
-def _told_apart(infos: Level, rest: Level) -> Start:
-    """By the place with the fewest candidates left, whatever byte stands there."""
-    best = Start(0, {}, Left(infos, not rest))
-    most = len(infos)
-    allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
-    for place in sorted({place for one in allowed for place in one if place}):
-        rows = [(info, one.get(place)) for info, one in zip(infos, allowed, strict=True)]
-        values = {value for _, one in rows for value in one or ()}
-        left = {value: tuple(info for info, one in rows if one is None or value in one) for value in values}
-        others = tuple(info for info, one in rows if one is None)
-        fewest = max(len(group) for group in (*left.values(), others))
-        if fewest < most:
-            every, most = (*infos, *rest), fewest
-            best = Start(
-                place,
-                {value: Left(group, _sure(every, group, place, {value}, False)) for value, group in left.items()},
-                Left(others, _sure(every, others, place, values, True)),
-            )
-    return best
 
 
 def _sure(every: Level, left: Level, place: int, values: set[int], none_of_them: bool) -> bool:

@@ -68,6 +68,7 @@ class Listener:
         self._client = client
         self._wires: dict[Direction, _Wires] = {}
         self._frames = self._sides()
+        self._announcing = any(info.announces for info in self.table.infos.values())
         self._next_side: Side = "client"
 
     def _sides(self) -> dict[Side, tuple[tuple[str, ...], tuple[str, ...]]]:
@@ -138,6 +139,11 @@ class Listener:
 
     def _take(self, wires: _Wires) -> None:
         receiver = wires.receiver
+        if wires.side is not None and not self._announcing:
+            for arrival in receiver.arrivals(*self._frames[wires.side]):
+                self._found(arrival, wires)
+            if receiver.broken:
+                self._flush(wires)
         while (found := receiver.next(*self._frames[wires.side or self._next_side])) is not None:
             self._found(found, wires)
             if receiver.broken:

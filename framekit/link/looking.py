@@ -192,7 +192,7 @@ class Looking(Recovery):
         """The prepared interest; it keeps these very tuples, so that the next call sees at once they are the same."""
         interest = self._interests.get((expected, others))
         if interest is None:
-            interest = self._interests[expected, others] = Interest(self.table, expected, others)
+            interest = self._interests[expected, others] = Interest(self.table, expected, others, self._inside)
         interest.expected, interest.others = expected, others
         self._interest = interest
         self.starts = interest.starts

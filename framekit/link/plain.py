@@ -13,6 +13,7 @@ from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.frame_info import FrameInfo
 from framekit.link.interest import Interest, Left
 from framekit.link.looking import Looking
+from framekit.link.noise import LONGEST
 from framekit.link.values import FrameValue
 from framekit.link.verdicts import Good, Unfinished
 
@@ -47,8 +48,10 @@ class PlainLooking(Looking):
             return False
         stream, noise, one = self.stream, self._noise, data is None
         while True:
-            if data is not None and not noise.data and not self._candidates.said:
+            if data is not None and not noise.data:
                 self._go_to(self._row(interest, found, data))
+            elif data is not None and interest.starts is None:
+                self._noise_row(interest, data)
             left = interest.left(stream.buffer, stream.position)
             if left is None:
                 return False
@@ -79,33 +82,68 @@ class PlainLooking(Looking):
 
         Locals and a long loop are for speed: a frame is to cost little more than its decoding.
         """
-        stream, names, inside = self.stream, self._names, self._inside
-        starting, arrived = interest.starting, self.table.arrived
-        place, end, fresh, last = stream.position, len(data), stream.fresh, stream.last
-        offset = stream.offset - place
+        stream, names, starting = self.stream, self._names, interest.starting
+        place, end, offset = stream.position, len(data), stream.offset - stream.position
+        until = at = 0
+        add = found.append
+        try:
+            while place < end:
+                start = starting[data[place]] or interest.start(data[place])
+                left = start.left.get(data[place + start.at], start.others) if start.at else start.others
+                if left.take is None:
+                    break
+                constant, extent, decode, name, refuse, inner, filling, search = left.take
+                if constant is not None and data.startswith(constant, place):
+                    raw, fields = constant, {}
+                    behind = place + len(raw)
+                else:
+                    size = extent(data, place, end, names)
+                    if size <= 0:
+                        break
+                    behind = place + size
+                    raw = data[place:behind]
+                    fields = decode(raw, names)
+                    if (inner is not None and "unknown" in fields[inner]) or (search is not None and search(raw)):
+                        break
+                if place >= until:
+                    until, at = stream.piece_of(place)
+                started = at
+                if behind > until:
+                    until, at = stream.piece_of(behind - 1)
+                value = FrameValue(name, fields, raw, refuse)
+                add(new_tuple(FrameArrived, (value, raw, offset + place, started, at, False, filling)))
+                place = behind
+        except EVALUATION_ERRORS:
+            return place
+        return place
+
+    def _noise_row(self, interest: Interest, data: bytes) -> None:
+        """Goes on with a run of noise over places where surely nothing begins that would be told of."""
+        stream, noise, names, starting = self.stream, self._noise, self._names, interest.starting
+        first = place = stream.position
+        bad_until = self._bad_until - stream.base
+        skipped = place < bad_until
+        if noise.skipped is not skipped or self._rules.symbols is not None or self._rules.resync not in GOING_ON:
+            return
+        end = min(len(data), place + LONGEST - len(noise.data), bad_until if skipped else len(data))
         try:
             while place < end:
                 start = starting[data[place]] or interest.start(data[place])
                 left = start.left.get(data[place + start.at], start.others) if start.at else start.others
                 info = left.alone
-                if info is None:
+                if not left.sure or (left.infos and info is None) or self._inside is not None:
                     break
-                size = info.extent(data, place, end, names)
-                if size <= 0:
-                    break
-                behind = place + size
-                raw = data[place:behind]
-                fields = info.decode(raw, names)
-                value = FrameValue(info.name, fields, raw, info.refuse) if info.flat else arrived(info, fields, raw)
-                if value is None or (inside is not None and not (left.sure and inside.nothing_in(info, raw))):
-                    break
-                started = last if place >= fresh else stream.time_of(place)
-                ended = last if behind > fresh else stream.time_of(behind - 1)
-                found.append(new_tuple(FrameArrived, (value, raw, offset + place, started, ended, False)))
-                place = behind
+                if info is not None:
+                    size = info.extent(data, place, len(data), names)
+                    if size < 0 or (
+                        size > 0 and not (skipped and info.proof and not info.proof(data[place : place + size]))
+                    ):
+                        break
+                place += 1
         except EVALUATION_ERRORS:
-            return place
-        return place
+            pass
+        if place > first and not self._candidates.said:
+            self._collect(place - first, skipped)
 
     def _go_to(self, place: int) -> None:
         if place != self.stream.position:

@@ -86,20 +86,15 @@ class Stream:
             return
         self.position = 0
 
-    @property
-    def came_at_once(self) -> bool:
-        """Whether all bytes of the buffer came with one call."""
-        return len(self._times) == 1
-
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
         times = self._times
         return times[0] if len(times) == 1 else times[bisect_right(self._ends, self.base + index)]
 
-    @property
-    def fresh(self) -> int:
-        """The buffer index from which on all bytes came with the last call."""
-        return self._ends[-2] - self.base if len(self._ends) > 1 else 0
+    def piece_of(self, index: int) -> tuple[int, int]:
+        """The buffer index behind the bytes that came together with the one at `index`, and when they came."""
+        found = bisect_right(self._ends, self.base + index)
+        return self._ends[found] - self.base, self._times[found]
 
     @property
     def is_uneven(self) -> bool:

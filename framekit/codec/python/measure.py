@@ -272,4 +272,7 @@ class ExtentWriter(MeasureWriter):
     """Writes a measuring function that takes the frame inside at its word."""
 
     kind = "extent"
-    first = "extent_first"
+
+    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str) -> None:
+        """Without reading it where one byte tells which frame it is."""
+        self.add(f"{size} = {self.module.function('extent_first')}({choice}, {arguments})")

@@ -15,7 +15,6 @@ from framekit.definition.model.segments import Const, Inner, Wrap
 class WrapMeasurer(SegmentMeasurer):
     """Writes how wraps and inner frames are passed. `asks_inside`: a frame inside decides on the size."""
 
-    first = "measure_first"
     asks_inside = False
 
     def write(self, frame: Frame | None) -> None:
@@ -107,6 +106,10 @@ class WrapMeasurer(SegmentMeasurer):
             self.add(f"return {size}")
         self.skip(size)
 
+    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str) -> None:
+        """Gives the local `size` its value: that of the frame inside."""
+        self.add(f"{size} = {measure}({choice}, {arguments}{seen})")
+
     def inner(self, inner: Inner, scope: Scope, after: Pairs) -> None:
         fixed = self.shapes.present(inner).fixed
         if isinstance(inner.size, Expression):
@@ -123,12 +126,12 @@ class WrapMeasurer(SegmentMeasurer):
         self.want(1, after)
         place = self.place.text("")
         most = self.shapes.all(segment for segment, _ in after).most
-        measure, self.asks_inside = self.module.function(self.first), True
+        self.asks_inside = True
         seen = ""
         if most is not None:
             offset = f"({place} - start) - {most}" if self.place.base == "at" else str(self.place.offset + most)
             seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
-        self.add(f"{size} = {measure}({choice}, data, {place}, end, ctx{seen})")
+        self.inner_size(size, choice, self.module.function("measure_first"), f"data, {place}, end, ctx", seen)
         with self.out.block(f"if {size} <= 0:"):
             self.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         self.skip(size)

@@ -80,10 +80,11 @@ class Choice:
     """Frames that may stand at one place, in the order they are tried, told apart by one byte.
 
     `named` holds them by name. `readers`: by the deciding byte, names with decoders in the order they are tried, or
-    another choice; `all_readers`: those for when that byte is not there.
+    another choice; `all_readers`: those for when that byte is not there. `sole`: by the same byte, how long the only
+    frame is that it allows, None where there are several.
     """
 
-    __slots__ = ("all_readers", "at", "cases", "everything", "named", "others", "readers")
+    __slots__ = ("all_readers", "at", "cases", "everything", "named", "others", "readers", "sole")
 
     def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
         self.everything = everything
@@ -93,8 +94,10 @@ class Choice:
         self.named = {frame.name: frame for frame in everything}
         self.all_readers = readers_of(everything)
         self.readers = [readers_of(self.others)] * 256
+        self.sole = [measure_of(self.others)] * 256
         for byte, found in self.cases.items():
             self.readers[byte] = readers_of(found)
+            self.sole[byte] = measure_of(found)
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
         """The frames that the deciding byte allows; all, if it is not there."""
@@ -108,6 +111,11 @@ class Choice:
 def readers_of(found: Any) -> Any:
     """Names and decoders of a row of frames; a choice stays what it is."""
     return tuple((frame.name, frame.decode) for frame in found) if type(found) is tuple else found
+
+
+def measure_of(found: Any) -> Any:
+    """What measures a row of frames if it is one."""
+    return found[0].measure if type(found) is tuple and len(found) == 1 else None
 
 
 def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
@@ -149,11 +157,11 @@ def measure_first(choice: Choice, data: bytes | bytearray, start: int, end: int,
 def extent_first(choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
     """What `measure_first` says if a frame fits: the only one that the deciding byte allows is not read for that."""
     place = start + choice.at
-    found = choice.cases.get(data[place], choice.others) if place < end else choice.everything
-    if type(found) is tuple and len(found) == 1:
-        size: int = found[0].measure(data, start, end, ctx, seen)
-        return size
-    return measure_first(choice, data, start, end, ctx, seen)
+    measure = choice.sole[data[place]] if place < end else None
+    if measure is None:
+        return measure_first(choice, data, start, end, ctx, seen)
+    size: int = measure(data, start, end, ctx, seen)
+    return size
 
 
 def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
@@ -281,7 +289,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "extent_first": ("measure_first",),
     "fits": ("Frame",),
     "encode_one": ("Choice", "Frame"),
-    "Choice": ("Frame", "readers_of"),
+    "Choice": ("Frame", "measure_of", "readers_of"),
     "end_of_region": ("find_region_end",),
 }
 """The names of this module that a helper uses itself."""
