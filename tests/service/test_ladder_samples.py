@@ -128,6 +128,35 @@ def test_an_error_repeats_its_own_step(folder: Path) -> None:
     assert {event.word for event in at_work.jobs.table.log} == {0xF905}
 
 
+QUEUE_FULL = "faults: {rules: [{fault: error_reply, code: 0x0700, from: 2500 ms, times: 2}]}\n"
+
+
+def test_a_full_queue_is_asked_again_after_a_pause(folder: Path) -> None:
+    """The connection repeats the request 10 ms later or more; the job hears nothing of it (spec 1.8.1)."""
+    with (folder / "plc-2.device.yaml").open("a", encoding="utf-8") as file:
+        file.write(QUEUE_FULL)
+    at_work = Sample(folder / "lanrdwt.run.yaml")
+    sent: list[int] = []
+    engine = at_work.service.channels[1].engine
+    engine.machine.monitor = lambda seen: sent.append(seen.at // MS) if seen.direction == "out" else None
+    at_work.run(3000)
+    assert engine.status()["repeated"] == 2 and not at_work.jobs.table.log.total
+    refused = [at for at in sent if at >= 2500][:3]
+    assert refused[1] - refused[0] >= 10 and refused[2] - refused[1] >= 10
+
+
+def test_a_full_queue_that_the_connection_does_not_repeat_is_retried_by_the_program(folder: Path) -> None:
+    """As 0007H: the program gives the same command again, by its next scan 10 ms later (lesson 7)."""
+    with (folder / "plc-2.device.yaml").open("a", encoding="utf-8") as file:
+        file.write(QUEUE_FULL)
+    change(folder / "lanrdwt.run.yaml", "reply_timeout:", "busy_retries: 0, reply_timeout:")
+    at_work = Sample(folder / "lanrdwt.run.yaml")
+    at_work.run(3000)
+    reads, writes = at_work.counts(1), at_work.counts(2)
+    assert reads[2] + writes[2] == 2 and 0 <= reads[1] - writes[1] <= 1
+    assert {event.word for event in at_work.jobs.table.log} == {0x0007}
+
+
 # ---- CHAN4 ------------------------------------------------------------------------------------------------
 
 
