@@ -1,12 +1,14 @@
 """Hand-written codecs of the benchmarked frames: the same values, the same checks, written as well as we can.
 
-The check codes come from the same functions as framekit's, since the best hand would use the best function too.
+The check codes come from the same functions as framekit's, since the best hand would use the best function too. What
+was tried and is quicker stands here: `issuperset` of keys instead of sets of them, one CRC over a frame with its code.
 """
 
 from __future__ import annotations
 
-from binascii import unhexlify
+from binascii import hexlify, unhexlify
 from struct import Struct
+from struct import error as StructError  # noqa: N812
 from typing import Any
 
 from fastcrc.crc16 import modbus as crc
@@ -25,9 +27,10 @@ class BadFrameError(ValueError):
 
 
 def decode_registers(data: bytes) -> Fields:
-    if len(data) < 5:
-        raise BadFrameError("short")
-    station, function, count = REPLY_HEAD.unpack_from(data)
+    try:
+        station, function, count = REPLY_HEAD.unpack_from(data)
+    except StructError:
+        raise BadFrameError("short") from None
     if function != 3:
         raise BadFrameError("function")
     if len(data) != count + 5:
@@ -42,15 +45,19 @@ def encode_registers(fields: Fields) -> bytes:
     if name != "read_holding_reply" or len(fields) != 2:
         raise BadFrameError("fields")
     values = pdu["values"]
-    if pdu.get("function", 3) != 3 or pdu.get("bytes", len(values)) != len(values) or pdu.keys() - REGISTER_KEYS:
+    size = len(values)
+    if len(pdu) != 1 and not (
+        REGISTER_KEYS.issuperset(pdu) and pdu.get("function", 3) == 3 and pdu.get("bytes", size) == size
+    ):
         raise BadFrameError("fields")
-    if len(values) > 255 or not 0 <= fields["station"] <= 255:
-        raise BadFrameError("range")
-    data: bytes = REPLY_HEAD.pack(fields["station"], 3, len(values)) + values
+    try:
+        data: bytes = REPLY_HEAD.pack(fields["station"], 3, size) + values
+    except StructError:
+        raise BadFrameError("range") from None
     return data + crc(data).to_bytes(2, "little")
 
 
-REGISTER_KEYS = {"function", "bytes", "values"}
+REGISTER_KEYS = frozenset({"function", "bytes", "values"})
 
 
 # ---- individual read of four variables, ASCII with sum ----------------------------------------------------
@@ -82,21 +89,23 @@ def decode_individual(data: bytes) -> Fields:
 
 def encode_individual(fields: Fields) -> bytes:
     values = fields["values"]
-    if fields.keys() - INDIVIDUAL_KEYS or fields["command"] not in "rR" or fields.get("type", "SS") != "SS":
+    if not INDIVIDUAL_KEYS.issuperset(fields) or fields["command"] not in "rR" or fields.get("type", "SS") != "SS":
         raise BadFrameError("fields")
     if fields.get("blocks", len(values)) != len(values) or not 0 <= fields["station"] <= 255 or len(values) > 255:
         raise BadFrameError("range")
     parts = [b"\x06%02X%sSS%02X" % (fields["station"], fields["command"].encode("latin-1"), len(values))]
     for value in values:
         content = value["data"]
-        if value.get("bytes", len(content)) != len(content) or len(content) > 255:
+        size = len(content)
+        if size > 255 or (len(value) != 1 and not (VALUE_KEYS.issuperset(value) and value.get("bytes", size) == size)):
             raise BadFrameError("length")
-        parts.append(b"%02X%s" % (len(content), content.hex().upper().encode()))
+        parts.append(b"%02X" % size + hexlify(content).upper())
     data = b"".join(parts) + b"\x03"
     return data + b"%02X" % (sum(data) & 0xFF)
 
 
-INDIVIDUAL_KEYS = {"station", "command", "type", "blocks", "values"}
+INDIVIDUAL_KEYS = frozenset({"station", "command", "type", "blocks", "values"})
+VALUE_KEYS = frozenset({"bytes", "data"})
 
 
 # ---- user frame WR.REQ: ENQ, text, 44 bytes, EOT, sum -----------------------------------------------------
@@ -123,12 +132,14 @@ def encode_write(fields: Fields) -> bytes:
 # ---- register request: station, 03, address, count, CRC ---------------------------------------------------
 
 REQUEST = Struct(">BBHH")
+REQUEST_WITH_CHECK = Struct(">BBHH2x")
 
 
 def decode_request(data: bytes) -> Fields:
-    if len(data) != 8:
-        raise BadFrameError("length")
-    station, function, address, count = REQUEST.unpack_from(data)
+    try:
+        station, function, address, count = REQUEST_WITH_CHECK.unpack(data)
+    except StructError:
+        raise BadFrameError("length") from None
     if function != 3:
         raise BadFrameError("function")
     if crc(data):
@@ -140,12 +151,18 @@ def decode_request(data: bytes) -> Fields:
 
 def encode_request(fields: Fields) -> bytes:
     ((name, pdu),) = fields["pdu"].items()
-    if name != "read_holding" or len(fields) != 2 or pdu.keys() - REQUEST_KEYS or pdu.get("function", 3) != 3:
+    if name != "read_holding" or len(fields) != 2:
         raise BadFrameError("fields")
-    if not 1 <= pdu["count"] <= 125:
+    if len(pdu) != 2 and not (REQUEST_KEYS.issuperset(pdu) and pdu.get("function", 3) == 3):
+        raise BadFrameError("fields")
+    count = pdu["count"]
+    if not 1 <= count <= 125:
         raise BadFrameError("count")
-    data = REQUEST.pack(fields["station"], 3, pdu["address"], pdu["count"])
+    try:
+        data = REQUEST.pack(fields["station"], 3, pdu["address"], count)
+    except StructError:
+        raise BadFrameError("range") from None
     return data + crc(data).to_bytes(2, "little")
 
 
-REQUEST_KEYS = {"function", "address", "count"}
+REQUEST_KEYS = frozenset({"function", "address", "count"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from struct import Struct
+from struct import error as StructError  # noqa: N812
 from typing import Any
 
 from fastcrc.crc16 import arc
@@ -14,21 +15,22 @@ Fields = dict[str, Any]
 # ---- a packet between DLE STX and DLE ETX, every DLE doubled, CRC over packet and ETX ----------------------
 
 PACKET = Struct("<BBBBH")
-REPLY_KEYS = {"dst", "src", "is_reply", "priority", "cmd", "sts", "tns", "data"}
+REPLY_KEYS = frozenset({"dst", "src", "is_reply", "priority", "cmd", "sts", "tns", "data"})
 
 
 def decode_typed_read(data: bytes) -> Fields:
     if data[:2] != b"\x10\x02" or data[-4:-2] != b"\x10\x03":
         raise BadFrameError("constant")
     text = data[2:-4]
-    if b"\x10\x06" in text or b"\x10\x15" in text:
-        raise BadFrameError("acknowledgements inside are not for this function")
-    if text.count(b"\x10") != 2 * text.count(b"\x10\x10"):
-        raise BadFrameError("escape")
-    text = text.replace(b"\x10\x10", b"\x10")
+    if b"\x10" in text:
+        if b"\x10\x06" in text or b"\x10\x15" in text:
+            raise BadFrameError("acknowledgements inside are not for this function")
+        if text.count(b"\x10") != 2 * text.count(b"\x10\x10"):
+            raise BadFrameError("escape")
+        text = text.replace(b"\x10\x10", b"\x10")
     if not 6 <= len(text) <= 250:
         raise BadFrameError("length")
-    if arc(b"%s\x03%s" % (text, data[-2:])):  # over what it covers and itself, low byte first, it is 0
+    if arc(text + data[-3:]):  # over what it covers and itself, low byte first, it is 0
         raise BadFrameError("check")
     dst, src, command, sts, tns = PACKET.unpack_from(text)
     if not command & 0x40 or sts == 0xF0:
@@ -39,12 +41,16 @@ def decode_typed_read(data: bytes) -> Fields:
 
 def encode_typed_read(fields: Fields) -> bytes:
     ((name, reply),) = fields["packet"].items()
-    if name != "reply" or len(fields) != 1 or reply.keys() - REPLY_KEYS or reply.get("is_reply", 1) != 1:
+    if name != "reply" or len(fields) != 1 or not REPLY_KEYS.issuperset(reply) or reply.get("is_reply", 1) != 1:
         raise BadFrameError("fields")
     priority, command, status = reply.get("priority", 0), reply.get("cmd", 0), reply.get("sts", 0)
     if priority not in (0, 1) or not 0 <= command <= 31 or status == 0xF0:
         raise BadFrameError("range")
-    text = PACKET.pack(reply["dst"], reply["src"], 0x40 | priority << 5 | command, status, reply["tns"]) + reply["data"]
+    try:
+        head = PACKET.pack(reply["dst"], reply["src"], 0x40 | priority << 5 | command, status, reply["tns"])
+    except StructError:
+        raise BadFrameError("range") from None
+    text = head + reply["data"]
     if len(text) > 250:
         raise BadFrameError("length")
     code = arc(text + b"\x03")
@@ -57,25 +63,29 @@ MAILBOX = Struct("<2s2xBBBxBB4s4s2xBx6sBBHHcBHxB")
 MAILBOX_OUT = Struct("<2s2xBBBxBB4s4s2sBx6sBBHHcBHx")
 ROTATED = tuple((code << 1 | code >> 7) & 0xFF for code in range(256))
 TO_BCD = tuple(tens << 4 | ones for tens in range(10) for ones in range(10))
+MAILBOX_KEYS = frozenset({"body", "next_type", "next_length"})
 DIGITS = ("second_digits", "minute_digits", "hour_digits")
+DIGIT_KEYS = frozenset(DIGITS)
 FLAGS: tuple[str, ...] = ("oversweep", "constant_sweep", "plc_fault_news", "io_fault_news", "plc_fault")
 FLAGS += ("io_fault", "programmer", "outputs_off", "run_switch", "oem")
 STATUS_KEYS = {"control_program", "level", "sweep", *FLAGS, "state"}
-COMPLETION_KEYS = {
-    "second_digits",
-    "minute_digits",
-    "hour_digits",
-    "seconds",
-    "minutes",
-    "hours",
-    "seq",
-    "kind",
-    "source",
-    "destination",
-    "code",
-    "inline",
-    "status",
-}
+COMPLETION_KEYS = frozenset(
+    {
+        "second_digits",
+        "minute_digits",
+        "hour_digits",
+        "seconds",
+        "minutes",
+        "hours",
+        "seq",
+        "kind",
+        "source",
+        "destination",
+        "code",
+        "inline",
+        "status",
+    }
+)
 
 
 def rotating_sum(data: bytes) -> int:
@@ -133,9 +143,9 @@ def decode_mailbox(data: bytes) -> Fields:
 def encode_mailbox(fields: Fields) -> bytes:
     ((name, mail),) = fields["body"].items()
     status = mail["status"]
-    if name != "completion" or fields.keys() - {"body", "next_type", "next_length"}:
+    if name != "completion" or not MAILBOX_KEYS.issuperset(fields):
         raise BadFrameError("fields")
-    if mail.keys() - COMPLETION_KEYS or mail.get("kind", 0xD4) != 0xD4 or status.keys() != STATUS_KEYS:
+    if not COMPLETION_KEYS.issuperset(mail) or mail.get("kind", 0xD4) != 0xD4 or status.keys() != STATUS_KEYS:
         raise BadFrameError("fields")
     bits, state = 0, status["state"]
     for place, flag in enumerate(FLAGS):
@@ -148,7 +158,7 @@ def encode_mailbox(fields: Fields) -> bytes:
         raise BadFrameError("length")
     seconds, minutes, hours = mail["seconds"], mail["minutes"], mail["hours"]
     digits = TO_BCD[seconds], TO_BCD[minutes], TO_BCD[hours]
-    if mail.keys() & DIGITS and digits != tuple(mail[name] for name in DIGITS):
+    if not DIGIT_KEYS.isdisjoint(mail) and digits != tuple(mail[name] for name in DIGITS):
         raise BadFrameError("digits")
     data: bytes = MAILBOX_OUT.pack(
         b"\x1bM",

@@ -25,6 +25,7 @@ __all__ = [
     "from_ready",
     "function_of",
     "ready_methods",
+    "residue_of",
     "size_of",
     "source_of",
 ]
@@ -68,6 +69,19 @@ def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
         exec(line, names)
     function: Callable[[bytes | bytearray], int] = eval(f"lambda data: {source.expression}", names)
     return function
+
+
+@cache
+def residue_of(method: CheckMethod, size: int, order: str) -> int | None:
+    """What a CRC gives over bytes with their own code of `size` bytes behind them; None if that is not always the same.
+
+    It is the same where the code stands on the line as its register shifts.
+    """
+    whole = method.kind == "crc" and method.width == 8 * size and method.mask is None and method.complement is None
+    if not whole or method.refin != method.refout or (size > 1 and order != ("little" if method.refin else "big")):
+        return None
+    data = b"123456789"
+    return compute(method, data + compute(method, data).to_bytes(size, "little" if order == "little" else "big"))
 
 
 @cache

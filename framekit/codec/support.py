@@ -461,13 +461,14 @@ def double_escape(data: bytes | bytearray, escape: int) -> bytes:
 def undouble_escape(data: bytes | bytearray, escape: int) -> bytes:
     """The reverse of `double_escape`. Raises ValueError for an escape byte that is not doubled."""
     single = b"%c" % escape
-    found = data.count(single)
-    if not found:
-        return bytes(data)
-    double = single + single
-    if found != 2 * data.count(double):
-        raise ValueError(f"an escape byte {escape:02X} is not doubled")
-    return bytes(data.replace(double, single))
+    return bytes(undouble(data, single, single + single))
+
+
+def undouble(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | bytearray:
+    """As `undouble_escape`, with the escape byte alone and twice: so generated code need not make them."""
+    if data.count(single) != 2 * data.count(double):
+        raise ValueError(f"an escape byte {single.hex().upper()} is not doubled")
+    return data.replace(double, single)
 
 
 # --- functions of expressions ---------------------------------------------------------------------------------------
@@ -550,6 +551,7 @@ def span(bit: int, count: int) -> int:
 # --- what a function takes with it when its source is pasted --------------------------------------------------------
 
 NEEDS: dict[str, tuple[str, ...]] = {
+    "undouble_escape": ("undouble",),
     "xor7": ("xor8",),
     "xor_words": ("xor8",),
     "make_crc_table": ("reflect",),

@@ -21,7 +21,7 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
     little = "_little" if check.order == "little" else ""
     if check.form == "raw":
         if check.size == 1:
-            return f"bytes(({code.removeprefix('(').removesuffix(')') if not is_call(code) else code},))"
+            return f'{code}.to_bytes(1, "big")'
         return f'{code}.to_bytes({check.size}, "{check.order}")'
     if check.form == "dec":
         return f"{module.function(f'build_dec{little}')}({code}, {check.size})"

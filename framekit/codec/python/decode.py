@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Function
@@ -51,5 +53,10 @@ def write_decoder(
 
 def _limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
     longest = function.shapes.all(segments).most
-    if longest is None or longest > most:
+    if longest is not None and longest <= most:
+        return
+    least = next((one for one in function.conditions if re.fullmatch(r"len\(data\) < \d+", one)), None)
+    if least is None:
         function.misfit_if(f"len(data) > {most}")
+    else:
+        function.conditions[function.conditions.index(least)] = f"not {least.rpartition(' ')[2]} <= len(data) <= {most}"

@@ -17,7 +17,7 @@ from framekit.definition.model.segments import BitsPart, Data, Field, Segment
 
 @dataclass(slots=True)
 class Given:
-    """A mapping of values being used up: its text, how many have to be there, and what is computed beside them.
+    """A mapping of values being used up: its text, how many have to be there, all names, and what is computed.
 
     `in_cases`: the locals with what the cases that are taken compute, and with the names of the others. `conditional`:
     the segments of these values that are there under a condition of their own.
@@ -27,6 +27,7 @@ class Given:
     rules: str
     path: str = ""
     needed: int = 0
+    names: list[str] = field(default_factory=list)
     computed: dict[str, str] = field(default_factory=dict)
     in_cases: tuple[str, str] | None = None
     conditional: list[tuple[Segment, Scope]] = field(default_factory=list)

@@ -18,7 +18,9 @@ Numbered = Field | Length | Count
 
 
 class Functions(Protocol):
-    """Gives the names of functions that generated text calls."""
+    """Gives the names of functions that generated text calls, and takes the imports that it needs."""
+
+    imports: set[str]
 
     def function(self, name: str) -> str: ...
 
@@ -176,9 +178,9 @@ def value_range(field: Numbered) -> Range:
 def memory_text(functions: Functions, data: Data, wire: str) -> str:
     """Text of the bytes in memory from those on the wire: conversion, then swap."""
     if data.convert == "hex_to_ascii":
-        wire = f"{functions.function('ascii_to_hex')}({wire})"
+        wire = _converted(functions, "ascii_to_hex", wire)
     elif data.convert == "ascii_to_hex":
-        wire = f"{functions.function('hex_to_ascii')}({wire})"
+        wire = _converted(functions, "hex_to_ascii", wire)
     return f"{functions.function('swap')}({wire}, {data.swap})" if data.swap else wire
 
 
@@ -188,4 +190,13 @@ def wire_text(functions: Functions, data: Data, memory: str) -> str:
         memory = f"{functions.function('swap')}({memory}, {data.swap})"
     if data.convert is None:
         return memory
-    return f"{functions.function(data.convert)}({memory})"
+    return _converted(functions, data.convert, memory)
+
+
+def _converted(functions: Functions, convert: str, text: str) -> str:
+    """Text of a conversion as the functions of that name do it, without the call."""
+    if convert == "hex_to_ascii":
+        functions.imports.add("from binascii import hexlify")
+        return f"hexlify({text}).upper()"
+    functions.imports.add("from binascii import unhexlify")
+    return f"unhexlify({text})"

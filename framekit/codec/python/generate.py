@@ -194,6 +194,8 @@ class ModuleWriter:
             out.add(f"{name}: Mapping[Any, Any] = {text}")
         for text, name in self.module.structs.items():
             out.add(f"{name} = Struct({quoted(text)})")
+        for text, name in self.module.sets.items():
+            out.add(f"{name} = {text}")
         return out
 
     def _helpers(self) -> list[Source]:

@@ -55,6 +55,7 @@ class Module:
         self._under_way: set[str] = set()
         self.imports: set[str] = set()
         self.structs: dict[str, str] = {}
+        self.sets: dict[str, str] = {}
         self.tables: dict[str, tuple[str, str]] = {}
         self.late: dict[str, tuple[str, str]] = {}
         self.folds: dict[str, tuple[str, CheckMethod]] = {}
@@ -153,13 +154,25 @@ class Module:
 
     def embedded(self, wrap: Wrap) -> str:
         """Text of the frames that may stand in a wrap, as far as they are nothing but constants; '' for none."""
+        found = self.embedded_frames(wrap)
+        return literal(tuple(found)) if found else ""
+
+    def embedded_frames(self, wrap: Wrap) -> list[bytes]:
+        """The bytes of those frames."""
         found = []
         for name in wrap.inside:
             segments = self.protocol.frames[name].segments
             data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
             if all(isinstance(segment, Const) for segment in segments) and data[:1] == bytes((wrap.escape or 0,)):
                 found.append(data)
-        return literal(tuple(found)) if found else ""
+        return found
+
+    def among(self, names: Iterable[str], *hint: str) -> str:
+        """The module constant that tells whether all keys of a mapping are among these names."""
+        text = f"frozenset({literal(tuple(sorted(names)))}).issuperset"
+        if text not in self.sets:
+            self.sets[text] = self.names.constant(*hint, "free")
+        return self.sets[text]
 
     # ---- check codes --------------------------------------------------------------------------------------
 

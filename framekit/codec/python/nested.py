@@ -6,11 +6,13 @@ from collections.abc import Iterable
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import BranchReader
+from framekit.codec.python.choices import Switch, tree_of
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.function import MISFIT
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, without_end
 from framekit.codec.python.runs import shown_name
+from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.emit import BIT_OR, PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -19,7 +21,9 @@ from framekit.definition.model.segments import (
     Inner,
     Optional,
     Repeat,
+    Require,
     Segment,
+    Value,
     Wrap,
 )
 
@@ -45,7 +49,9 @@ class Reader(BranchReader):
                 self.conditional(items[place : place + count], (*items[place + count :], *after))
             elif (run := self.length_of_run(items[place:])) > 0:
                 count = run
-                self.read_run(items[place : place + count], whole=count == len(items) and not after)
+                behind = (*items[place + count :], *after)
+                nothing = all(isinstance(one.segment, (Require, Value)) for one in behind)
+                self.read_run(items[place : place + count], whole=place == 0 and nothing)
             elif not self.read_sized(item, (*items[place + 1 :], *after)):
                 self._nested(item, (*items[place + 1 :], *after))
             place += count
@@ -185,7 +191,7 @@ class Reader(BranchReader):
             self.module.imports.add("from binascii import unhexlify")
             function.add(f"{plain} = unhexlify({between(self.buffer, first, last)})")
         else:
-            function.add(f"{plain} = {self._undoubled(item, wrap, fixed, after)}")
+            self._undouble(item, wrap, fixed, after, plain)
         inside = Reader(function, plain, function.names.fresh(f"{plain}_at"))
         inside.read(wrap.of, item.scope, item.fields)
         inside.close()
@@ -195,9 +201,10 @@ class Reader(BranchReader):
             most = str(wrap.most) if isinstance(wrap.most, int) else function.writer(item.scope).text(wrap.most, BIT_OR)
             function.misfit_if(f"len({plain}) > {most}")
 
-    def _undoubled(self, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...]) -> str:
-        """Text of the content of a region with doubled escape bytes."""
+    def _undouble(self, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
+        """Puts the content of a region with doubled escape bytes into the local `plain`."""
         name, escape = self.module.function, f"{wrap.escape or 0:#04x}"
+        embedded_texts = [bytes_literal(data) for data in self.module.embedded_frames(wrap)]
         embedded = self.module.embedded(wrap)
         if self.knows_behind(after):
             first, last = self.take_rest(item, after)
@@ -211,10 +218,15 @@ class Reader(BranchReader):
                 self.advance(f"{name('end_of_region')}({self.buffer}, {start}, {escape}{more})")
             last = self.place
             self.function.stands(wrap, self.buffer, first, last)
-        raw = between(self.buffer, first, last)
-        if embedded:
-            raw = f"{name('without_embedded')}({raw}, {escape}, {embedded})"
-        return f"{name('undouble_escape')}({raw}, {escape})"
+        self.function.flush()
+        self.function.add(f"{plain} = {between(self.buffer, first, last)}")
+        single, double = (bytes_literal(bytes((wrap.escape or 0,)) * count) for count in (1, 2))
+        with self.function.out.block(f"if {single} in {plain}:"):
+            if embedded:
+                tests = " or ".join(f"{frame} in {plain}" for frame in embedded_texts)
+                with self.function.out.block(f"if {tests}:"):
+                    self.function.add(f"{plain} = {name('without_embedded')}({plain}, {escape}, {embedded})")
+            self.function.add(f"{plain} = {name('undouble')}({plain}, {single}, {double})")
 
     def _inner(self, item: Item, inner: Inner, after: tuple[Item, ...]) -> None:
         function = self.function
@@ -235,11 +247,26 @@ class Reader(BranchReader):
             with function.out.block(f"if {size} <= 0:"):
                 function.add(MISFIT)
             first, last = self.take(item, size)
-        decode = self.module.function("decode_first")
-        function.add(f"{local} = {decode}({choice}, {between(self.buffer, first, last)}, ctx)")
+        self._first_that_fits(inner, local, choice, between(self.buffer, first, last))
         item.scope.entries[inner.name] = Entry(local, "inner")
         function.names_of_values[inner.name] = local
         item.fields.add(inner.name, local)
+
+    def _first_that_fits(self, inner: Inner, local: str, choice: str, raw: str) -> None:
+        """The value of a frame inside: at once where a byte leaves few, which spares a call and a loop."""
+        function, decode = self.function, self.module.function("decode_first")
+        if not raw.isidentifier():
+            region = function.names.fresh(f"{inner.name}_bytes")
+            function.add(f"{region} = {raw}")
+            raw = region
+        one, tree = function.names.fresh("one"), tree_of(self.shapes, inner.frames)
+        at = tree.at if isinstance(tree, Switch) else 0
+        anyway = f"{decode}({choice}, {raw}, ctx)"
+        with function.out.block("try:"):
+            function.add(f"{one} = {choice}.likely[{raw}[{at}]]")
+            function.add(f"{local} = {anyway} if {one} is None else {{{one}[0]: {one}[1]({raw}, ctx)}}")
+        with function.out.block("except MISFITS:"):
+            function.add(f"{local} = {anyway}")
 
 
 def _same_condition(items: list[Item], start: int) -> int:

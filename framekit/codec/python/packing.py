@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
@@ -27,6 +28,7 @@ from framekit.definition.model.segments import (
 )
 
 _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+_DIGITS = re.compile(r'b"(%0\d+[Xx])" % (\w+|\([^()]*\))')
 _MOST_PLUSES = 4
 """More pieces than so many are joined."""
 Placed = tuple[Segment, Scope]
@@ -138,9 +140,9 @@ class PackingWriter(NestedValueWriter):
         """Text of the bytes of the arguments of one struct."""
         if all(argument.code[-1] in "sx" for argument in arguments):
             texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
-            return " + ".join(merged(texts))
+            return _formatted(merged(texts))
         if len(arguments) == 1 and arguments[0].code == "B":
-            return f"bytes(({arguments[0].text},))"
+            return f"{self.module.struct('B', '')}.pack({arguments[0].text})"  # half the time of bytes((…,))
         order = next((argument.order for argument in arguments if argument.order), "")
         constant = self.module.struct("".join(argument.code for argument in arguments), order, self.title)
         return f"{constant}.pack({', '.join(argument.text for argument in arguments if argument.text)})"
@@ -179,6 +181,24 @@ def sum_of(texts: list[str]) -> str:
     if len(parts) > _MOST_PLUSES:
         return f'b"".join(({", ".join(parts)}))'
     return " + ".join(parts) or 'b""'
+
+
+def _formatted(parts: list[str]) -> str:
+    """Text of all these bytes; where several are numbers in digits, formatted at once in half the time of a sum."""
+    numbers = [_DIGITS.fullmatch(part) for part in parts]
+    if sum(number is not None for number in numbers) < 2:
+        return " + ".join(parts)
+    form, operands = "", []
+    for part, number in zip(parts, numbers, strict=True):
+        if number is not None:
+            form += number[1]
+            operands.append(number[2].removeprefix("(").removesuffix(")") if number[2][0] == "(" else number[2])
+        elif part.startswith('b"') and part.count('"') == 2 and part.endswith('"'):
+            form += part[2:-1].replace("%", "%%")
+        else:
+            form += "%b"
+            operands.append(part)
+    return f'b"{form}" % ({", ".join(operands)})'
 
 
 def merged(texts: list[str]) -> list[str]:

@@ -196,6 +196,8 @@ class PieceWriter(PackingWriter):
         known = self.wires.get(segment.name or "")
         if known is not None:
             return known
+        if isinstance(segment, Inner):
+            return self._inner(segment, scope)
         return self.if_present(segment, scope, self._single(without_when(segment), scope), 'b""')
 
     def _single(self, segment: Segment, scope: Scope) -> str:
@@ -220,10 +222,22 @@ class PieceWriter(PackingWriter):
                 return self._list_bytes(of, scope.entries[segment.name].text)
             case Wrap():
                 return self._wrap(segment, scope)
-            case Inner(name=name, frames=frames):
-                choice, encode = self.module.choice(frames, self.title, name), self.module.function("encode_one")
-                return f"{encode}({choice}, {scope.entries[name].text}, {quoted(name)}, ctx)"
         raise TypeError(f"no segment to build: {segment!r}")
+
+    def _inner(self, inner: Inner, scope: Scope) -> str:
+        """The bytes of a frame inside. What is in the way of the first try is told by the second, which costs more."""
+        name, value = inner.name, scope.entries[inner.name].text
+        choice, encode = self.module.choice(inner.frames, self.title, name), self.module.function("encode_one")
+        if inner.when is not None:
+            return self.if_present(inner, scope, f"{encode}({choice}, {value}, {quoted(name)}, ctx)", 'b""')
+        wire, frame, fields = (self.names.fresh(one) for one in (f"{name}_bytes", "frame_name", "fields"))
+        self.flush()
+        with self.out.block("try:"):
+            self.add(f"(({frame}, {fields}),) = {value}.items()")
+            self.add(f"{wire} = {choice}.encoders[{frame}]({fields}, ctx)")
+        with self.out.block("except MISFITS:"):
+            self.add(f"{wire} = {encode}({choice}, {value}, {quoted(name)}, ctx)")
+        return wire
 
     def _long(self, field: Field, scope: Scope) -> str:
         assert field.long is not None

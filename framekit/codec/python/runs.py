@@ -124,7 +124,7 @@ class RunReader(JudgingReader):
                 return Piece(item, size, code, order, self.function.names.fresh(shown_name(segment, "bits")))
             case Data(name=name):
                 return Piece(item, size, f"{size}s", "", self.function.local(name, item.scope))
-            case Check(verify="error"):
+            case Check(verify="error") if self.residue(segment) is None:
                 code, order = _check_code(segment)
                 return Piece(item, size, code, order, self.function.names.fresh("check"))
         return Piece(item, size, "x", "", None)
@@ -201,6 +201,9 @@ class RunReader(JudgingReader):
         """From what the struct gave to the value, and what must hold for it. `self.place`: where the segment begins."""
         item, local = piece.item, piece.local
         if local is None:
+            residue = self.residue(item.segment) if isinstance(item.segment, Check) else None
+            if isinstance(item.segment, Check) and residue is not None:
+                self.judge_residue(item.segment, residue)
             return
         source = local if converted else piece.source
         match item.segment:

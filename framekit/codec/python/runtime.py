@@ -79,12 +79,13 @@ class RangeTable(dict[Any, Any]):
 class Choice:
     """Frames that may stand at one place, in the order they are tried, told apart by one byte.
 
-    `named` holds them by name. `readers`: by the deciding byte, names with decoders in the order they are tried, or
-    another choice; `all_readers`: those for when that byte is not there. `sole`: by the same byte, how long the only
-    frame is that it allows, None where there are several.
+    `named` holds them by name, `encoders` what builds them. `readers`: by the deciding byte, names with decoders in the
+    order they are tried, or another choice; `all_readers`: those for when that byte is not there. `likely`: by the
+    deciding byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it
+    allows, None where there are several.
     """
 
-    __slots__ = ("all_readers", "at", "cases", "everything", "named", "others", "readers", "sole")
+    __slots__ = ("all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole")
 
     def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
         self.everything = everything
@@ -92,12 +93,14 @@ class Choice:
         self.cases: dict[int, Any] = cases or {}
         self.others: Any = everything if others is None else others
         self.named = {frame.name: frame for frame in everything}
+        self.encoders = {frame.name: frame.encode for frame in everything}
         self.all_readers = readers_of(everything)
         self.readers = [readers_of(self.others)] * 256
         self.sole = [measure_of(self.others)] * 256
         for byte, found in self.cases.items():
             self.readers[byte] = readers_of(found)
             self.sole[byte] = measure_of(found)
+        self.likely = [found[0] if type(found) is tuple and 1 <= len(found) <= 2 else None for found in self.readers]
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
         """The frames that the deciding byte allows; all, if it is not there."""

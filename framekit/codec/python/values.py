@@ -62,7 +62,11 @@ class ValueWriter(FieldValueWriter):
         if given.in_cases is not None:
             computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
             options += f", elsewhere={given.in_cases[1]}"
-        with self.out.block(f"if len({given.text}) != {given.needed}:"):
+        free = set(given.names) - set(given.computed) - {name for _, names in self._conditions(given) for name in names}
+        beyond = ""
+        if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
+            beyond = f" and not {self.module.among(free, self.title)}({given.text})"
+        with self.out.block(f"if len({given.text}) != {given.needed}{beyond}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def _conditions(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
@@ -90,6 +94,7 @@ class ValueWriter(FieldValueWriter):
                 self.add(f"{given.in_cases[1]} += tuple(name for name in {literal(names)} {nothing})")
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
+        given.names.extend(value_names(segment))
         if segment.when is not None and not isinstance(segment, Require):
             given.conditional.append((segment, scope))
         match segment:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
-from framekit.codec.python.codes import code_text
+from framekit.codec.python.codes import code_text, is_call
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.places import between
@@ -99,6 +100,17 @@ class JudgingReader(BufferReader):
         code = code_text(self.module, check, self.range_text(check))
         found = self._code_of(check, local) if is_slice else local
         self.function.misfit_if(f"{found} != {code}")
+
+    def residue(self, check: Check) -> int | None:
+        """What the code over everything up to the check's own end must be; None where it has to be compared."""
+        if check.form != "raw" or check.over is not None or check.span is not None or check.verify != "error":
+            return None
+        return residue_of(check.method, check.size, check.order)
+
+    def judge_residue(self, check: Check, residue: int) -> None:
+        """One call over the check and all before it, instead of cutting, reading and comparing."""
+        code = self.module.check(check.method, between(self.buffer, START, self.place.plus(check.size)))
+        self.function.misfit_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
     def _code_of(self, check: Check, local: str) -> str:
         """Text of the number behind a check code's bytes."""
