@@ -5,43 +5,35 @@ Everything happens in callbacks of the clock and of ports. Nothing here prints; 
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from pathlib import Path
 
-from framekit.blocks.block_memory import BlockMemory, status_of
-from framekit.blocks.block_settings import SettingError
+from framekit.blocks.block_memory import status_of
 from framekit.blocks.block_state import BlockState
-from framekit.blocks.block_status import BlockStatus, Failure
+from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.memory_settings import put_values
-from framekit.blocks.model import Block, Channel, Run
+from framekit.blocks.model import Channel, Run
 from framekit.blocks.own_memory import addresses_of
-from framekit.blocks.scheduler import Scheduler
 from framekit.blocks.triggers import awaited_bits
-from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.edit import Applied, RunEditor
 from framekit.service.ending import LONGEST_FAREWELL, Ending
-from framekit.service.exchanges import Exchanges, rules_of
+from framekit.service.exchanges import rules_of
 from framekit.service.jobs import JobService
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.pulse import Pulse
 from framekit.service.resolver import Resolve, resolver_for
-from framekit.service.run_channels import RunChannels, RunMonitor, undisturbed
+from framekit.service.run_blocks import OnEnd, RunBlocks
+from framekit.service.run_channels import RunChannels, RunMonitor
 from framekit.service.state_file import StateFile
 from framekit.service.state_keeper import StateKeeper
 from framekit.transport.clock import Clock
 
-log = logging.getLogger(__name__)
-
 OnChannel = Callable[[int, ChannelService], None]
 """Gets a channel that an edit has brought or changed, before it is opened."""
-
-OnEnd = Callable[[BlockStatus, bool], None]
-"""Told of every completion: how the block is doing then, and whether it ended well."""
 
 
 class RunService:
@@ -58,51 +50,34 @@ class RunService:
         on_end: OnEnd | None = None,
         resolve: Resolve | None = None,
     ) -> None:
-        self.on_end = on_end
         self.run = run
         self.clock = clock
         self.memory = run.memory.create()
         self.grammar = addresses_of(run.memory)
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
-        self.lines = lines = RunChannels(clock, self.access, self, monitor)
-        self.channels, self.devices_on = lines.channels, lines.devices
+        self.pulse = Pulse(clock, self._act, self._next_time)
+        self.channels: dict[int, ChannelService] = {}
+        self.blocks = blocks = RunBlocks(
+            run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end
+        )
+        self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
+        self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor)
+        self.devices_on = lines.devices
         for number in run.channels:
             lines.put(number, lines.of_run(run, number))
         self.editor = RunEditor(self)
         self.on_channel: OnChannel = lambda number, channel: None
-        self.block_memory = BlockMemory(self.memory, run.memory, run.status)
-        self.pulse = Pulse(clock, self._act, self._next_time)
-        self.exchanges = Exchanges(self.channels, self.block_memory, self._finished)
-        self.scheduler = self._scheduler()
-        self.jobs = self._jobs(resolve or resolver_for(clock))
-        for state in self.scheduler.states.values():
-            self.block_memory.add(state, protocol_of(run, state.block))
+        self.jobs = blocks.jobs = self._jobs(resolve or resolver_for(clock))
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited_bits(run.blocks, self.resolve))
         self.running = False
 
-    def _scheduler(self) -> Scheduler:
-        run = self.run
-        return Scheduler(
-            run.blocks,
-            self.memory,
-            self.resolve,
-            {number: rules_of(channel) for number, channel in run.channels.items()},
-            self._start_block,
-            self.pulse.wake,
-            self._ended,
-            station_of=self.exchanges.station_of,
-            joins=self.exchanges.joins,
-            sets=run.sets,
-            died=self._died,
-        )
-
     def _jobs(self, resolve: Resolve) -> JobService | None:
         section = self.run.jobs
         if section is None:
             return None
-        wake, done = self.pulse.wake, self._finished
+        wake, done = self.pulse.wake, self.blocks.finished
         return JobService(section, self.memory, self.channels, self.clock, done, wake, resolve, self)
 
     def _keeper(self) -> StateKeeper | None:
@@ -114,8 +89,7 @@ class RunService:
         file = StateFile(Path(self.run.folder) / state.file, self.run.name, shape)
         keeper = StateKeeper(file, self.memory, self.states.values, self.clock, state.every)
         keeper.restore(place for one in self.states.values() for place in self.block_memory.places(one.block))
-        for one in self.states.values():
-            self.block_memory.changed(one)
+        self.blocks.show()
         return keeper
 
     @property
@@ -245,8 +219,7 @@ class RunService:
         if self.jobs is not None:
             self.jobs.reset()
         self.scheduler.reset(now)
-        for state in self.states.values():
-            self.block_memory.changed(state)
+        self.blocks.show()
         self.pulse.set()
 
     def enable(self, number: int, on: bool = True) -> None:
@@ -268,55 +241,6 @@ class RunService:
         """How every block is doing now."""
         return [status_of(state) for state in self.states.values()]
 
-    # ---- blocks -------------------------------------------------------------------------------------------
-
-    def _start_block(self, state: BlockState, now: int) -> None:
-        if state.block.job is None or self.jobs is None:
-            self.exchanges.start(state)
-        else:
-            self.block_memory.started(state)
-            self.jobs.take(state.block.job)
-
-    def _finished(self, number: int, failure: Failure | None) -> None:
-        if number in self.states:
-            self.scheduler.finished(number, failure, self.clock.now())
-
-    def _died(self, channel: int, station: Hashable, dead: bool) -> None:
-        """A station is given up for now, or back."""
-        log.log(
-            logging.WARNING if dead else logging.INFO,
-            "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
-        )  # fmt: skip
-        for state in self.states.values():
-            if state.block.channel == channel:
-                self.block_memory.changed(state)
-
-    def _ended(self, state: BlockState, ok: bool, now: int) -> None:
-        self.block_memory.ended(state, ok, now)
-        if self.on_end is not None:
-            undisturbed(self.on_end, status_of(state), ok)
-
-    def opened(self, channel: int, is_open: bool) -> None:
-        """Whether exchanges can be started on a channel now."""
-        self.scheduler.set_open(channel, is_open, self.clock.now())
-        if self.jobs is not None:
-            self.jobs.opened(channel, is_open)
-
-    def takes(self, block: int) -> Block | None:
-        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
-        self.refresh()
-        if not self.scheduler.takes(block):
-            return None
-        try:
-            return self.block_memory.effective(self.states[block].block)
-        except SettingError as error:
-            self.arrived(block, Failure(outcome="bad_setting", cause=str(error)))
-            return None
-
-    def arrived(self, block: int, failure: Failure | None) -> None:
-        """The frame of a RECEIVE block came."""
-        self.scheduler.arrived(block, failure, self.clock.now())
-
     # ---- time ---------------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
@@ -336,8 +260,3 @@ class RunService:
         """When something is due next."""
         due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
         return due if self.jobs is None else min(due, self.jobs.deadline)
-
-
-def protocol_of(run: Run, block: Block) -> Protocol | None:
-    """What is spoken on the channel of a block; None for one that has none."""
-    return None if block.job is not None else run.channels[block.channel].protocol

@@ -27,16 +27,17 @@ Made = tuple[ChannelService, list[DeviceService]]
 
 
 class RunChannels:
-    """Channels by number, and the devices on their lines. `owner` is told what happens on them."""
+    """Fills `channels`, by number, and the devices on their lines. `owner` is told what happens on them."""
 
     def __init__(
-        self, clock: Clock, access: AddressedMemory, owner: ChannelOwner, monitor: RunMonitor | None = None
-    ) -> None:
+        self, channels: dict[int, ChannelService], clock: Clock, access: AddressedMemory, owner: ChannelOwner,
+        monitor: RunMonitor | None = None,
+    ) -> None:  # fmt: skip
         self._clock = clock
         self._access = access
         self._owner = owner
         self._monitor = monitor
-        self.channels: dict[int, ChannelService] = {}
+        self.channels = channels
         self.devices: dict[int, list[DeviceService]] = {}
 
     def of_run(self, run: Run, number: int) -> Made:
