@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 from link.service_loop import FRAMES
 
@@ -26,6 +27,12 @@ INDEX = {
 
 BY_ALL = {0x0100, 0x0800, 0x0600, 0x0601, 0x0603, 0x0607}
 """What every processor executes, 0F/03 and others aside."""
+
+WITH_DATA = {
+    *(0x0100, 0x0400, 0x0600, 0x0601, 0x0603, 0x0609, 0x0F01, 0x0F04, 0x0F09, 0x0F17, 0x0F29, 0x0F53, 0x0F68, 0x0F79),
+    *(0x0F81, 0x0FA1, 0x0FA2, 0x0FA7),
+}
+"""Commands whose good reply is more than the header."""
 
 
 @cache
@@ -63,6 +70,22 @@ def test_every_command_of_the_index_is_a_frame() -> None:
 def test_every_command_has_a_vector() -> None:
     tested = {case.frame for case in load_vectors(FRAMES / "pccc.vectors.yaml").frames}
     assert set(commands()) - tested == set()
+
+
+def test_every_command_has_a_vector_of_its_reply() -> None:
+    """Named by CMD and FNC, with the number of a command; with data where the reply has some."""
+    replied: dict[str, list[Any]] = {}
+    cases = load_vectors(FRAMES / "pccc.vectors.yaml").frames
+    for case in cases:
+        if case.frame == "reply":
+            replied.setdefault(case.name.split(" ")[0].rstrip(":"), []).append(case.values)
+    numbers = {case.values["tns"] for case in cases if case.frame != "reply"}
+    for code in commands().values():
+        cmd, fnc = code >> 8, code & 0xFF
+        name = f"{cmd:02X}/{fnc:02X}" if cmd in (6, 7, 0xF) else f"{cmd:02X}"
+        assert name in replied, name
+        assert any(one["tns"] in numbers and int(one["cmd"], 0) == cmd for one in replied[name]), name
+        assert any(one["data"] and one["sts"] == "0" for one in replied[name]) == (code in WITH_DATA), name
 
 
 def test_every_vector_has_a_source() -> None:

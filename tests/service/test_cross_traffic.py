@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import pytest
 
 from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.client import Client, TransferResult
@@ -34,23 +36,40 @@ from framekit.transport.transmission import Transmission
 EXCHANGES = int(os.environ.get("FRAMEKIT_EXCHANGES", "2000"))
 PROTOCOL = load_protocol("df1")
 CODEC = compile_protocol(PROTOCOL)
+BCC = Names({"check_kind": "bcc", "max_packet": 250, "processor": "slc"})
 
 
 @dataclass
 class Damage:
-    """Every hundredth transmission has wrong bytes: so many, at random places."""
+    """Every hundredth transmission has wrong bytes: so many, at random places.
+
+    `in_packets`: how often a BCC covers all of them, or is one; `passed`: what was a good message all the same.
+    """
 
     random: Random
     wrong_bytes: int
     hit: int = 0
+    in_packets: int = 0
+    passed: int = 0
 
     def __call__(self, transmission: Transmission) -> None:
         if self.random.random() < 0.01:
             self.hit += 1
-            for index in self.random.sample(
-                range(len(transmission.data)), min(self.wrong_bytes, len(transmission.data))
-            ):
+            good = bytes(transmission.data)
+            places = self.random.sample(range(len(good)), min(self.wrong_bytes, len(good)))
+            for index in places:
                 transmission.flip(index, self.random.randrange(1, 256))
+            if good[:2] == b"\x10\x02":
+                self.in_packets += not {0, 1, len(good) - 3, len(good) - 2} & set(places)
+                self.passed += self._passes(bytes(transmission.data))
+
+    @staticmethod
+    def _passes(data: bytes) -> bool:
+        try:
+            CODEC.decode("message", data, BCC)
+        except FrameError:
+            return False
+        return True
 
 
 @dataclass
@@ -142,6 +161,16 @@ def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> 
         repeated = [one for one, other in zip(station.executed, station.executed[1:], strict=False) if one == other]
         assert repeated == [], "a message that was repeated is delivered once"
     assert damage.hit > EXCHANGES / 100
+
+
+def test_a_sum_lets_pass_what_theory_says() -> None:
+    """Three wrong bytes: the last one has to undo the others, one value of 255. Whatever is wrong has passed so."""
+    stations, damage = run(3, {"check_kind": "bcc", "ack_timeout": "500 ms"}, EXCHANGES)
+    theory = damage.in_packets / 255
+    assert abs(damage.passed - theory) <= 4 * math.sqrt(theory), (damage.passed, theory)
+    for station in stations:
+        assert station.outcomes.total() == EXCHANGES // 2
+        assert damage.passed or station.wrong == []
 
 
 @pytest.mark.parametrize("outstanding", [1, 3])
