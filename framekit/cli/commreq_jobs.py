@@ -70,6 +70,7 @@ class JobCommands:
         """The commands one after the other, then their jobs until they are over, or somebody stops them."""
         from framekit.api.errors import RequestError
         from framekit.cli.one_shot import show
+        from framekit.cli.unread import Unread
         from framekit.definition.problems import DefinitionError
         from framekit.service.job_line import JobLine
         from framekit.transport.clock import AsyncioClock
@@ -77,6 +78,7 @@ class JobCommands:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop)
+        unread = Unread(loop, self._stop)
         clock = AsyncioClock(loop)
         monitor = show if self.arguments.frames else None
         line = JobLine(self.application, self.profile, self.settings.channel(), clock, monitor)
@@ -100,6 +102,7 @@ class JobCommands:
                 if status or self.stopped:
                     return status
             await self._until(lambda: not line.active)
+            unread.check()
             return self._verdict(line)
         finally:
             line.stop()

@@ -80,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
             _virtual(loaded, output, watch, duration)
         else:
             asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control))
+    except BrokenPipeError:
+        raise
     except OSError as error:
         raise Failure(why_not(error)) from None
     return 0
@@ -114,12 +116,14 @@ async def _real(
 ) -> None:
     """Runs until the time is over, or SIGINT or SIGTERM asks to stop; `watched` is the file whose changes count."""
     from framekit.cli.control_lines import control
+    from framekit.cli.unread import Unread
     from framekit.transport.clock import AsyncioClock
 
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
+    unread = Unread(loop, ended.set)
     service = output.service(loaded, AsyncioClock(loop))
     watch.begin(service, service.clock)
     gc.collect()
@@ -135,11 +139,13 @@ async def _real(
     finally:
         if watching is not None:
             watching.cancel()
-        watch.at_end()
+        if unread.error is None:
+            watch.at_end()
         left = asyncio.Event()
         service.finish(left.set)
         await left.wait()
         gc.unfreeze()
+        unread.check()
         _summary(service, output, watch)
 
 

@@ -1,0 +1,42 @@
+"""A run, and a command with jobs, whose output nobody reads any more: they end, and without a traceback."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DEVICE = "device: far\nprotocol: modbus-tcp\nstation: 1\n"
+RUN = """run: unread
+memory: masterlogic
+channels:
+  1: {port: "sim:far.device.yaml", protocol: modbus-tcp, station: 1}
+blocks:
+  0: {read: "40001", count: 3, into: M100, every: 5 ms}
+"""
+WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", "3", "0", "0", "1"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "unread.run.yaml"],
+        ["run", "unread.run.yaml", "--json"],
+        ["run", "unread.run.yaml", "--virtual", "--for", "1h"],
+        ["commreq", "srtp", "--commands", "ge-channels", "--port", "sim:plc.device.yaml", *WORDS],
+    ],
+)
+def test_nobody_reads_any_more(tmp_path: Path, words: list[str]) -> None:
+    (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")
+    (tmp_path / "plc.device.yaml").write_text("device: plc\nprotocol: srtp\n", encoding="utf-8")
+    (tmp_path / "unread.run.yaml").write_text(RUN, encoding="utf-8")
+    with subprocess.Popen(
+        [sys.executable, "-m", "framekit.cli.main", *words],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(60) == 1 and process.stderr.read() == ""
