@@ -173,10 +173,16 @@ class Driver:
             if wait_until > self.clock.now():
                 if self._send_timer is not None:
                     self._send_timer.cancel()
-                self._send_timer = self.clock.call_at(wait_until, self._next_commands)
+                self._send_timer = self.clock.call_at(wait_until, self._go_on)
                 return
             self._pending.popleft()
             self._one(command)
+
+    def _go_on(self) -> None:
+        """The time of the next command has come; once it has left, the engine may have a time of its own."""
+        self._send_timer = None
+        self._next_commands()
+        self._set_timer()
 
     def _one(self, command: Command) -> None:
         match command:

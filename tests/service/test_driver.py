@@ -1,0 +1,59 @@
+"""A driver on ports that say at once that everything has left."""
+
+from __future__ import annotations
+
+from link.service_loop import codec_of
+
+from framekit.link.transfer import TransferResult
+from framekit.service.client import ClientService
+from framekit.transport.clock import VirtualClock
+from framekit.transport.port import Port, PortEvents
+
+SECOND = 1_000_000_000
+
+
+class QuickPort(Port):
+    """A port that has taken everything as soon as it is handed over, and from which nothing comes."""
+
+    name = "quick"
+    settings = None
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.taken: list[bytes] = []
+        self.events: PortEvents | None = None
+
+    def open(self, events: PortEvents) -> None:
+        self.events = events
+        self.clock.call_soon(lambda: events.opened(self.clock.now()))
+
+    def write(self, data: bytes) -> None:
+        raise AssertionError(f"written without asking whether it has left: {data!r}")
+
+    def write_through(self, data: bytes) -> bool:
+        self.taken.append(data)
+        return True
+
+    def close(self) -> None:
+        self.events = None
+
+    def send_break(self, duration: int) -> None:
+        raise AssertionError(f"nothing here sends a break of {duration} ns")
+
+
+def test_a_request_that_waits_for_silence_has_its_time_limit_all_the_same() -> None:
+    clock = VirtualClock()
+    port = QuickPort(clock)
+    service = ClientService(codec_of("modbus-rtu")[0], port, clock, role="client")
+    service.start()
+    clock.run_for(SECOND)
+    assert port.events is not None
+    port.events.received(b"\x55", clock.now())
+    results: list[TransferResult] = []
+    service.request(
+        lambda client, now, done: client.read("40001", station=1, count=1, now=now, on_done=done), results.append
+    )
+    assert not port.taken, "the silence behind the character has to pass first"
+    clock.run_for(600 * SECOND)
+    assert [result.outcome for result in results] == ["no_reply"]
+    assert len(port.taken) > 1 and len(set(port.taken)) == 1
