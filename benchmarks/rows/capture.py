@@ -46,7 +46,7 @@ def run(rounds: int) -> list[Row]:
     what = "1 million requests, decoded to columns"
     return [
         faster(f"{what}, from a file", "one by one", found["framekit"], found["one by one"], AT_LEAST, 1.0),
-        faster(f"{what}, cut already", "one by one", found["cut by batch"], found["cut one by one"], AT_LEAST, 1.0),
+        faster(f"{what}, cut already", "one by one", found["cut by batch"], found["cut one by one"], None, 1.0),
     ]
 
 

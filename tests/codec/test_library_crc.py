@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from framekit.codec.checks import function_of, source_of
+from framekit.codec.checks import function_of, residue_of, source_of
 from framekit.codec.library_crc import library_crc
 from framekit.codec.python.generate import generate_source
 from framekit.codec.support import crc, make_crc_table
@@ -71,3 +71,22 @@ def test_a_module_that_stands_alone_has_tables_instead() -> None:
     assert "make_crc_words" not in generate_source(protocol, standalone=False)
     method = next(shipped_methods())
     assert not any("fastcrc" in line for line in source_of(method).imports)
+
+
+@pytest.mark.parametrize("method", [entry.method for entry in crc_catalogue()], ids=lambda method: method.name)
+def test_over_bytes_with_their_own_code_a_crc_is_always_the_same(method: CheckMethod) -> None:
+    """Where the code stands as the register shifts, and only with the right code; nothing is said of others."""
+    choose, size = random.Random(method.name), method.width // 8
+    order = "little" if method.refin else "big"
+    residue = residue_of(method, size, order)
+    if method.width % 8 or method.refin != method.refout:
+        assert residue is None
+        return
+    for length in (0, 1, 7, 250):
+        data = choose.randbytes(length)
+        code = own_code(method, data)
+        assert function_of(method)(data + code.to_bytes(size, order)) == residue
+        assert function_of(method)(data + (code ^ 1).to_bytes(size, order)) != residue
+    assert residue_of(method, size + 1, order) is None
+    if size > 1:
+        assert residue_of(method, size, "big" if order == "little" else "little") is None
