@@ -20,6 +20,8 @@ NAME = "Memory: 64 channels, 512 blocks, hours of simulated time"
 TARGET = "no growth after the first hour"
 HOUR = 3_600_000_000_000
 CHANNELS, SETS = 64, 8
+BEGUN = 1_000
+"""Counters begin here: Python keeps numbers up to 256 ready, so that counters that pass it would look like growth."""
 DEVICE = "{device: pump, protocol: modbus-rtu, station: 1}\n"
 
 
@@ -51,13 +53,15 @@ def simulate(hours: int) -> Row:
     with TemporaryDirectory() as folder:
         run = service(Path(folder), clock)
     run.start()
+    for state in run.states.values():
+        state.counters.started = state.counters.done = BEGUN
     held, resident = [], []
     for _ in range(hours):
         clock.run_for(HOUR)
         gc.collect()
         held.append(sys.getallocatedblocks())
         resident.append(_resident())
-    done = sum(state.counters.done for state in run.states.values())
+    done = sum(state.counters.done - BEGUN for state in run.states.values())
     assert not any(state.counters.failed for state in run.states.values())
     run.stop()
     details = {

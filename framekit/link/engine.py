@@ -186,7 +186,7 @@ class Engine(EngineCore):
         self._direct.unfold()
         self.counters.sent += 1
         self.output.put(Item(None, data, 0, info, on_sent))
-        return self._given()
+        return self._finish() if self.machine.changed or self.machine.stirred else self._given()
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
