@@ -1,0 +1,53 @@
+"""Every sequence of specification 1.13, and tables before it, is a conversation of the vectors, for both ends."""
+
+from __future__ import annotations
+
+import pytest
+from link.service_loop import FRAMES
+
+from framekit.definition.load.vectors import load_vectors
+
+CASES = load_vectors(FRAMES / "df1.vectors.yaml").conversations
+
+FULL = {
+    "FD-1": ("FD-1:", "a command is acknowledged, executed and answered"),
+    "FD-2": ("FD-2: a refused", "FD-2 at the receiver"),
+    "FD-3": ("FD-3: a lost", "FD-3 at the receiver"),
+    "FD-4": ("FD-4: acknowledge lost", "FD-4 at the receiver"),
+    "FD-5": ("FD-5: the other side", "FD-5 at the receiver"),
+    "FD-6": ("FD-6: a damaged reply", "FD-6 at the replier"),
+    "FD-7": ("the acknowledge of a reply is repeated", "FD-7: the acknowledge of a reply"),
+    "FD-8": ("FD-8: the originator", "FD-8: the originator"),
+    "1.10 transmitter": (
+        "the NAK limit", "the ENQ limit", "other symbols are ignored", "an acknowledge and a refusal that nobody",
+    ),
+    "1.10 receiver": (
+        "an enquiry before anything", "a control symbol in a message", "a message within", "an enquiry within",
+        "a start of a master", "a character with a parity", "a character with a framing", "a character with an overrun",
+        "a message that is too short", "a message that is too long", "packets for others are left", "duplicates are",
+        "without room the acknowledge", "noise turns an acknowledge", "an acknowledge inside a reply",
+    ),
+    "1.12": tuple(f"1.12 {one}:" for one in ("common", "kf2", "ke", "kg", "kgm", "ka_1775", "ke_1785")),
+}  # fmt: skip
+HALF = {
+    "HD-1": ("HD-1: message", "HD-1 at the slave"),
+    "HD-2": ("HD-2, HD-3:", "HD-2 at the slave"),
+    "HD-3": ("HD-2, HD-3:", "HD-3 at the slave"),
+    "HD-4": ("HD-4:", "polls and messages of others"),
+    "HD-5": ("HD-5: a damaged", "HD-5 at the slave"),
+    "HD-6": ("HD-6: a duplicate", "HD-6 at the slave"),
+    "HD-7": ("HD-2, HD-3:", "HD-7, HD-8 at the slave"),
+    "HD-8": ("HD-8: a message without", "HD-7, HD-8 at the slave"),
+}
+
+
+@pytest.mark.parametrize("row", FULL)
+def test_full_duplex(row: str) -> None:
+    for name in FULL[row]:
+        assert any(case.name.startswith(name) and case.role == "full" for case in CASES), name
+
+
+@pytest.mark.parametrize("row", HALF)
+def test_half_duplex_at_master_and_slave(row: str) -> None:
+    for role, name in zip(("master", "slave"), HALF[row], strict=True):
+        assert any(case.name.startswith(name) and case.role == role for case in CASES), (role, name)
