@@ -48,10 +48,10 @@ class PlainLooking(Looking):
             return False
         stream, noise, one = self.stream, self._noise, data is None
         while True:
-            if data is not None and not noise.data:
+            if data is not None:
+                if noise.data and interest.starts is None:
+                    self._noise_row(interest, data)
                 self._go_to(self._row(interest, found, data))
-            elif data is not None and interest.starts is None:
-                self._noise_row(interest, data)
             left = interest.left(stream.buffer, stream.position)
             if left is None:
                 return False
@@ -78,14 +78,14 @@ class PlainLooking(Looking):
             self._use()
 
     def _row(self, interest: Interest, found: list[Arrival], data: bytes) -> int:
-        """Adds the good frames that stand in a row, and gives the place behind them.
+        """Adds the good frames that stand in a row, and noise before them; gives the place behind them.
 
         Locals and a long loop are for speed: a frame is to cost little more than its decoding.
         """
         stream, names, starting = self.stream, self._names, interest.starting
         place, end, offset = stream.position, len(data), stream.offset - stream.position
         until = at = 0
-        add = found.append
+        add, noise = found.append, self._noise
         try:
             while place < end:
                 start = starting[data[place]] or interest.start(data[place])
@@ -110,6 +110,8 @@ class PlainLooking(Looking):
                 started = at
                 if behind > until:
                     until, at = stream.piece_of(behind - 1)
+                if noise.data:
+                    add(noise.take())
                 value = FrameValue(name, fields, raw, refuse)
                 add(new_tuple(FrameArrived, (value, raw, offset + place, started, at, False, filling)))
                 place = behind
