@@ -48,15 +48,17 @@ class PlainLooking(Looking):
             return False
         stream, noise, one = self.stream, self._noise, data is None
         while True:
+            size = 0
             if data is not None:
                 if noise.data and interest.starts is None:
                     self._noise_row(interest, data)
-                self._go_to(self._row(interest, found, data))
+                place, size = self._row(interest, found, data)
+                self._go_to(place)
             left = interest.left(stream.buffer, stream.position)
             if left is None:
                 return False
             try:
-                taken = self._taken(left)
+                taken = self._taken(left, size)
             except EVALUATION_ERRORS:
                 return False
             info, size, fields, _ = taken
@@ -77,8 +79,10 @@ class PlainLooking(Looking):
                 return False
             self._use()
 
-    def _row(self, interest: Interest, found: list[Arrival], data: bytes) -> int:
+    def _row(self, interest: Interest, found: list[Arrival], data: bytes) -> tuple[int, int]:
         """Adds the good frames that stand in a row, and noise before them; gives the place behind them.
+
+        And what `extent` said there, if that is less than 0.
 
         Locals and a long loop are for speed: a frame is to cost little more than its decoding.
         """
@@ -99,7 +103,7 @@ class PlainLooking(Looking):
                 else:
                     size = extent(data, place, end, names)
                     if size <= 0:
-                        break
+                        return place, size
                     behind = place + size
                     raw = data[place:behind]
                     fields = decode(raw, names)
@@ -116,8 +120,8 @@ class PlainLooking(Looking):
                 add(new_tuple(FrameArrived, (value, raw, offset + place, started, at, False, filling)))
                 place = behind
         except EVALUATION_ERRORS:
-            return place
-        return place
+            return place, 0
+        return place, 0
 
     def _noise_row(self, interest: Interest, data: bytes) -> None:
         """Goes on with a run of noise over places where surely nothing begins that would be told of."""
@@ -213,8 +217,11 @@ class PlainLooking(Looking):
 
     # ---- candidates ---------------------------------------------------------------------------------------
 
-    def _taken(self, left: Left) -> Taken:
-        """What begins at the present place. Raises what expressions and decoding raise."""
+    def _taken(self, left: Left, size: int) -> Taken:
+        """What begins at the present place. Raises what expressions and decoding raise.
+
+        `size` is what `extent` said, if that has been asked already and wants more.
+        """
         stream, names, info = self.stream, self._names, left.alone
         if info is None:
             return self._shortest(left) if left.infos else NOTHING
@@ -225,7 +232,7 @@ class PlainLooking(Looking):
                 return info, self._quiet, None, None
             size, guessed = info.measure(buffer, place, len(buffer), names, before.seen), False
         else:
-            size, guessed = info.extent(buffer, place, len(buffer), names), info.guesses
+            size, guessed = size or info.extent(buffer, place, len(buffer), names), info.guesses
         fault = None
         if size > 0:
             raw = bytes(buffer[place : place + size])

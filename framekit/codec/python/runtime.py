@@ -223,10 +223,12 @@ def find_region_end(
         if data[place + 1] == escape:
             place += 2
             continue
-        frame = next((frame for frame in embedded if data.startswith(frame[:2], place)), None)
-        if frame is None:
+        for frame in embedded:
+            if data.startswith(frame[:2], place):
+                place += len(frame)
+                break
+        else:
             return place
-        place += len(frame)
 
 
 def without_embedded(data: bytes, escape: int, embedded: tuple[bytes, ...]) -> bytes:
