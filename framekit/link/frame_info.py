@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
+from framekit.codec.errors import FrameError, Misread
 from framekit.definition.expression.syntax import Name
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
@@ -38,6 +39,8 @@ class FrameCodec(Protocol):
     def measure(self) -> Callable[..., int]: ...
     @property
     def extent(self) -> Callable[..., int] | None: ...
+    @property
+    def examine(self) -> Callable[..., Any]: ...
 
 
 Shape = tuple[tuple[str, str, Any], ...]
@@ -53,9 +56,9 @@ class FrameInfo:
     """
 
     __slots__ = (
-        "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo", "encode", "extent",
-        "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "measure", "most", "name", "numbers",
-        "on_line", "refuse", "shape",
+        "_examine", "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo", "encode",
+        "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "measure", "most", "name",
+        "numbers", "on_line", "refuse", "shape",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
@@ -72,6 +75,7 @@ class FrameInfo:
         self.intact = intact_of(frame)
         self.constant = _constant(frame.segments)
         self._may_refuse = may_refuse
+        self._examine = codec.examine
         self.most = frame.most
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []
@@ -91,6 +95,10 @@ class FrameInfo:
         except AttributeError:
             self._proof: Intact | None = None if self.intact is None or self._may_refuse() else self.intact
             return self._proof
+
+    def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
+        """What `decode` raises for a frame that fails its `proof`."""
+        return Misread(self.name, self._examine, raw, names)
 
     def holds_known(self, fields: Mapping[str, Any]) -> bool:
         """Whether the only frame inside is one that is known."""
