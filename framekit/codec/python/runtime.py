@@ -117,6 +117,7 @@ def readers_of(found: Any) -> Any:
 
 
 def measure_of(found: Any) -> Any:
+    """What measures a row of frames if it is one."""
     return found[0].measure if type(found) is tuple and len(found) == 1 else None
 
 
