@@ -107,6 +107,7 @@ class DirectRequest:
         Raises EVALUATION_ERRORS.
         """
         names = self.names
+        names.update(self._fresh)
         for holds, wanted in self._guards:
             if bool(holds(names)) is not wanted:
                 return None
@@ -201,7 +202,6 @@ class DirectRequest:
     def _end(self, info: FrameInfo, value: FrameValue, data: bytes) -> tuple[FrameValue, Outcome] | None:
         """What the first row that fits makes of the reply; None if that is not the end."""
         names = self.names
-        names.update(self._fresh)
         names["it"] = value
         for row in self._rows[info.name]:
             if row.when is None or row.when(names):

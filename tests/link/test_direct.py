@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 import pytest
-from link.service_loop import codec_of
+from link.service_loop import FRAMES, codec_of
 
 from framekit.blocks.device import memory_of
 from framekit.definition.times import NEVER
@@ -199,6 +199,24 @@ class World:
                 self.lost()
             case "g":
                 self.both(lambda side: side.engine.unfold())
+
+
+def test_variables_of_an_exchange_begin_anew_with_the_next_one() -> None:
+    text = (FRAMES / "modbus-tcp.yaml").read_text(encoding="utf-8")
+    for old, new in (
+        ("local: {answer: frame}", "local: {answer: frame, last: u16}"),
+        ("send: {request_adu: {transaction: transaction,", "send: {request_adu: {transaction: transaction + last,"),
+        ("set: {answer: it.pdu}", "set: {answer: it.pdu, last: it.transaction}"),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    world = World(text, 1, 0)
+    for _ in range(4):
+        world.read("40001", 1)
+        world.left()
+        world.come(world.taken())
+    assert [result["ok"] for result in world.sides[0].results] == [True] * 4
+    assert world.sides[0].asked_directly == 3, "the first one is worked out"
 
 
 @pytest.mark.parametrize("protocol", CASES)
