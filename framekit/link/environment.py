@@ -50,6 +50,7 @@ class Environment:
         self.stirred = True
         self.asking: Run | None = None
         self.has_bytes: Callable[[], bool] = lambda: False
+        self.stream_place: Callable[[], int] = lambda: 0
         self.drop_stale: Callable[[], None] = lambda: None
 
     # ---- sending ------------------------------------------------------------------------------------------

@@ -34,6 +34,7 @@ class LaneState:
         self.held_until = 0
         self.steps_since = -1
         self.steps_done = 0
+        self.steps_at = 0
         self._at_once = None if lane.at_once is None else compile_expression(lane.at_once)
 
     def runs(self) -> Iterator[Run]:

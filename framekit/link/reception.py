@@ -43,6 +43,7 @@ class Reception:
         self.interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
         self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
         self.machine.has_bytes = lambda: not receiver.is_empty
+        self.machine.stream_place = lambda: receiver.stream.offset
         self.machine.drop_stale = self.drop_stale
 
     def next_arrival(self) -> bool:

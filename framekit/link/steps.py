@@ -17,7 +17,7 @@ from framekit.link.runs import Activation, Dealing, Run, State
 from framekit.link.values import FrameValue
 
 MOST_STEPS = 20_000
-"""So many steps of a lane at one instant are a circle of steps in which nothing waits."""
+"""So many steps of a lane at one instant, while no byte of the stream is used, are a circle in which nothing waits."""
 
 
 class CircleError(Exception):
@@ -55,7 +55,10 @@ class Steps(Environment):
             lane.steps_since, lane.steps_done = self.scope.now, 0
         lane.steps_done += 1
         if lane.steps_done > MOST_STEPS:
-            raise CircleError
+            place = self.stream_place()
+            if place == lane.steps_at:
+                raise CircleError
+            lane.steps_at, lane.steps_done = place, 0  # thousands of frames that came at once
 
     def skip_step(self, run: Run, activation: Activation) -> None:
         """The step's `when` does not hold: the following one."""

@@ -1,0 +1,35 @@
+"""Far more frames in one piece than anybody handles at one instant: every one of them is answered."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from link.service_loop import codec_of
+
+from framekit.blocks.memory_settings import memory_of
+from framekit.definition.times import NEVER
+from framekit.link.engine import Engine
+from framekit.link.events import Send
+from framekit.link.serving import MemoryServer
+from framekit.link.steps import MOST_STEPS
+from framekit.memory.memory import DeviceMemory
+
+STEPS_OF_ONE = 3
+
+
+def test_requests_that_come_in_one_piece_are_all_answered() -> None:
+    protocol, codec = codec_of("modbus-tcp")
+    memory = DeviceMemory(memory_of(protocol)[0])
+    engine = Engine(protocol, codec, "server", own=1, server=MemoryServer(protocol, codec, memory))
+    engine.opened(0)
+    count = MOST_STEPS // STEPS_OF_ONE + 100
+    requests = [number.to_bytes(2, "big") + bytes.fromhex("0000 0006 01 03 0000 0001") for number in range(count)]
+    waiting = deque(engine.receive(b"".join(requests), 1000))
+    answered = []
+    while waiting:
+        command = waiting.popleft()
+        assert isinstance(command, Send)
+        answered.append(int.from_bytes(command.data[:2], "big"))
+        waiting.extend(engine.sent(1000))
+    assert answered == list(range(count))
+    assert engine.counters.not_taken == 0 and engine.deadline == NEVER
