@@ -89,6 +89,16 @@ def test_the_frames_are_shown(bench: tuple[str, framekit.Memory], capsys: pytest
     assert "→ request_adu              8 07 03 00 00 00 01" in err and "← reply_adu" in err
 
 
+def test_a_broadcast_has_been_sent_when_the_verb_ends(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The master polls first: what nobody answers must not end with the line still taken."""
+    device = tmp_path / "slaves.device.yaml"
+    device.write_text("device: slaves\nprotocol: df1\nrole: slave\nstation: [1, 2]\n", encoding="utf-8")
+    line = ("df1", "--port", f"sim:{device}", "--role", "master", "--param", "normal_nodes=1", "--frames")
+    status, out, err = call(capsys, "write", *line, "--station", "255", "N7:0", "5")
+    assert (status, out) == (0, "")
+    assert [text.split()[1] for text in err.splitlines() if text.startswith("→")][:2] == ["poll", "master_message"]
+
+
 def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:
     with pymodbus_server() as port:
         line = ("modbus-tcp", "--port", port, "--station", "1")
