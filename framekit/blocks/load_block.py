@@ -120,10 +120,10 @@ class BlockLoader:
         return Block(**common, **found)
 
     def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
-        """A block that establishes, aborts or inspects a job; what it says of its cycle is the job's."""
+        """A block that establishes, aborts or inspects a job; the cycle of one that establishes is the job's."""
         instruction: Instruction = next((name for name in COMMANDS if name in keys), "command")
         self.attempts.spoilt = False
-        started = without(keys, "every")
+        started = without(keys, "every") if instruction == "job" else keys
         common = self._common(number, set_number, instruction, started, entry)
         self._starts(instruction, started, entry)
         block_id = BLOCKS_IN_SET * (set_number - 1) + number
@@ -166,7 +166,8 @@ class BlockLoader:
             self.reader.note(at, "a receiving block acts whenever its frame comes", f"leave {given[0]} out")
         elif instruction != "receive" and not given and not misspelt:
             what = f"nothing starts block {entry.key.text}"
-            self.reader.warn(entry.key.at, what, "add every:, when:, once: or another trigger")
+            cycle = "" if instruction == "job" else "every:, "
+            self.reader.warn(entry.key.at, what, f"add {cycle}when:, once: or another trigger")
         repeat = keys.get("repeat")
         if isinstance(repeat, Scalar) and repeat.text.strip() == "0":
             self.reader.note(repeat.at, "a block that runs 0 times never runs", "give 1 or more, or enabled: no")

@@ -66,4 +66,6 @@ def value_of(text: str, type_: str | None) -> Value:
             return float(text)
         return parse_number(text)
     except ValueError:
-        raise RequestError(f"'{text}' is no {type_ or 'number'}") from None
+        what = type_ or "whole number"
+        hint = "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
+        raise RequestError(f"'{text}' is no {what}{hint}") from None

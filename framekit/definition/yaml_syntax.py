@@ -192,7 +192,8 @@ def _nothing_there(error: _Error) -> _Finding | None:
         return error.found, f"there is a '{sign}' too many", "remove it, or put the value in quotes"
     if sign == "-":
         return error.found, "a list written with '- ' cannot stand between brackets", "write [a, b], or use no brackets"
-    return error.found, f"a value is missing before '{sign}'", "write one, or put the whole value in quotes"
+    before = f"before '{sign}'" if sign else "at the end of the file"
+    return error.found, f"a value is missing {before}", "write one, or put the whole value in quotes"
 
 
 def _behind_value(error: _Error) -> _Finding | None:

@@ -81,7 +81,7 @@ class Planner:
             raise ServiceError(f"{piece.address} is in area {area.name}, which can only be read")
         where = "" if piece.count == 1 else f"{piece.count} × {piece.address.unit} from "
         hint = "name another address, or look whether role and parameters are those of the device"
-        raise ServiceError(f"no row of '{service}' carries {where}{piece.address} – {hint}")
+        raise ServiceError(f"no request can {service} {where}{piece.address} – {hint}")
 
     def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
         """The range in its own unit, then in the area's, with the bits that stand before it in these."""

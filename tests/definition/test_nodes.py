@@ -199,6 +199,7 @@ def test_what_can_be_told_together_is_told_together() -> None:
         ("a: [1]]\n", "f:1:7: there is a ']' too many", "remove it"),
         ("a: 1\nb: ]\n", "f:2:4: there is a ']' too many", "remove it, or put the value in quotes"),
         ("a: [,1]\n", "f:1:5: a value is missing before ','", "write one, or put the whole value in quotes"),
+        ("a: [\n", "f:2:1: a value is missing at the end of the file", "write one, or put the whole value in quotes"),
         (
             "a: [- b]\n",
             "f:1:5: a list written with '- ' cannot stand between brackets",

@@ -135,7 +135,7 @@ def test_a_read_is_widened_to_what_the_row_aligns_to_and_cut() -> None:
 
 
 def test_a_write_that_is_not_aligned_finds_no_row() -> None:
-    with pytest.raises(ServiceError, match="no row of 'write' carries 3 × bit from C3"):
+    with pytest.raises(ServiceError, match="no request can write 3 × bit from C3"):
         words().do("write", "C3", [1, 0, 1])
     assert words().do("write", "C8", [1] * 8).ok
 
@@ -161,7 +161,7 @@ def test_part_of_a_unit_can_be_read_but_not_written() -> None:
     loop = words()
     loop.memory.write("D", "word", 2, [0x8001])
     assert loop.do("read", "D2", unit="bit", count=17).values == [1] + [0] * 14 + [1, 0]
-    with pytest.raises(ServiceError, match="no row of 'write'"):
+    with pytest.raises(ServiceError, match="no request can write"):
         loop.do("write", "D2", [1], unit="bit")
 
 

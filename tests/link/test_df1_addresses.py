@@ -219,7 +219,7 @@ def test_floats_have_the_high_word_first_by_word_range_commands() -> None:
     ],
 )
 def test_an_address_of_another_family_is_refused(processor: str, address: str) -> None:
-    with pytest.raises(ServiceError, match="no row of 'read' carries"):
+    with pytest.raises(ServiceError, match="no request can read"):
         Pair(processor).read(address)
 
 

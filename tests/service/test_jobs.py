@@ -104,6 +104,12 @@ def test_abort_and_inspect_blocks(tmp_path: Path) -> None:
     assert at_work.jobs.table.slots[5].counters.good == 5
 
 
+def test_a_block_that_inspects_has_a_cycle_of_its_own(tmp_path: Path) -> None:
+    at_work = run(tmp_path, "  0: {inspect: 5, into: D20, status: D22, every: 1 s}")
+    at_work.run(3500)
+    assert at_work.counts(0) == (3, 3, 0) and not at_work.service.run.warnings
+
+
 def test_blocks_start_each_other_by_jobs_ends(tmp_path: Path) -> None:
     blocks = """
   0: {job: 1, read: "40001", into: D1, host: FAR, times: 1, once: yes}
