@@ -67,5 +67,7 @@ def value_of(text: str, type_: str | None) -> Value:
         return parse_number(text)
     except ValueError:
         what = type_ or "whole number"
-        hint = "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
+        hint = (
+            "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
+        )
         raise RequestError(f"'{text}' is no {what}{hint}") from None

@@ -151,7 +151,10 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
         (("read", "--station", "7", "40001", "--speed", "fast"), "invalid int value"),
         (("read", "--station", "7"), "required: ADDRESS"),
         (("write", "--station", "7", "40001"), "required: VALUE"),
-        (("write", "--station", "7", "40001", "1.5"), "'1.5' is no whole number – write --type float32 for a fraction, --type string for text"),
+        (
+            ("write", "--station", "7", "40001", "1.5"),
+            "'1.5' is no whole number – write --type float32 for a fraction, --type string for text",
+        ),
         (("write", "--station", "7", "40001", "70000"), "does not fit into a word"),
         (("write", "--station", "7", "40001", "x", "--type", "float32"), "'x' is no float32"),
         (("call", "--station", "7", "nothing"), "there is no service 'nothing'"),
