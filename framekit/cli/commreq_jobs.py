@@ -140,7 +140,6 @@ class JobCommands:
             asyncio.get_running_loop().call_soon(shown, failure)
 
         def shown(failure: Failure | None) -> None:
-            self.answered = False
             ended.append(failure)
             self.changed.set()
 
@@ -149,6 +148,7 @@ class JobCommands:
             self.before = output.content()
             self.cause = None
             line.carry_out(data, answered)
+            self.answered = False
         except (CommandFaultError, DeviceMemoryError) as error:
             return output.fault(str(error))
         await self._until(lambda: bool(ended))
@@ -181,7 +181,7 @@ class JobCommands:
         """A transfer has ended, or is late, or the job is over."""
         self.changed.set()
         if self.answered:
-            self.cause = failure
+            self.answered, self.cause = False, failure
             return
         assert self.line is not None and self.output is not None
         changes, self.before = self.output.changes(self.before), self.output.content()
