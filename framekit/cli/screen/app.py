@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, ClassVar
 
+from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.widgets import DataTable, Footer, Header, Input, Static
@@ -74,10 +75,10 @@ class MonitorApp(App[None]):
 
     def compose(self) -> ComposeResult:
         yield Header()
-        yield Static(id="channels")
+        yield Static(id="channels", markup=False)
         yield DataTable(id="blocks", show_cursor=False)
         yield DataTable(id="frames", cursor_type="row")
-        yield Static(id="about")
+        yield Static(id="about", markup=False)
         yield DataTable(id="fields", show_cursor=False)
         yield Input(id="filter", placeholder="ch:1 frame:NAME text – Enter applies, Esc clears")
         yield Input(id="command", placeholder=f"{COMMANDS} – Enter does it, Esc leaves")
@@ -115,15 +116,15 @@ class MonitorApp(App[None]):
     # ---- tables -------------------------------------------------------------------------------------------
 
     @property
-    def blocks(self) -> DataTable[str]:
+    def blocks(self) -> DataTable[Text]:
         return self.query_one("#blocks", DataTable)
 
     @property
-    def frames(self) -> DataTable[str]:
+    def frames(self) -> DataTable[Text]:
         return self.query_one("#frames", DataTable)
 
     @property
-    def fields(self) -> DataTable[str]:
+    def fields(self) -> DataTable[Text]:
         return self.query_one("#fields", DataTable)
 
     def draw(self) -> None:
@@ -149,7 +150,7 @@ class MonitorApp(App[None]):
         self.query_one("#channels", Static).update("\n".join(lines))
         self.blocks.clear()
         for block in self.view.blocks():
-            self.blocks.add_row(*block_cells(block))
+            self.blocks.add_row(*_as_it_is(block_cells(block)))
 
     def _in_force(self) -> str:
         modes = ["paused"] if self.paused else []
@@ -165,7 +166,7 @@ class MonitorApp(App[None]):
             return
         follows = table.cursor_row >= table.row_count - 1
         for entry in new:
-            table.add_row(*frame_cells(view, entry, self.as_ascii), key=str(entry.number))
+            table.add_row(*_as_it_is(frame_cells(view, entry, self.as_ascii)), key=str(entry.number))
         for key in list(table.rows)[: max(0, table.row_count - MOST_ROWS)]:
             table.remove_row(key)
         if follows:
@@ -197,7 +198,7 @@ class MonitorApp(App[None]):
         fault = f" – {seen.reason} at byte {seen.place}" if seen.kind == "bad" else ""
         about.update(f"no. {number}: {seen.frame or seen.kind}, {len(seen.raw)} bytes{fault}")
         for row in self.view.log.fields(entry):
-            self.fields.add_row(*field_cells(row, self.as_ascii))
+            self.fields.add_row(*_as_it_is(field_cells(row, self.as_ascii)))
 
     # ---- keys ---------------------------------------------------------------------------------------------
 
@@ -259,3 +260,8 @@ class MonitorApp(App[None]):
         self.query_one("#filter", Input).display = False
         self.frames.focus()
         self.refill()
+
+
+def _as_it_is(cells: Iterable[str]) -> Iterator[Text]:
+    """Cells in which brackets are brackets: what comes from a line is no markup."""
+    return (Text(cell, no_wrap=True, end="") for cell in cells)

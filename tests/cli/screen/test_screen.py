@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -176,6 +177,33 @@ def test_a_run_is_controlled_by_a_key() -> None:
     driven(test, "--control")
 
 
+def test_brackets_from_the_line_and_from_people_are_no_markup() -> None:
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+        app.draw()
+        assert app.view is not None
+        number = app.view.log.last_number
+        seen = app.view.log.entry(number)
+        assert seen is not None
+        for kind, raw in (("noise", b"[/x] [bold]y"), ("bad", b"[/x]")):
+            at = replace(seen.seen, kind=kind, raw=raw, frame="", fields={}, reason="[/x]")
+            app.view.log.add(seen.channel, at)
+        await pilot.press("x")
+        app.draw()
+        await pilot.pause()
+        assert column(app, 7)[-2:] == ["[/x] [bold]y", "[/x]"]
+        assert "[/x]" in text_of(app, "#about")
+        for key, name, text in (("slash", "#filter", "[/x]"), ("colon", "#command", "fire [/x]")):
+            await pilot.press(key)
+            app.query_one(name, Input).value = text
+            await pilot.press("enter")
+            await pilot.pause()
+        assert "filter [/x]" in text_of(app, "#channels")
+        assert "'fire [/x]' is no command" in text_of(app, "#about")
+
+    driven(test, "--control")
+
+
 def test_without_control_there_is_no_key_for_it() -> None:
     async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
         await pilot.press("colon")
@@ -198,7 +226,7 @@ def test_the_fields_of_the_selected_frame() -> None:
         app.frames.move_cursor(row=place)
         await pilot.pause()
         assert "WR.REQ" in text_of(app, "#about")
-        rows = [app.fields.get_row_at(row) for row in range(app.fields.row_count)]
+        rows = [list(map(str, app.fields.get_row_at(row))) for row in range(app.fields.row_count)]
         assert any(row[0] == "payload" and row[1] == "5" for row in rows)
 
     driven(test)
