@@ -195,9 +195,6 @@ class Scope(Names):
             return True
         return any(name in self.protocol.state or name in formulas for name in names)
 
-    def is_settable(self, name: str) -> bool:
-        return name in self.protocol.state or name in self.protocol.params or name == "clock"
-
     def set(self, name: str, value: Any) -> None:
         """Sets a variable or a parameter. Raises KeyError (no such name), TypeError or ValueError (does not fit)."""
         fit = self._fits.get(name)

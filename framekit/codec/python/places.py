@@ -17,10 +17,6 @@ class Place:
     def plus(self, size: int) -> Place:
         return Place(self.base, self.offset + size)
 
-    @property
-    def is_static(self) -> bool:
-        return self.base == ""
-
     def text(self, buffer: str) -> str:
         """The place as a number."""
         if self.base == "":

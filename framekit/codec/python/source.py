@@ -6,7 +6,7 @@ It knows Python's layout and nothing of protocols.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -174,11 +174,6 @@ def bytes_literal(data: bytes) -> str:
         return f"{bytes_literal(data[:1])} * {len(data)}"
     shown = "".join(chr(byte) if 0x20 <= byte < 0x7F and byte not in b'"\\' else f"\\x{byte:02x}" for byte in data)
     return f'b"{shown}"'
-
-
-def number_list(values: Iterable[int]) -> str:
-    """Numbers with commas between, as a docstring shows them."""
-    return ", ".join(str(value) for value in values)
 
 
 def grouped(value: int) -> str:

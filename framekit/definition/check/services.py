@@ -16,8 +16,6 @@ from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean
 
-_PLAINLY_NAMED = frozenset({"station", "own", "area", "start", "count", "bytes", "data", "bits", "code"})
-
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
     """Everything wrong with services, areas and errors; and with constructors anywhere."""

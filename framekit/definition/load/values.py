@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from framekit.definition.expression.syntax import Expression, Name
+from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.namespace import Namespace
 from framekit.definition.load.reader import Reader
@@ -100,8 +100,3 @@ class ValueLoader:
 
     def expressions(self, node: Node | None) -> dict[str, Expression]:
         return {entry.key.text: self.reader.expression(entry.value) for entry in self.reader.entries(node)}
-
-
-def is_word(value: Value, word: str) -> bool:
-    """Whether a value is just this bare word."""
-    return isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == word
