@@ -77,6 +77,7 @@ class Driver:
         self._started = True
         self._retry = min(FIRST_RETRY, self.longest_retry)
         self.stopped = False
+        self.load.begin(self.clock.now())
         self.port.open(self)
 
     def stop(self) -> None:

@@ -19,6 +19,11 @@ class LineLoad:
         self.bytes_in = self.bytes_out = 0
         self._sampled_bytes = 0
 
+    def begin(self, now: int) -> None:
+        """Time counts from now on, if nothing has been on the line before."""
+        if not self.bytes:
+            self.began = self._sampled_at = now
+
     @property
     def bytes(self) -> int:
         """Bytes of both directions."""
