@@ -120,7 +120,10 @@ def _definition(reader: Reader, documents: Documents, name: str | Path, folder: 
         what = f"this is a {kind} file"
         raise DefinitionError([Problem(Position(str(name), 1, 1), what, "name a protocol or a device file")])
     definition = load_device_definition(reader, documents, path, folder)
-    reader.problems.extend(check_protocol(definition.protocol, definition.broken))
+    if definition.protocol.kind == "application" and (named := definition.root.get("protocol")) is not None:
+        reader.note(named.at, f"'{definition.protocol.name}' has no line of its own", "name a protocol that carries it")
+    if not definition.plain:
+        reader.problems.extend(check_protocol(definition.protocol, definition.broken))
     return definition
 
 
