@@ -99,6 +99,7 @@ class JobCommands:
             status = 0
             for data in records:
                 status = await self._command(line, output, data)
+                unread.check()
                 if status or self.stopped:
                     return status
             await self._until(lambda: not line.active)

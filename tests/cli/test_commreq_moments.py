@@ -1,9 +1,10 @@
-"""What happens in the very turn of the loop in which a command to a job is answered is shown all the same."""
+"""Commands to jobs: what happens in the turn of the loop in which one is answered, and while one waits for that."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,10 @@ import pytest
 
 from framekit.blocks.jobs.diagnosis import status_of
 from framekit.blocks.jobs.slot import Slot
-from framekit.cli.commreq_jobs import JobCommands
+from framekit.cli.commreq_jobs import JobCommands, carry_out_jobs
+from framekit.cli.commreq_run import NO_ANSWER
+from framekit.cli.main import build_parser
+from framekit.definition.load import load_protocol
 
 
 class Output:
@@ -50,3 +54,21 @@ def test_a_transfer_beside_the_answer_of_another_command(capsys: pytest.CaptureF
     assert asyncio.run(at_work()) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("job 5") and lines[1:] == ["inspect is answered"]
+
+
+def test_nobody_reads_any_more_while_a_command_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unread() -> None:
+        raise BrokenPipeError
+
+    async def waits(self: JobCommands, *_: Any) -> int:
+        asyncio.get_running_loop().call_soon(unread)
+        await self._until(lambda: False)
+        return NO_ANSWER
+
+    monkeypatch.setattr(JobCommands, "_command", waits)
+    device = tmp_path / "plc.device.yaml"
+    device.write_text("device: plc\nprotocol: srtp\n", encoding="utf-8")
+    words = ["commreq", "srtp", "--commands", "ge-channels", "--port", f"sim:{device}", "2003"]
+    given = build_parser("commreq").parse_args(words)
+    with pytest.raises(BrokenPipeError):
+        carry_out_jobs(load_protocol("ge-channels"), load_protocol("srtp"), [b""], given)
