@@ -84,7 +84,7 @@ class Driver:
         """Closes the port and forgets what was to be sent."""
         self.stopped, self._started = True, False
         self._pending.clear()
-        self._alarm.set(NEVER)
+        self._alarm.cancel()
         for timer in (self._send_timer, self._reopen_timer):
             if timer is not None:
                 timer.cancel()

@@ -30,6 +30,9 @@ class ExactAlarm:
             self._call.cancel()
         self._call = self._clock.call_at(when, self._ring) if when < NEVER else None
 
+    def cancel(self) -> None:
+        self.set(NEVER)
+
     def _ring(self) -> None:
         self._call, self._when = None, NEVER
         self._callback()
@@ -52,6 +55,11 @@ class LateAlarm:
                 self._call.cancel()
             self._asked_for = when
             self._call = self._clock.call_at(when, self._ring)
+
+    def cancel(self) -> None:
+        if self._call is not None:
+            self._call.cancel()
+        self._call, self._asked_for, self._when = None, NEVER, NEVER
 
     def _ring(self) -> None:
         self._call, self._asked_for = None, NEVER

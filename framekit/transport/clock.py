@@ -49,6 +49,9 @@ class Alarm(Protocol):
     def set(self, when: int) -> None:
         """The call will come at `when`, never earlier, and not when it was set to before; NEVER: not at all."""
 
+    def cancel(self) -> None:
+        """The call will not come, and the clock keeps nothing of whoever wanted it."""
+
 
 class Lagging(Protocol):
     """Something that saves calls: it tells late what nobody could have noticed earlier (see `VirtualClock.lag`)."""

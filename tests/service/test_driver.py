@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from link.service_loop import codec_of
 
 from framekit.link.transfer import TransferResult
 from framekit.service.client import ClientService
-from framekit.transport.clock import VirtualClock
+from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.port import Port, PortEvents
 
 SECOND = 1_000_000_000
@@ -18,7 +20,7 @@ class QuickPort(Port):
     name = "quick"
     settings = None
 
-    def __init__(self, clock: VirtualClock) -> None:
+    def __init__(self, clock: VirtualClock | AsyncioClock) -> None:
         self.clock = clock
         self.taken: list[bytes] = []
         self.events: PortEvents | None = None
@@ -57,3 +59,22 @@ def test_a_request_that_waits_for_silence_has_its_time_limit_all_the_same() -> N
     clock.run_for(600 * SECOND)
     assert [result.outcome for result in results] == ["no_reply"]
     assert len(port.taken) > 1 and len(set(port.taken)) == 1
+
+
+def test_a_clock_keeps_nothing_of_a_driver_that_has_been_stopped() -> None:
+    async def at_work() -> None:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        port = QuickPort(clock)
+        service = ClientService(codec_of("modbus-rtu")[0], port, clock, role="client")
+        service.start()
+        while not service.is_open:
+            await asyncio.sleep(0)
+        results: list[TransferResult] = []
+        service.request(
+            lambda client, now, done: client.read("40001", station=1, count=1, now=now, on_done=done), results.append
+        )
+        assert clock.pending == 1, "the time limit of the reply"
+        service.stop()
+        assert clock.pending == 0 and [result.outcome for result in results] == ["closed"]
+
+    asyncio.run(at_work())
