@@ -24,7 +24,7 @@ def commands_for(protocol: Protocol, name: str | None, folder: Path, at: Positio
     wanted = name or protocol.commands_file
     if not wanted:
         what = f"'{protocol.name}' names no application of commands"
-        raise DefinitionError([Problem(at, what, "add commands: NAME")])
+        raise DefinitionError([Problem(at, what, "add commands: NAME; on a command line --commands NAME")])
     application = load_protocol(_beside(wanted, folder), folder)
     problems = list(misfits(application, protocol, at))
     if problems:

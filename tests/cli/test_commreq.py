@@ -69,7 +69,10 @@ def test_what_is_no_command_is_told_and_exits_with_2(
 
 def test_protocols_without_commands_say_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["commreq", "mldp", "--explain", "1"]) == 1
-    assert "names no application of commands" in capsys.readouterr().err
+    assert (
+        "names no application of commands – add commands: NAME; on a command line --commands NAME"
+        in capsys.readouterr().err
+    )
     assert main(["commreq", "ccm", "--explain", "1", "--commands", "commreq-snp"]) == 1
     assert "command 'snp_attach' of 'commreq-snp' calls 'open', which 'ccm' has not" in capsys.readouterr().err
     assert main(["commreq", "ccm", "--explain", "1", "--commands", "ge-service"]) == 1
