@@ -19,9 +19,6 @@ Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 """Where the bytes of 0xAABBCCDD stand in two words, each written with its high byte first."""
 
 ORDERS: tuple[str, ...] = get_args(Order)
-USUAL_ORDER: Order = "CDAB"
-"""The order of a device memory: the low word first."""
-
 _UNITS = {8: "byte", 16: "word", 32: "dword", 64: "lword"}
 _FORMATS = {"byte": "B", "word": "H", "dword": "I", "lword": "Q"}
 _TYPES: dict[str, tuple[int, str]] = {

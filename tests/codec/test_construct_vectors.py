@@ -40,7 +40,7 @@ def test_there_are_cases() -> None:
     assert list(cases())
 
 
-@pytest.mark.parametrize(("name", "vector"), cases())
+@pytest.mark.parametrize(("name", "vector"), list(cases()))
 def test_frames_of_vectors(name: str, vector: FrameVector) -> None:
     protocol, codec = compiled(name)
     assert vector.frame is not None

@@ -100,7 +100,7 @@ def test_there_are_frames() -> None:
     assert list(shipped())
 
 
-@pytest.mark.parametrize(("name", "frame"), shipped())
+@pytest.mark.parametrize(("name", "frame"), list(shipped()))
 def test_both_compilers_agree(name: str, frame: str) -> None:
     agree(pair(name), frame)
 
