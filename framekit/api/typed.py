@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from framekit.api.errors import RequestError
+from framekit.definition.model.services import UNIT_BITS
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import values_of
 from framekit.memory.errors import MemoryValueError
@@ -75,6 +76,10 @@ def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str |
     except ValueError as error:
         raise RequestError(str(error)) from None
     if isinstance(view, TextView):
+        if place not in UNIT_BITS:  # its octets are a structure, which text would overwrite
+            raise RequestError(
+                f"{address} is an element of {place} with a form of its own – write its bytes as a number"
+            )
         return Typed(type_, view, view.unit(place), view.units(count, place), count, place)
     return Typed(type_, view, view.unit, count, count, place)
 

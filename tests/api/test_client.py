@@ -136,7 +136,7 @@ def test_nobody_answers(shared: framekit.Client) -> None:
         (lambda client: client.write("40001", 2**32, station=7, type="uint32"), "does not fit into a uint32"),
         (lambda client: client.write("40001", "x", station=7), "has the type string"),
         (lambda client: client.write("40001", "abc", station=7, type="string", count=2), "there is room for 2"),
-        (lambda client: client.write("30001", 1, station=7), "write"),
+        (lambda client: client.write("30001", 1, station=7), "can only be read"),
         (lambda client: client.call("nope", station=7), "there is no service 'nope'"),
         (lambda client: client.call("mask_write", {"adress": 1}, station=7), "did you mean 'address'"),
         (lambda client: client.send("request", {}), "has no frame"),
