@@ -39,6 +39,22 @@ HALF = {
     "HD-7": ("HD-2, HD-3:", "HD-7, HD-8 at the slave"),
     "HD-8": ("HD-8: a message without", "HD-7, HD-8 at the slave"),
 }
+TABLES = {
+    "master": (
+        "HD-1: message", "nodes of the priority list", "HD-2, HD-3:", "three times without an acknowledge", "HD-4:",
+        "HD-6: a duplicate", "HD-5: a damaged", "an inactive node is polled once", "a node that does not answer",
+        "a message of one slave", "one message a poll", "the link reset of a master",
+    ),
+    "slave": (
+        "HD-1 at the slave", "a broadcast is executed", "other slaves", "a header without a station",
+        "a header that something else", "a control symbol in a message: no answer", "HD-2 at the slave",
+        "too short, too long", "a message that is too long: no answer", "a character with a parity error in a message:",
+        "HD-3 at the slave", "a broadcast that comes twice", "HD-7, HD-8 at the slave", "polls and messages of others",
+        "HD-6 at the slave", "HD-5 at the slave", "a message that nobody acknowledges", "the next message goes out",
+        "the link reset drops", "the link reset of the master",
+    ),
+}  # fmt: skip
+"""The rows of the tables of 1.11, in their order, and the further duties of a master."""
 
 
 @pytest.mark.parametrize("row", FULL)
@@ -50,4 +66,10 @@ def test_full_duplex(row: str) -> None:
 @pytest.mark.parametrize("row", HALF)
 def test_half_duplex_at_master_and_slave(row: str) -> None:
     for role, name in zip(("master", "slave"), HALF[row], strict=True):
+        assert any(case.name.startswith(name) and case.role == role for case in CASES), (role, name)
+
+
+@pytest.mark.parametrize("role", TABLES)
+def test_tables_of_half_duplex(role: str) -> None:
+    for name in TABLES[role]:
         assert any(case.name.startswith(name) and case.role == role for case in CASES), (role, name)
