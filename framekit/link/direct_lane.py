@@ -20,7 +20,6 @@ from framekit.link.machine import Machine, arguments_of
 from framekit.link.output import Item
 from framekit.link.receiver import Receiver
 from framekit.link.runs import Activation, Dealing, Run
-from framekit.link.values import FrameValue
 
 
 class DirectAsk(Protocol):
@@ -51,7 +50,6 @@ class DirectLane:
         self._ask: DirectAsk | None = None
         self._item = Item(None)
         self._data = b""
-        self._value: FrameValue | None = None
         self._started = 0
         self._within = NEVER
         self._has_left = False
@@ -83,7 +81,7 @@ class DirectLane:
     # ---- asking -------------------------------------------------------------------------------------------
 
     def begin(self, ask: DirectAsk) -> bool:
-        """Begins an exchange, if nothing else is going on. False: nothing has been done."""
+        """Begins an exchange, if nothing else is going on. False: nothing has been sent."""
         if not self._is_free(ask.request):
             return False
         request, machine = ask.request, self.machine
@@ -146,9 +144,7 @@ class DirectLane:
         self._ask, self.deadline = None, NEVER
         self.receiver.pass_by(len(data), now)
         self.counters.received += 1
-        if self.machine.monitor is not None:
-            reason = "" if value.refusal is None else f"refused with {value.refusal}"
-            self.machine.show("frame", "in", data, value.frame, value.fields, reason=reason, started_at=now)
+        self.machine.show_received(value, data, now)
         return ask, outcome
 
     def unfold(self) -> None:

@@ -141,6 +141,12 @@ class Environment:
             shown = {name: plain(value) for name, value in fields.items()} if fields else {}
             self.monitor(Seen(direction, kind, self.scope.now, raw, frame, shown, **more))
 
+    def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
+        """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
+        if self.monitor is not None:
+            reason = "" if value.refusal is None else f"refused with {value.refusal}"
+            self.show("frame", "in", raw, value.frame, value.fields, reason=reason, started_at=started_at)
+
     # ---- serving ------------------------------------------------------------------------------------------
 
     def serve(self, activation: Activation, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:

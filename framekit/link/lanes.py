@@ -101,9 +101,7 @@ class Lanes:
         if not self.listens or (old and machine.has_bytes()):
             machine.drop_stale()
         self._give_way(lane)
-        run = Run(lane, "exchange")
-        lane.running.append(run)
-        self._reorder()
+        run = self._new_run(lane, "exchange")
         self._plans[run] = exchange
         dealing = Dealing(machine.scope, exchange, True)
         for kind, name in machine.session.plan(exchange):
@@ -116,9 +114,13 @@ class Lanes:
         """A run for an exchange that has begun otherwise."""
         lane = self.lane_for(exchange.run)
         assert lane is not None
-        run = Run(lane, "exchange")
-        lane.running.append(run)
+        run = self._new_run(lane, "exchange")
         self._plans[run] = exchange
+        return run
+
+    def _new_run(self, lane: LaneState, kind: str) -> Run:
+        run = Run(lane, kind)
+        lane.running.append(run)
         self._reorder()
         return run
 
@@ -134,9 +136,7 @@ class Lanes:
         if lane is None or not self.is_free:
             return None
         self._give_way(lane)
-        run = Run(lane, kind)
-        lane.running.append(run)
-        self._reorder()
+        run = self._new_run(lane, kind)
         for name in names:
             run.agenda.append((kind, name, Dealing(self.machine.scope, None, True, station)))
         if kind == "close":

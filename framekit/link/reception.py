@@ -120,7 +120,7 @@ class Reception:
     def _frame(self, event: FrameArrived) -> None:
         reading: FrameArrived | None = event
         self.counters.received += 1
-        self._show_frame(event)
+        self.machine.show_received(event.value, event.raw, event.started_at)
         while reading is not None:
             self._announce(reading.value)
             if self.dispatcher.offer(reading.value, reading.raw):
@@ -152,14 +152,6 @@ class Reception:
         )  # fmt: skip
         if not self.cutting:
             self.dispatcher.bad(bad)
-
-    def _show_frame(self, event: FrameArrived) -> None:
-        value = event.value
-        if self.machine.monitor is not None:
-            reason = "" if value.refusal is None else f"refused with {value.refusal}"
-            self.machine.show(
-                "frame", "in", event.raw, value.frame, value.fields, reason=reason, started_at=event.started_at
-            )
 
     def show_noise(self, found: Iterable[Noise]) -> None:
         for noise in found:

@@ -52,14 +52,16 @@ class TappedPort(Port):
         self.inner.open(_Tapped(self, events))
 
     def write(self, data: bytes) -> None:
-        if self.is_open and data:
-            self.tap(LineEvent("data", self.clock.now(), "out", data))
+        self._show(data)
         self.inner.write(data)
 
     def write_through(self, data: bytes) -> bool:
+        self._show(data)
+        return self.inner.write_through(data)
+
+    def _show(self, data: bytes) -> None:
         if self.is_open and data:
             self.tap(LineEvent("data", self.clock.now(), "out", data))
-        return self.inner.write_through(data)
 
     def close(self) -> None:
         if self.is_open:
