@@ -38,7 +38,7 @@ from framekit.link.scope import Scope
 from framekit.link.sessions import SessionState
 
 MOST_ROUNDS = 100_000
-"""So many things that follow from one event are a circle that no lane alone makes."""
+"""So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""
 
 
 class EngineCore:
@@ -88,6 +88,7 @@ class EngineCore:
         self._direct = DirectLane(machine, self.lanes, self.receiver, self.counters, self._context)
         machine.flush = lambda: self.reception.show_noise(self.receiver.flush())
         self._busy = False
+        self._circle_at = -1
 
     @property
     def deadline(self) -> int:
@@ -155,6 +156,11 @@ class EngineCore:
                 continue
             elif not self.reception.next_arrival() and not self.farewell.go_on():
                 return
+        place = self.receiver.stream.offset
+        if place != self._circle_at:
+            self._circle_at = place
+            self._settle()
+            return
         machine.show("trouble", reason="one event leads to another without end")
 
     def _frame_trouble(self, frame: str, error: Exception) -> None:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 
+import pytest
 from link.service_loop import codec_of
 
 from framekit.blocks.memory_settings import memory_of
 from framekit.definition.times import NEVER
+from framekit.link import engine_core
 from framekit.link.engine import Engine
 from framekit.link.events import Send
+from framekit.link.observe import Seen
 from framekit.link.serving import MemoryServer
 from framekit.link.steps import MOST_STEPS
+from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 
 STEPS_OF_ONE = 3
+READ = bytes.fromhex("0000 0006 01 03 0000 0001")
 
 
 def test_requests_that_come_in_one_piece_are_all_answered() -> None:
@@ -23,7 +28,7 @@ def test_requests_that_come_in_one_piece_are_all_answered() -> None:
     engine = Engine(protocol, codec, "server", own=1, server=MemoryServer(protocol, codec, memory))
     engine.opened(0)
     count = MOST_STEPS // STEPS_OF_ONE + 100
-    requests = [number.to_bytes(2, "big") + bytes.fromhex("0000 0006 01 03 0000 0001") for number in range(count)]
+    requests = [number.to_bytes(2, "big") + READ for number in range(count)]
     waiting = deque(engine.receive(b"".join(requests), 1000))
     answered = []
     while waiting:
@@ -33,3 +38,15 @@ def test_requests_that_come_in_one_piece_are_all_answered() -> None:
         waiting.extend(engine.sent(1000))
     assert answered == list(range(count))
     assert engine.counters.not_taken == 0 and engine.deadline == NEVER
+
+
+def test_frames_without_end_in_one_piece_are_no_circle(monkeypatch: pytest.MonkeyPatch) -> None:
+    protocol, codec = codec_of("modbus-tcp")
+    monkeypatch.setattr(engine_core, "MOST_ROUNDS", 50)
+    taken: list[FrameValue] = []
+    seen: list[Seen] = []
+    engine = Engine(protocol, codec, None, on_frame=taken.append, monitor=seen.append)
+    engine.opened(0)
+    engine.receive(b"".join(number.to_bytes(2, "big") + READ for number in range(300)), 1000)
+    assert [frame.fields["transaction"] for frame in taken] == list(range(300))
+    assert [one for one in seen if one.kind == "trouble"] == []

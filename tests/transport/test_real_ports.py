@@ -10,7 +10,8 @@ from transport.real_world import Waiting, opened, run
 
 from framekit.definition.line_settings import LineSettings
 from framekit.definition.times import LineFormat
-from framekit.transport import serial_port
+from framekit.link.events import CharacterFault
+from framekit.transport import serial_port, tcp_port
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.open_port import host_and_port, open_port
 from framekit.transport.port import Port
@@ -245,6 +246,61 @@ def test_a_host_that_is_none(host: str) -> None:
         assert (await events.until("closed")).startswith(f"no connection to {host}:502: ")
 
     run(check())
+
+
+async def flooded(size: int) -> tuple[list[bytes], list[str]]:
+    """The pieces in which a connection tells `size` bytes, and who was told what; another one asks after the first."""
+    clock = real_clock()
+    accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
+    listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+    _, flood = await asyncio.open_connection("127.0.0.1", listener.number)
+    flooding = await accepted.get()
+    _, other = await asyncio.open_connection("127.0.0.1", listener.number)
+    pieces: list[bytes] = []
+    order: list[str] = []
+
+    class Told(Waiting):
+        def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+            order.append("flood")
+            if not pieces:
+                other.write(b"other")
+            pieces.append(data)
+
+        def closed(self, now: int, reason: str) -> None:
+            order.append("closed")
+            super().closed(now, reason)
+
+    class Other(Waiting):
+        def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+            order.append("other")
+
+    (await accepted.get()).open(Other())
+    flood.write(bytes(number % 251 for number in range(size)))
+    await flood.drain()
+    flood.close()
+    await flood.wait_closed()
+    events = Told()
+    flooding.open(events)
+    await events.until("closed")
+    other.close()
+    listener.stop()
+    return pieces, order
+
+
+def test_a_flood_is_taken_in_turns_and_nothing_of_it_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tcp_port, "LONGEST_TURN", -1)
+    pieces, order = asyncio.run(flooded(200_000))
+    assert b"".join(pieces) == bytes(number % 251 for number in range(200_000))
+    assert max(map(len, pieces[1:])) == tcp_port.FEWEST
+    assert order.index("other") < len(order) // 2, "somebody else had a turn in between"
+    assert order[-1] == "closed"
+
+
+def test_what_is_dealt_with_quickly_is_taken_in_large_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tcp_port, "LONGEST_TURN", 60_000_000_000)
+    pieces, _ = asyncio.run(flooded(400_000))
+    assert b"".join(pieces) == bytes(number % 251 for number in range(400_000))
+    assert max(map(len, pieces)) == tcp_port.MOST
 
 
 def test_sent_waits_until_the_system_has_taken_everything() -> None:
