@@ -65,18 +65,26 @@ def near(file: str) -> str:
 
 def load(name: str) -> Protocol:
     """The protocol of a command line. Raises DefinitionError; warnings go to standard error."""
-    return load_codec(name).protocol
+    from framekit.definition.load import load_protocol
+
+    protocol = load_protocol(name, Path.cwd())
+    _warn(protocol)
+    return protocol
 
 
 def load_codec(name: str) -> StoredCodec:
-    """As `load`, with its functions; the definition itself is read when somebody asks for it."""
+    """Its functions alone, which is quicker; the definition itself is read when somebody asks for it."""
     from framekit.codec.stored import stored_codec
 
     codec = stored_codec(name, Path.cwd())
     if codec.warned:
-        for warning in codec.protocol.warnings:
-            print(told(warning), file=sys.stderr)
+        _warn(codec.protocol)
     return codec
+
+
+def _warn(protocol: Protocol) -> None:
+    for warning in protocol.warnings:
+        print(told(warning), file=sys.stderr)
 
 
 def assignment(text: str) -> tuple[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, add_protocol, load, print_json, table
+from framekit.cli.common import add_json, add_protocol, load_codec, print_json, table
 
 if TYPE_CHECKING:
     from framekit.definition.model.frames import Frame
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     if arguments.protocol is None:
         return _protocols(arguments.json)
-    protocol = load(arguments.protocol)
+    protocol = load_codec(arguments.protocol).protocol
     frames = [(frame, fields_of(frame.segments)) for frame in protocol.frames.values()]
     if arguments.json:
         print_json([_as_json(frame, fields) for frame, fields in frames])

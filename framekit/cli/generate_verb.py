@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from framekit.cli.common import add_protocol, load, why_not
+from framekit.cli.common import add_protocol, load_codec, why_not
 from framekit.cli.main import Failure
 
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    protocol = load(arguments.protocol)
+    protocol = load_codec(arguments.protocol).protocol
     if arguments.what == "python":
         from framekit.codec.python.generate import generate_source
 

@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 
 from framekit import __version__
 
@@ -32,6 +33,9 @@ VERBS = {
     "loopback": "test a port that is wired back to itself",
     "completion": "print a shell's completion script",
 }
+
+READS_ITSELF = ("check", "test", "completion", "loopback")
+"""Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
 
 class Failure(Exception):  # noqa: N818 - a message for the user, not a fault of the program
@@ -71,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = build_parser(words[0] if words and words[0] in VERBS else "").parse_args(words)
     module = importlib.import_module(f"framekit.cli.{parsed.verb}_verb")
     try:
-        return int(module.run(parsed))
+        return _run(module, parsed)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -89,6 +93,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         print("\n".join(told(problem) for problem in error.problems), file=sys.stderr)
         return WrongWords.status if all(problem.warning or not problem.at.line for problem in error.problems) else 1
+
+
+def _run(module: ModuleType, parsed: argparse.Namespace) -> int:
+    """Carries a verb out; definitions come from the user's cache folder where that holds them."""
+    if parsed.verb in READS_ITSELF:
+        return int(module.run(parsed))
+    from framekit.codec.stored import kept_library
+    from framekit.definition.keeping import kept_by
+
+    with kept_by(kept_library()):
+        return int(module.run(parsed))
 
 
 if __name__ == "__main__":

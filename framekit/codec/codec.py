@@ -10,6 +10,7 @@ from types import CodeType, ModuleType
 from typing import cast
 
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
+from framekit.definition import keeping
 from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Choose, Inner, Optional, Record, Repeat, Segment, Wrap
@@ -38,7 +39,9 @@ def compile_protocol(protocol: Protocol) -> Codec:
     DefinitionError."""
     known = _compiled.get(id(protocol))
     if known is None:
-        return codec_from(protocol, code_of(protocol))
+        if keeping.current is None:
+            return codec_from(protocol, code_of(protocol))
+        return _keep(Codec(protocol, keeping.current.module(protocol)))
     return _keep(known)
 
 

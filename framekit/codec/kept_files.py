@@ -15,6 +15,9 @@ from pathlib import Path
 MOST_FILES = 64
 """So many files are kept; the oldest go."""
 
+MOST_BYTES = 67_108_864
+"""So much do they hold together; the newest one stays whatever it holds."""
+
 SUFFIX = ".framekit"
 """How files of the cache end: no others are ever removed, whatever folder somebody has named."""
 
@@ -83,6 +86,9 @@ def keep(folder: Path, name: str, data: bytes) -> None:
 
 
 def _drop_oldest(folder: Path) -> None:
-    files = sorted(folder.glob(f"*{SUFFIX}"), key=lambda file: -file.lstat().st_mtime_ns)
-    for file in files[MOST_FILES:]:
-        file.unlink(missing_ok=True)
+    found = sorted(((file.lstat(), file) for file in folder.glob(f"*{SUFFIX}")), key=lambda each: -each[0].st_mtime_ns)
+    size = 0
+    for number, (state, file) in enumerate(found):
+        size += state.st_size
+        if number and (number >= MOST_FILES or size > MOST_BYTES):
+            file.unlink(missing_ok=True)

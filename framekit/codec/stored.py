@@ -12,6 +12,7 @@ import marshal
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,7 +24,7 @@ from framekit.definition.shipped import definition_file, shipped_folder
 from framekit.definition.sources import Sources
 
 if TYPE_CHECKING:
-    from types import CodeType
+    from types import CodeType, ModuleType
 
     from framekit.definition.model.protocol import Protocol
 
@@ -37,25 +38,33 @@ class FrameNote(NamedTuple):
     refuse: int | None
 
 
+class Kept(NamedTuple):
+    """What is kept of a protocol; the model pickled, since not everybody needs it."""
+
+    sources: tuple[Any, ...]
+    name: str
+    code: CodeType
+    frames: list[tuple[Any, ...]]
+    warned: bool
+    pickled: bytes
+
+
 class StoredCodec(FrameFunctions):
     """The functions of a protocol's frames; `catalogue`: its frames; `warned`: its definition has warnings."""
 
-    def __init__(self, name: str, code: CodeType, frames: list[tuple[Any, ...]], warned: bool, pickled: bytes) -> None:
-        super().__init__(module_of(name, code))
-        self.catalogue: Mapping[str, FrameNote] = {note[0]: FrameNote(*note) for note in frames}
-        self.warned = warned
-        self._code = code
-        self._pickled = pickled
+    def __init__(self, kept: Kept) -> None:
+        super().__init__(module_of(kept.name, kept.code))
+        self.catalogue: Mapping[str, FrameNote] = {note[0]: FrameNote(*note) for note in kept.frames}
+        self.warned = kept.warned
+        self._kept = kept
 
     @cached_property
     def protocol(self) -> Protocol:
         """The definition; `compile_protocol` of it takes the code that is there."""
-        import pickle
-
         from framekit.codec.codec import codec_from
 
-        protocol: Protocol = pickle.loads(self._pickled)
-        codec_from(protocol, self._code)
+        protocol = _model(self._kept)
+        codec_from(protocol, self._kept.code)
         return protocol
 
 
@@ -66,38 +75,108 @@ def stored_codec(name: str | Path, folder: Path) -> StoredCodec:
     """
     cache, path = cache_folder(), definition_file(name, folder)
     if cache is None or path is None:
-        return _made(name, folder, None, "")
-    key = hashlib.sha256(f"{path.resolve()}\n{_stamp()}".encode()).hexdigest()
-    kept = read_kept(cache, key)
-    return (None if kept is None else _read(kept)) or _made(name, folder, cache, key)
+        return StoredCodec(_made(name, folder))
+    shelf = Shelf(cache)
+    kept = shelf.read(path)
+    if kept is not None:
+        with suppress(ImportError):  # a library that it was compiled for is no longer there
+            return StoredCodec(kept)
+    kept = _made(name, folder)
+    shelf.write(path, kept)
+    return StoredCodec(kept)
 
 
-def _made(name: str | Path, folder: Path, cache: Path | None, key: str) -> StoredCodec:
-    import pickle
-
+def _made(name: str | Path, folder: Path) -> Kept:
     from framekit.codec.codec import code_of
     from framekit.definition.load.library import load_with_files
 
     loaded = load_with_files(name, folder)
-    protocol = loaded.protocol
+    return _parts(loaded.protocol, loaded.sources, code_of(loaded.protocol))
+
+
+def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> Kept:
+    import pickle
+
     notes = [(frame.name, frame.inner, frame.side, frame.refuse) for frame in protocol.frames.values()]
-    parts = protocol.name, code_of(protocol), notes, bool(protocol.warnings), pickle.dumps(protocol)
-    if cache is not None:
-        content = marshal.dumps((tuple(loaded.sources), *parts))
-        keep(cache, key, hashlib.sha256(content).digest() + content)
-    return StoredCodec(*parts)
+    return Kept(tuple(sources), protocol.name, code, notes, bool(protocol.warnings), pickle.dumps(protocol))
 
 
-def _read(kept: bytes) -> StoredCodec | None:
-    """What was kept, if it is whole and still right."""
-    digest, content = kept[:32], kept[32:]
-    if hashlib.sha256(content).digest() != digest:
-        return None
-    sources, *parts = marshal.loads(content)
+def _model(kept: Kept) -> Protocol:
+    import gc
+    import pickle
+
+    collects = gc.isenabled()
+    gc.disable()  # tens of thousands of objects come, and none goes
     try:
-        return StoredCodec(*parts) if Sources(*sources).still_hold() else None
-    except ImportError:  # a library it was compiled for has been changed since
-        return None
+        protocol: Protocol = pickle.loads(kept.pickled)
+    finally:
+        if collects:
+            gc.enable()
+    return protocol
+
+
+class Shelf:
+    """Kept protocols in a folder, by the files of their definitions."""
+
+    def __init__(self, cache: Path) -> None:
+        self.cache = cache
+        self._stamp = _stamp()
+
+    def _key(self, path: Path) -> str:
+        return hashlib.sha256(f"{path}\n{path.resolve()}\n{self._stamp}".encode()).hexdigest()
+
+    def read(self, path: Path) -> Kept | None:
+        """What was kept, if it is whole and still right."""
+        data = read_kept(self.cache, self._key(path)) or b""
+        digest, content = data[:32], data[32:]
+        if hashlib.sha256(content).digest() != digest:
+            return None
+        kept = Kept(*marshal.loads(content))
+        return kept if Sources(*kept.sources).still_hold() else None
+
+    def write(self, path: Path, kept: Kept) -> None:
+        content = marshal.dumps(tuple(kept))
+        keep(self.cache, self._key(path), hashlib.sha256(content).digest() + content)
+
+
+class LibraryKeeper:
+    """Gives loaders and compilers what a shelf has, and puts there what they have made (see `Keeper`)."""
+
+    def __init__(self, shelf: Shelf) -> None:
+        self.shelf = shelf
+        self._codes: dict[int, CodeType] = {}
+        self._known: dict[int, tuple[Path, Protocol, Sources]] = {}
+
+    def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
+        kept = self.shelf.read(path)
+        if kept is None:
+            return None
+        protocol = _model(kept)
+        sources = Sources(*kept.sources)
+        self._codes[id(protocol)] = kept.code
+        self.was_loaded(path, protocol, sources)
+        return protocol, sources
+
+    def was_loaded(self, path: Path, protocol: Protocol, sources: Sources) -> None:
+        self._known[id(protocol)] = path, protocol, sources
+
+    def module(self, protocol: Protocol) -> ModuleType:
+        from framekit.codec.codec import code_of
+
+        if id(protocol) in self._codes:
+            with suppress(ImportError):
+                return module_of(protocol.name, self._codes[id(protocol)])
+        code = code_of(protocol)
+        if id(protocol) in self._known:
+            path, _, sources = self._known[id(protocol)]
+            self.shelf.write(path, _parts(protocol, sources, code))
+        return module_of(protocol.name, code)
+
+
+def kept_library() -> LibraryKeeper | None:
+    """Keeps definitions and their code in the user's cache folder; None where there is none to trust."""
+    cache = cache_folder()
+    return None if cache is None else LibraryKeeper(Shelf(cache))
 
 
 def _stamp() -> str:

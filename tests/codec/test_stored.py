@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 import shipped
 
-from framekit.codec import stored
+from framekit.blocks.device import load_devices
+from framekit.cli import check_verb, main, serve_verb
+from framekit.codec import codec as codecs
+from framekit.codec import kept_files, stored
 from framekit.codec.codec import compile_protocol
 from framekit.codec.kept_files import MOST_FILES, SUFFIX, cache_folder, keep, read_kept
-from framekit.codec.stored import StoredCodec, stored_codec
-from framekit.definition.load import load_protocol
+from framekit.codec.stored import Kept, kept_library, stored_codec
+from framekit.definition import keeping
+from framekit.definition.keeping import kept_by
+from framekit.definition.load import library, load_protocol
 from framekit.link.fitting import candidates, of_side
 from framekit.link.scope import Scope
 
@@ -35,7 +41,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     found: list[str] = []
     make = stored._made
 
-    def noting(name: str | Path, *more: object) -> StoredCodec:
+    def noting(name: str | Path, *more: object) -> Kept:
         found.append(str(name))
         return make(name, *more)  # type: ignore[arg-type]
 
@@ -159,6 +165,18 @@ def test_the_oldest_files_go(cache: Path) -> None:
     assert read_kept(folder, "last") == b"data"
 
 
+def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = cache_folder()
+    assert folder is not None
+    monkeypatch.setattr(kept_files, "MOST_BYTES", 1000)
+    for number in range(5):
+        keep(folder, f"{number}", bytes(400))
+        os.utime(folder / f"{number}{SUFFIX}", ns=(number, number))
+    assert sorted(file.name for file in folder.iterdir()) == [f"3{SUFFIX}", f"4{SUFFIX}"]
+    keep(folder, "large", bytes(5000))
+    assert [file.name for file in folder.iterdir()] == [f"large{SUFFIX}"]
+
+
 def test_files_of_others_in_the_folder_stay(cache: Path) -> None:
     folder = cache_folder()
     assert folder is not None
@@ -187,3 +205,95 @@ def test_code_for_a_library_that_is_no_longer_there_is_made_again(
             stored_codec(written(tmp_path), tmp_path)
     assert stored_codec(written(tmp_path), tmp_path).encode("one", {"value": 2}) == b"\x01\x02"
     assert len(made) == 2
+
+
+# ---- whoever loads and compiles ----------------------------------------------------------------------------
+
+DEVICE = """
+device: one
+protocol: own
+memory: {areas: {D: {unit: word, size: 4}}, addresses: [{form: "D{start:dec}", area: D}]}
+"""
+
+
+@pytest.fixture
+def loads(cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What is really loaded and compiled."""
+    found: list[str] = []
+    load, make = library._load, codecs.code_of
+    monkeypatch.setattr(library, "_load", lambda path: found.append(f"load {path.stem}") or load(path))
+    monkeypatch.setattr(codecs, "code_of", lambda protocol: found.append(f"compile {protocol.name}") or make(protocol))
+    return found
+
+
+def next_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if another process began: nothing is known of what this one has loaded."""
+    monkeypatch.setattr(library, "_kept", {})
+    monkeypatch.setattr(codecs, "_compiled", {})
+
+
+def test_devices_take_their_protocol_and_its_functions_from_the_cache(
+    loads: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written(tmp_path)
+    device = written(tmp_path, DEVICE, "one.device")
+    models = []
+    for _ in range(2):
+        next_command(monkeypatch)
+        with kept_by(kept_library()):
+            (found,) = load_devices(device, tmp_path)
+            models.append(found.protocol)
+            assert compile_protocol(found.protocol).decode("one", b"\x01\x07") == {"value": 7}
+            assert compile_protocol(found.protocol) is compile_protocol(load_protocol(tmp_path / "own.yaml"))
+    assert loads == ["load own", "compile own"]
+    assert models[0] == models[1] and models[0] is not models[1]
+
+
+def test_a_definition_that_has_changed_is_loaded_again(
+    loads: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = written(tmp_path)
+    for byte in (b"\x01", b"\x02", b"\x02"):
+        next_command(monkeypatch)
+        written(tmp_path, OWN.replace("01", byte.hex()))
+        with kept_by(kept_library()):
+            assert compile_protocol(load_protocol(file)).encode("one", {"value": 7}) == byte + b"\x07"
+    assert loads == 2 * ["load own", "compile own"]
+
+
+def test_what_the_library_keeps_is_what_decode_reads(
+    loads: list[str], made: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = written(tmp_path)
+    with kept_by(kept_library()):
+        compile_protocol(load_protocol(file))
+    next_command(monkeypatch)
+    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07") == {"value": 7}
+    assert made == [] and len(loads) == 2
+
+
+def test_kept_code_for_a_library_that_is_no_longer_there_is_compiled_again(
+    loads: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = written(tmp_path)
+    gone = compile("from framekit.codec import not_there", "gone", "exec")
+    with kept_by(kept_library()), monkeypatch.context() as patch:
+        patch.setattr(codecs, "code_of", lambda protocol: gone)
+        with pytest.raises(ImportError):
+            compile_protocol(load_protocol(file))
+    for _ in range(2):
+        next_command(monkeypatch)
+        with kept_by(kept_library()):
+            assert compile_protocol(load_protocol(file)).encode("one", {"value": 2}) == b"\x01\x02"
+    assert loads == ["load own", "compile own"]
+
+
+@pytest.mark.parametrize(("verb", "keeps"), [(serve_verb, True), (check_verb, False)])
+def test_commands_keep_what_they_load_unless_they_are_to_look_at_it(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, verb: ModuleType, keeps: bool
+) -> None:
+    found: list[bool] = []
+    monkeypatch.setattr(verb, "run", lambda arguments: found.append(keeping.current is not None) or 0)
+    words = {serve_verb: ["serve", "mldp", "--port", "pty:"], check_verb: ["check", "mldp"]}[verb]
+    assert main.main(words) == 0
+    assert found == [keeps] and keeping.current is None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from framekit.definition import keeping
 from framekit.definition.check import check_protocol
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.protocol import ProtocolLoader
@@ -49,12 +50,25 @@ def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
     kept = _kept.get(key)
     if kept is not None and kept.sources.still_hold():
         return kept
-    loaded = _load(path)
+    loaded = _kept_before(path)
+    if loaded is None:
+        loaded = _load(path)
+        if keeping.current is not None:
+            keeping.current.was_loaded(path, loaded.protocol, loaded.sources)
+    return _keep(key, loaded)
+
+
+def _keep(key: tuple[str, Path], loaded: Loaded) -> Loaded:
     _kept.pop(key, None)
     while len(_kept) >= MOST_KEPT:
         _kept.pop(next(iter(_kept)), None)
     _kept[key] = loaded
     return loaded
+
+
+def _kept_before(path: Path) -> Loaded | None:
+    found = None if keeping.current is None else keeping.current.loaded(path)
+    return None if found is None else Loaded(*found)
 
 
 def _load(path: Path) -> Loaded:
