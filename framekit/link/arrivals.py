@@ -6,36 +6,37 @@ Offsets count the bytes of the stream from its start; times are when the first a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from framekit.link.values import FrameValue
 
 
-class Filling(Protocol):
-    """What makes frame values of the frames inside one."""
+class _Arrived(NamedTuple):
+    """What arrived, with the frames inside as the codec gives them; `make` makes a value of it, taking a refusal."""
 
-    def fill(self, value: FrameValue) -> FrameValue:
-        """The same value, with frame values inside; once is enough."""
-
-
-class FrameArrived(NamedTuple):
-    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones.
-
-    `decoded` is the value with the frames inside it as the codec gives them; `filling` makes values of them.
-    """
-
-    decoded: FrameValue
+    make: Callable[[dict[str, Any], bytes, int | None], FrameValue]
+    decoded: dict[str, Any]
     raw: bytes
     offset: int
     started_at: int
     ended_at: int
     other: bool = False
-    filling: Filling | None = None
 
-    @property
-    def value(self) -> FrameValue:
-        """The frame."""
-        return self.decoded if self.filling is None else self.filling.fill(self.decoded)
+
+class FrameArrived(_Arrived):
+    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones.
+
+    `value` is the frame. It is made when somebody asks, unless it has been given: many frames a turn are cheaper so.
+    """
+
+    value: FrameValue
+
+    def __getattr__(self, name: str) -> Any:
+        """Only asked for what is not known yet."""
+        if name != "value":
+            raise AttributeError(name)
+        self.value = self.make(self.decoded, self.raw, None)
+        return self.value
 
 
 class Fault(NamedTuple):

@@ -132,7 +132,7 @@ class Candidates:
 
     def misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool = True) -> Bad:
         """A bad frame at the current place, as decoding says."""
-        return self._bad(info, raw, partial(_misread, error), known_end)
+        return self._bad(info, raw, partial(fault_of, error), known_end)
 
     def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:
         return Bad(partial(self._report, info, raw, explain), len(raw), known_end)
@@ -172,14 +172,18 @@ class Candidates:
         return self._bad(info, raw, lambda: Fault(fault.value, found="a damaged character"), known_end)
 
     def _report(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault]) -> BadFrame:
+        return self.told(info, raw, self._stream.position, explain)
+
+    def told(self, info: FrameInfo, raw: bytes, place: int, explain: Callable[[], Fault]) -> BadFrame:
+        """A bad frame at buffer index `place`, not before the current one."""
         stream = self._stream
-        start = stream.position
-        started = stream.time_of(start)
-        ended = stream.time_of(start + len(raw) - 1) if raw else started
-        return BadFrame(info.name, raw, stream.offset, started, ended, explain)
+        started = stream.time_of(place)
+        ended = stream.time_of(place + len(raw) - 1) if raw else started
+        return BadFrame(info.name, raw, stream.offset + place - stream.position, started, ended, explain)
 
 
-def _misread(error: FrameError) -> Fault:
+def fault_of(error: FrameError) -> Fault:
+    """What is wrong, as decoding has found."""
     return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error))
 
 

@@ -26,6 +26,7 @@ from framekit.definition.model.segments import (
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.intact import Intact, intact_of
+from framekit.link.values import FrameValue
 
 
 class FrameCodec(Protocol):
@@ -52,18 +53,20 @@ class FrameInfo:
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside. `constant`: its bytes, if it is nothing else. `intact`: a quick look
-    at its check code, where there is one. `carries`: frames that may be put into this one when `insert` holds.
+    at its check code, where there is one. `make`: a value of decoded fields, bytes and refusal, with values of the
+    frames inside; the table of all frames sets it. `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
-        "_examine", "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo", "encode",
-        "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "measure", "most", "name",
-        "numbers", "on_line", "refuse", "shape",
+        "_examine", "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo",
+        "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
         self.frame = frame
         self.name = frame.name
+        self.make: Callable[[dict[str, Any], bytes, int | None], FrameValue]
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.shape = shape_of(frame.segments)

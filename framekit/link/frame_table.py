@@ -50,6 +50,7 @@ class FrameTable:
         }
         inner = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
         for info in self.infos.values():
+            info.make = partial(self.received_as, info)
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
@@ -65,11 +66,6 @@ class FrameTable:
         """As `received`, for a frame that is known."""
         value = FrameValue(info.name, fields, raw, info.refuse if refusal is None else refusal)
         self._convert(info.shape, value, fields)
-        return value
-
-    def fill(self, value: FrameValue) -> FrameValue:
-        """Makes values of the frames inside one as decoded, and gives it; what has been done is not done again."""
-        self._convert(self.infos[value.frame].shape, value, value.fields)
         return value
 
     def _take_inner(self, name: str, outer: FrameValue, fields: dict[str, Any]) -> None:

@@ -92,7 +92,7 @@ class InsideFinder:
         """Whether there is surely no frame inside `outer`, all of whose bytes are `raw`."""
         return outer.name not in self._rules or (self._marks is not None and self._marks.search(raw) is None)
 
-    def nothing_from(self, outer: FrameInfo, buffer: bytearray, start: int) -> bool:
+    def nothing_from(self, outer: FrameInfo, buffer: bytes | bytearray, start: int) -> bool:
         """As `nothing_in`, for what has come of it."""
         return outer.name not in self._rules or (self._marks is not None and self._marks.search(buffer, start) is None)
 

@@ -12,20 +12,20 @@ from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
-from framekit.link.arrivals import Filling
 from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import FrameTable
 from framekit.link.inside import InsideFinder
+from framekit.link.values import FrameValue
 
 Level = tuple[FrameInfo, ...]
 
 
 Take = tuple[
-    bytes | None, Callable[..., int], Callable[..., dict[str, Any]], str, int | None, str | None, Filling | None,
+    bytes | None, Callable[..., int], Callable[..., dict[str, Any]], Callable[..., FrameValue], str | None,
     Callable[[bytes], Any] | None,
 ]  # fmt: skip
-"""What taking a frame needs, in one look: its bytes if it is nothing else, its `extent` and `decode`, its name and
-`refuse`, the field whose frame has to be a known one, what fills in the frames inside it, what finds others.
+"""What taking a frame needs, in one look: its bytes if it is nothing else, its `extent`, `decode` and `make`, the field
+whose frame has to be a known one, what finds others inside it.
 """
 
 
@@ -38,7 +38,7 @@ class Left:
 
     __slots__ = ("alone", "infos", "sure", "take")
 
-    def __init__(self, infos: Level, sure: bool, table: FrameTable, inside: InsideFinder | None) -> None:
+    def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None) -> None:
         self.infos = infos
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
@@ -46,8 +46,8 @@ class Left:
         if self.alone is not None and (inside is None or sure):
             info = self.alone
             self.take = (
-                info.constant, info.extent, info.decode, info.name, info.refuse, info.inner if info.guesses else None,
-                None if info.flat else table, None if inside is None else inside.search_in(info),
+                info.constant, info.extent, info.decode, info.make, info.inner if info.guesses else None,
+                None if inside is None else inside.search_in(info),
             )  # fmt: skip
 
 
@@ -73,7 +73,6 @@ class Interest:
         "_inside",
         "_rest",
         "_starts",
-        "_table",
         "_wanted",
         "expected",
         "others",
@@ -88,7 +87,7 @@ class Interest:
         others: tuple[str, ...] = (),
         inside: InsideFinder | None = None,
     ) -> None:
-        self._table, self._inside = table, inside
+        self._inside = inside
         self.expected = expected
         self.others = others
         self._wanted = _on_line(table, expected)
@@ -146,7 +145,7 @@ class Interest:
         return best
 
     def _left(self, infos: Level, sure: bool) -> Left:
-        return Left(infos, sure, self._table, self._inside)
+        return Left(infos, sure, self._inside)
 
     def _start_pattern(self) -> re.Pattern[bytes] | None:
         """Matches a byte that some candidate begins with; None when any byte may begin one."""

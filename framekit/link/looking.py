@@ -140,10 +140,12 @@ class Looking(Recovery):
         position, size = stream.position, len(good.raw)
         self._given = size
         self._declined.append(good.info.name)
-        value = self.table.received_as(good.info, good.fields, good.raw, good.refusal)
+        make = good.info.make
         started = stream.time_of(position)
         ended = stream.time_of(position + size - 1)
-        return FrameArrived(value, good.raw, stream.offset, started, ended, other)
+        arrived = FrameArrived(make, good.fields, good.raw, stream.offset, started, ended, other)
+        arrived.value = make(good.fields, good.raw, good.refusal)
+        return arrived
 
     def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
         """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
@@ -154,11 +156,11 @@ class Looking(Recovery):
         stream.remove(start, end)
         self._candidates.forget()
         try:
-            value = self.table.received(info.name, info.decode(raw, self._names), raw, None)
+            fields = info.decode(raw, self._names)
         except EVALUATION_ERRORS as error:
             self._trouble(info.name, error)
-            value = self.table.received(info.name, {}, raw, None)
-        return FrameArrived(value, raw, offset, *times)
+            fields = {}
+        return FrameArrived(info.make, fields, raw, offset, *times)
 
     def _use(self) -> None:
         """Goes on behind what was handed over last."""

@@ -26,14 +26,13 @@ class NoiseRun:
     def is_long(self) -> bool:
         return len(self.data) >= LONGEST
 
-    def collect(self, stream: Stream, count: int, skipped: bool) -> None:
-        """Takes the next `count` bytes of the stream; the stream's position is not moved."""
-        position = stream.position
+    def collect(self, stream: Stream, start: int, end: int, skipped: bool) -> None:
+        """Takes `buffer[start:end]` of the stream; the stream's position is not moved."""
         if not self.data:
             self.skipped = skipped
-            self._offset, self._started = stream.offset, stream.time_of(position)
-        self.data += stream.buffer[position : position + count]
-        self._last = stream.time_of(position + count - 1)
+            self._offset, self._started = stream.offset + start - stream.position, stream.time_of(start)
+        self.data += stream.buffer[start:end]
+        self._last = stream.time_of(end - 1)
 
     def take(self) -> Noise:
         """The run as it stands; it begins anew."""

@@ -18,6 +18,7 @@ from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.interest import Interest
 from framekit.link.plain import PlainLooking
 from framekit.link.recovery import Again
+from framekit.link.rough import WANTING
 from framekit.link.verdicts import Complete, Good
 
 
@@ -126,13 +127,12 @@ class Receiver(PlainLooking):
         if interest is None:
             return found
         data = bytes(self.stream.buffer)
-        while True:
-            if len(data) != len(self.stream.buffer):  # something has been taken out of the middle, or all dropped
-                data = bytes(self.stream.buffer)
-            self._looks_later = self._plain(interest, found, data)
-            if self._looks_later:
+        while self._rows(interest, found, data) != WANTING:
+            one: list[Arrival] = []
+            self._looks_later = self._plain(interest, one)
+            if self._looks_later and not one:
                 return found
-            arrival = self._look(interest)
+            arrival = one[0] if one else self._look(interest)
             if arrival is None:
                 self._set_deadline()
                 return found
@@ -140,6 +140,10 @@ class Receiver(PlainLooking):
                 found.append(arrival)
                 if self._given:
                     self._use()
+            if len(data) != len(self.stream.buffer):  # something has been taken out of the middle, or all dropped
+                data = bytes(self.stream.buffer)
+        self._looks_later = True
+        return found
 
     def _nothing_waits(self) -> None:
         self._looks_later = False

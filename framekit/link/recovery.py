@@ -143,7 +143,8 @@ class Recovery:
         return max(1, min(stops) - stream.position)
 
     def _collect(self, count: int, skipped: bool) -> None:
-        self._noise.collect(self.stream, count, skipped)
+        position = self.stream.position
+        self._noise.collect(self.stream, position, position + count, skipped)
         self._move(count)
 
     def _noise_before(self) -> Noise | None:

@@ -16,10 +16,13 @@ MOVE_AT = 4096
 
 
 class Stream:
-    """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them."""
+    """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them.
+
+    `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came.
+    """
 
     __slots__ = (
-        "_ends", "_removed", "_times", "base", "buffer", "faults", "last", "pauses", "position", "removed", "silences",
+        "_removed", "base", "buffer", "ends", "faults", "last", "pauses", "position", "removed", "silences", "times",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -29,8 +32,8 @@ class Stream:
         self.removed = 0
         self._removed: list[tuple[int, int]] = []
         self.last = 0
-        self._ends: list[int] = []
-        self._times: list[int] = []
+        self.ends: list[int] = []
+        self.times: list[int] = []
         self.faults: list[tuple[int, LineFault]] = []
         self.silences: list[int] = []
         self.pauses: list[int] = []
@@ -49,8 +52,8 @@ class Stream:
         """More bytes, the last of which came at `now`; `tidy` before."""
         start = self.base + len(self.buffer)
         self.buffer += data
-        self._ends.append(start + len(data))
-        self._times.append(now)
+        self.ends.append(start + len(data))
+        self.times.append(now)
         for fault in faults:
             self.faults.append((start + fault.index, fault.fault))
         self.last = now
@@ -68,8 +71,8 @@ class Stream:
         if position >= size:
             self.base += size
             self.buffer.clear()
-            self._ends.clear()
-            self._times.clear()
+            self.ends.clear()
+            self.times.clear()
             if self.faults or self.silences or self.pauses:
                 self.faults.clear()
                 self.silences.clear()
@@ -77,8 +80,8 @@ class Stream:
         elif position > MOVE_AT and position * 2 > size:
             del self.buffer[:position]
             self.base += position
-            used = bisect_right(self._ends, self.base)
-            del self._ends[:used], self._times[:used]
+            used = bisect_right(self.ends, self.base)
+            del self.ends[:used], self.times[:used]
             self.faults = [item for item in self.faults if item[0] >= self.base]
             self.silences = [item for item in self.silences if item >= self.base]
             self.pauses = [item for item in self.pauses if item >= self.base]
@@ -88,13 +91,8 @@ class Stream:
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
-        times = self._times
-        return times[0] if len(times) == 1 else times[bisect_right(self._ends, self.base + index)]
-
-    def piece_of(self, index: int) -> tuple[int, int]:
-        """The buffer index behind the bytes that came together with the one at `index`, and when they came."""
-        found = bisect_right(self._ends, self.base + index)
-        return self._ends[found] - self.base, self._times[found]
+        times = self.times
+        return times[0] if len(times) == 1 else times[bisect_right(self.ends, self.base + index)]
 
     @property
     def is_uneven(self) -> bool:
@@ -119,7 +117,7 @@ class Stream:
         low, count = self.base + start, end - start
         del self.buffer[start:end]
         self._removed.append((low + 1, count))
-        self._ends = [place - count if place > low else place for place in self._ends]
+        self.ends = [place - count if place > low else place for place in self.ends]
         self.faults = [
             (place - count if place >= low + count else place, fault)
             for place, fault in self.faults

@@ -19,8 +19,8 @@ from framekit.link.values import plain
 class Careful(Receiver):
     """Looks at every place."""
 
-    def _plain(self, *_: Any) -> bool:
-        return False
+    def _is_strange(self) -> bool:
+        return True
 
 
 def careful(name: str) -> Receiver:
@@ -30,7 +30,7 @@ def careful(name: str) -> Receiver:
 
 def told(event: Arrival) -> tuple[Any, ...]:
     if isinstance(event, FrameArrived):
-        return ("frame", event.value.frame, event.value.refusal, plain(event.value), *event[1:6])
+        return ("frame", event.value.frame, event.value.refusal, plain(event.value), *event[2:7])
     if isinstance(event, BadFrame):
         fault = event.cause, event.segment, event.place, event.expected, event.found, event.message
         return ("bad", event.frame, *fault, event.raw, event.offset, event.started_at, event.ended_at)
