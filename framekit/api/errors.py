@@ -38,7 +38,7 @@ class ExchangeError(FramekitError):
 
 
 class NoReplyError(ExchangeError, TimeoutError):
-    """Nothing came in time, after all repeats."""
+    """Nothing came in time, after all repeats, or something on the way says that nobody answered."""
 
 
 class ReplyError(ExchangeError):
@@ -62,7 +62,7 @@ def raise_for(result: TransferResult) -> None:
     """Raises what a failed transfer is; returns if it ended well."""
     if result.ok:
         return
-    if result.code is not None:
+    if result.code is not None and result.outcome not in NO_REPLY:
         meaning = f": {result.meaning}" if result.meaning else ""
         raise RefusedError(
             f"the device refused with code {result.code}{meaning}",
@@ -77,5 +77,5 @@ def raise_for(result: TransferResult) -> None:
         kind, text = LineClosedError, "the line was closed"
     elif result.outcome in BAD_REPLIES:
         kind = ReplyError
-    message = text + (f": {result.cause}" if result.cause else "")
-    raise kind(message, result.outcome, result.cause, result.written)
+    cause = result.cause or result.meaning
+    raise kind(text + (f": {cause}" if cause else ""), result.outcome, cause, result.written)

@@ -123,8 +123,8 @@ class ClientExchanges:
         try:
             refusal = None if reply is None else self.errors.refusal(reply, names)
             if refusal is not None:
-                word = outcome.outcome or "refused"
-                code, meaning = refusal
+                word = outcome.outcome or refusal.outcome
+                code, meaning = refusal.code, refusal.meaning
                 return Answer(TransferResult(False, outcome=word, cause=outcome.cause, code=code, meaning=meaning))
             if not outcome.ok:
                 return Answer(TransferResult(False, outcome=outcome.outcome, cause=outcome.cause))

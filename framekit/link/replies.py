@@ -7,7 +7,7 @@ A reply that does not fit the request, in bytes or in the number of blocks, give
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.services import ReplyRow
@@ -30,6 +30,14 @@ class UnfitReplyError(ValueError):
     """A reply that does not fit what was asked; the message says where."""
 
 
+class Refusal(NamedTuple):
+    """`outcome`: what an exchange is that ended so and has no other word for it."""
+
+    code: int
+    meaning: str
+    outcome: str
+
+
 class ErrorReader:
     """Tells when a device says no, and how."""
 
@@ -39,6 +47,7 @@ class ErrorReader:
         self.when: Evaluate | None = None
         self.code: Evaluate | None = None
         self.detail: Evaluate | None = None
+        self.unanswered: Evaluate | None = None
         tables = shared.protocol.tables
         self.names = [
             (None if names.when is None else compile_expression(names.when), tables[names.table].entries)
@@ -49,16 +58,19 @@ class ErrorReader:
             self.when = None if errors.when is None else compile_expression(errors.when)
             self.code = None if errors.code is None else compile_expression(errors.code)
             self.detail = None if errors.detail is None else compile_expression(errors.detail)
+            self.unanswered = None if errors.unanswered is None else compile_expression(errors.unanswered)
 
-    def refusal(self, reply: FrameValue, names: Names) -> tuple[int, str] | None:
-        """Code and meaning when the reply is a refusal. Raises EVALUATION_ERRORS."""
+    def refusal(self, reply: FrameValue, names: Names) -> Refusal | None:
+        """What the reply says when it is an error frame. Raises EVALUATION_ERRORS."""
         if reply.frame not in self.frames:
             return None
         fields = Names(reply.complete(), names)
         if self.when is not None and not self.when(fields):
             return None
         code = 0 if self.code is None else int(self.code(fields))
-        return code, self.meaning(code, Names({"code": code}, fields))
+        known = Names({"code": code}, fields)
+        unanswered = self.unanswered is not None and bool(self.unanswered(known))
+        return Refusal(code, self.meaning(code, known), "no_reply" if unanswered else "refused")
 
     def meaning(self, code: int, names: Names) -> str:
         """The name of a code, '' if the protocol has none for it, with its detail. Raises EVALUATION_ERRORS."""

@@ -91,7 +91,8 @@ class Exchanges:
         """A joined read that the device refuses is not joined again: each block asks for itself from then on."""
 
         def ended(failure: Failure | None) -> None:
-            if failure is not None and (failure.outcome == "refused" or failure.device_code is not None):
+            refused = failure is not None and (failure.outcome == "refused" or failure.device_code is not None)
+            if refused and failure is not None and failure.outcome != "no_reply":
                 self._alone |= {one.id for one in states}
             self._finished(state.id, failure)
 

@@ -122,6 +122,22 @@ def test_nobody_answers(bench: tuple[str, framekit.Memory], capsys: pytest.Captu
     assert (status, json.loads(out)["error"]) == (3, "no_reply")
 
 
+@pytest.mark.parametrize(("there", "asker", "station"), [("slave", "master", 2), ("full", "full", 1)])
+def test_nobody_acknowledges(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, there: str, asker: str, station: int
+) -> None:
+    """The own link tells it by an error frame, with a code, and yet nobody has refused anything."""
+    device = tmp_path / "one.device.yaml"
+    mute = "faults: {rules: [{fault: no_reply}]}\n" if there == "full" else ""
+    device.write_text(f"device: one\nprotocol: df1\nrole: {there}\nstation: 1\n{mute}", encoding="utf-8")
+    line = ("df1", "--port", f"sim:{device}", "--role", asker, "--station", str(station))
+    words = (*line, "--param", "ack_timeout=20ms", "--param", "enq_limit=1", "N7:0")
+    told = "framekit read: the device did not answer: delivery not guaranteed, no acknowledge\n"
+    assert call(capsys, "read", *words) == (3, "", told)
+    status, out, _ = call(capsys, "read", *words, "--json")
+    assert (status, json.loads(out)["error"]) == (3, "no_reply")
+
+
 @pytest.mark.parametrize(
     ("port", "message"),
     [

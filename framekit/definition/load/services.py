@@ -218,6 +218,7 @@ class ServiceLoader:
             code=reader.maybe(reader.expression, keys.get("code")),
             names=tuple(self._name_table(item) for item in reader.items(keys.get("names"))),
             detail=reader.maybe(reader.expression, keys.get("detail")),
+            unanswered=reader.maybe(reader.expression, keys.get("unanswered")),
             answer=None if answer is None else self.values.frame_of(answer),
             memory=self.values.expressions(keys.get("memory")),
             at=keys.at,

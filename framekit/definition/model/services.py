@@ -186,7 +186,7 @@ class NameTable:
 class Errors:
     """How a device says no, by any of `frames` (or groups). `memory`: unknown, range, access, no_service → code.
 
-    `answer` builds the error frame.
+    `answer` builds the error frame. Where `unanswered` holds it says that nobody answered.
     """
 
     frames: tuple[str, ...]
@@ -194,6 +194,7 @@ class Errors:
     code: Expression | None
     names: tuple[NameTable, ...]
     detail: Expression | None
+    unanswered: Expression | None
     answer: FrameOf | None
     memory: Mapping[str, Expression]
     at: Position
