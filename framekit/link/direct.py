@@ -7,7 +7,7 @@ whatever is not that plain is left to them (see `direct_lane`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from framekit.definition.times import NEVER
@@ -19,6 +19,7 @@ from framekit.link.frame_table import FrameTable, echoed
 from framekit.link.interest import Interest
 from framekit.link.machine import arguments_of
 from framekit.link.runs import Dealing
+from framekit.link.same_reply import SameReply, learn
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue, plain
 
@@ -47,8 +48,12 @@ class Echo:
 class DirectRequest:
     """One request of a plan, for as long as no parameter changes.
 
-    Raises NotPlainError, and EVALUATION_ERRORS for what cannot be worked out now.
+    `data_fields`: where replies, by their frames, bring data and nothing else that matters; `same` is what has been
+    learned from one of them. Raises NotPlainError, and EVALUATION_ERRORS for what cannot be worked out now.
     """
+
+    data_fields: Mapping[str, str] | None = None
+    same: SameReply | None = None
 
     def __init__(self, plan: DirectPlan, table: FrameTable, scope: Scope, exchange: Exchange) -> None:
         self.plan = plan
@@ -134,8 +139,8 @@ class DirectRequest:
 
     # ---- answers ------------------------------------------------------------------------------------------
 
-    def take(self, data: bytes, context: Names) -> tuple[FrameValue, Outcome] | None:
-        """The reply that these bytes are, and how the exchange ends with it; None if they are anything else."""
+    def take(self, data: bytes, sent: bytes, context: Names) -> tuple[FrameValue, Outcome] | None:
+        """The reply to `sent` that these bytes are, and how the exchange ends with it; None for anything else."""
         info = self._only or self._likely(data)
         if info is None:
             return None
@@ -144,9 +149,24 @@ class DirectRequest:
                 return None
             fields = info.decode(data, context)
             value = self._table.received_as(info, fields, data, None)
-            return self._end(info, value, data) if self._repeats(info, value) else None
+            found = self._end(info, value, data) if self._repeats(info, value) else None
         except (NotPlainError, *EVALUATION_ERRORS):
             return None
+        if self.data_fields is not None and found is not None:
+            self._learn(value, found[1], sent)
+        return found
+
+    def _learn(self, whole: FrameValue, outcome: Outcome, sent: bytes) -> None:
+        """Learns from the first reply that brings data."""
+        reply, fields = outcome.reply, self.data_fields
+        if reply is None or fields is None or reply.frame not in fields:
+            return
+        self.data_fields = None
+        if self._only is not None and not any(name == "buffer" for name, _ in self.plan.sequence.gives):
+            self.same = learn(
+                self._table.infos, self.scope, self.plan.rows, self.sent_value(sent), self._changes, whole, reply,
+                fields[reply.frame],
+            )  # fmt: skip
 
     def _likely(self, data: bytes) -> FrameInfo | None:
         """The only frame waited for that these bytes may be; None if there is none, or more than one."""

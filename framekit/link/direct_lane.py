@@ -6,6 +6,8 @@ lost connection – it becomes the run of its sequence that it would have been f
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from framekit.definition.times import NEVER
@@ -20,15 +22,22 @@ from framekit.link.machine import Machine, arguments_of
 from framekit.link.output import Item
 from framekit.link.receiver import Receiver
 from framekit.link.runs import Activation, Dealing, Run
+from framekit.link.same_reply import SameReply
 
 
 class DirectAsk(Protocol):
-    """One exchange asked for. `done` is called once with its end, unless `exchange` has been: that is told then."""
+    """One exchange asked for. `done` or `brought` is called once, unless `exchange` has been: that is told then."""
 
     @property
     def request(self) -> DirectRequest: ...
 
-    def done(self, outcome: Outcome) -> None: ...
+    def done(self, outcome: Outcome) -> None:
+        """Its end."""
+        ...
+
+    def brought(self, same: SameReply, raw: bytes) -> None:
+        """Its end: the reply that was learned, as these bytes."""
+        ...
 
     def exchange(self) -> Exchange:
         """The same exchange for the long way, which it takes from now on."""
@@ -36,7 +45,10 @@ class DirectAsk(Protocol):
 
 
 class DirectLane:
-    """At most one exchange under way. `deadline`: when its time is over (ns)."""
+    """At most one exchange under way. `deadline`: when its time is over (ns).
+
+    `_calm`: the last request, as long as nothing but it and its reply has happened, with the settings of then.
+    """
 
     def __init__(
         self, machine: Machine, lanes: Lanes, receiver: Receiver, counters: LinkCounters, context: Names
@@ -48,6 +60,8 @@ class DirectLane:
         self.deadline = NEVER
         self._context = context
         self._ask: DirectAsk | None = None
+        self._calm: DirectRequest | None = None
+        self._settings = 0
         self._item = Item(None)
         self._data = b""
         self._started = 0
@@ -82,9 +96,9 @@ class DirectLane:
 
     def begin(self, ask: DirectAsk) -> bool:
         """Begins an exchange, if nothing else is going on. False: nothing has been sent."""
-        if not self._is_free(ask.request):
-            return False
         request, machine = ask.request, self.machine
+        if not (self._is_calm(request) or self._is_free(request)):
+            return False
         try:
             data = request.begin()
             within = request.within()
@@ -100,8 +114,53 @@ class DirectLane:
             fields = request.sent_value(data).complete()
             machine.show("frame", "out", data, request.info.name, fields, repeated=False)
         self._item = item = Item(None, data, info=request.info)
+        self._calm, self._settings = request, machine.scope.settings
         machine.output.put(item)
         return True
+
+    def again(self, ask: DirectAsk, now: int) -> bytes | None:
+        """As `begin`, for the request that was the last one: what the port is to be given at once.
+
+        None: something else has happened since, or is to be done before; nothing is sent.
+        """
+        request, machine = ask.request, self.machine
+        if not self._is_calm(request) or not machine.output.is_immediate or machine.monitor is not None:
+            return None
+        scope = machine.scope
+        scope.now = now = max(now, scope.now)
+        try:
+            data = request.begin()
+            within = request.within()
+        except EVALUATION_ERRORS:
+            return None
+        if data is None:
+            return None
+        self._ask, self._data, self._has_left = ask, data, False
+        self._within, self._started, self.deadline = within, now, NEVER
+        self._item.data = data
+        machine.output.outgoing = self._item
+        return data
+
+    def left_at_once(self, now: int) -> None:
+        """What `again` gave has left the line already."""
+        machine = self.machine
+        output = machine.output
+        output.outgoing, self._has_left = None, True
+        machine.scope.now = output.last_sent = self._started = now
+        self.deadline = after(now, self._within)
+
+    def _is_calm(self, request: DirectRequest) -> bool:
+        """Whether this request was the last one, and nothing but its reply has happened since."""
+        return (
+            self._calm is request
+            and self._ask is None
+            and self._has_left
+            and self._settings == self.machine.scope.settings
+        )
+
+    def disturb(self) -> None:
+        """Something has happened: before the next exchange begins, everything is looked at."""
+        self._calm = None
 
     def _is_free(self, request: DirectRequest) -> bool:
         """Whether the exchange could begin at once, and alone."""
@@ -132,24 +191,52 @@ class DirectLane:
 
     # ---- what comes ---------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now: int) -> tuple[DirectAsk, Outcome] | None:
-        """Takes bytes that are the reply. None: they are not, or nothing is under way; nothing has been done."""
+    def receive(self, data: bytes, now: int) -> Callable[[], None] | None:
+        """Takes bytes that are the reply; who asked is to be told so. None: they are not, or nothing is under way."""
         ask = self._ask
         if ask is None or type(data) is not bytes or not self.receiver.is_idle:
             return None
-        found = ask.request.take(data, self._context)
+        if self._take_same(ask, data, now):
+            assert ask.request.same is not None
+            return partial(ask.brought, ask.request.same, data)
+        found = ask.request.take(data, self._data, self._context)
         if found is None:
             return None
         value, outcome = found
+        self._taken(data, now)
+        self.machine.show_received(value, data, now)
+        return partial(ask.done, outcome)
+
+    def _take_same(self, ask: DirectAsk, data: bytes, now: int) -> bool:
+        same = ask.request.same
+        if same is None or self.machine.monitor is not None or self._settings != self.machine.scope.settings:
+            return False
+        if not same.fits(data, self._data):
+            return False
+        self._taken(data, now)
+        return True
+
+    def take_same(self, ask: DirectAsk, data: bytes, now: int) -> SameReply | None:
+        """Takes bytes that are the reply learned, if `ask` is what waits for them and nothing else has happened.
+
+        None: nothing has been done; they are for `receive`.
+        """
+        if self._ask is not ask or self._calm is not ask.request or self.deadline < now:
+            return None
+        if not self._take_same(ask, data, now):
+            return None
+        machine = self.machine
+        machine.scope.now = machine.output.last_received = now
+        return ask.request.same
+
+    def _taken(self, data: bytes, now: int) -> None:
         self._ask, self.deadline = None, NEVER
         self.receiver.pass_by(len(data), now)
         self.counters.received += 1
-        self.machine.show_received(value, data, now)
-        return ask, outcome
 
     def unfold(self) -> None:
         """What is under way becomes a run of its sequence, as it stands now."""
-        ask, self._ask = self._ask, None
+        ask, self._ask, self._calm = self._ask, None, None
         if ask is None:
             return
         self.deadline = NEVER

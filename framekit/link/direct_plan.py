@@ -42,7 +42,7 @@ class DirectPlan:
     `conditions` have to be as they are wanted for that step to be the first one done. `settings` are protocol variables
     that it sets. `fields` are those of the frame it makes to send, each with whether it may be another one every time;
     there are none when it sends one that is made already. `endings`: the rows that end the exchange well, with what
-    they set.
+    they set; `rows` are all of the step, as they are written.
     """
 
     sequence: CompiledSequence
@@ -52,6 +52,7 @@ class DirectPlan:
     send: Compute
     fields: tuple[tuple[str, Compute, bool], ...]
     endings: Mapping[CompiledRow, Settings]
+    rows: tuple[Row, ...]
     within: Evaluate | None
     within_changes: bool
 
@@ -90,6 +91,7 @@ def plan_of(sequence: CompiledSequence, protocol: Protocol, table: FrameTable, s
         send=compiled_value(step.send),
         fields=tuple((name, compiled_value(value), changes(value, scope)) for name, value in fields.items()),
         endings=endings,
+        rows=tuple(step.receive or ()),
         within=None if step.within is None else compile_expression(step.within),
         within_changes=changes(step.within, scope),
     )

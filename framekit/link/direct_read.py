@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 from framekit.link.direct import DirectRequest
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.packing import Packer, PackingError, reader_of
+from framekit.link.same_reply import SameReply
 from framekit.link.transfer import Done, TransferResult
+from framekit.link.values import FrameValue
 
 if TYPE_CHECKING:
     from framekit.link.ready import ReadyRead
@@ -37,14 +39,16 @@ class PlainReply:
         if reply is None or field is None:
             return None
         found = reply.fields.get(field)
-        if type(found) is not bytes:
-            return None
+        return self.of(found, reply, outcome.raw, outcome.buffer) if type(found) is bytes else None
+
+    def of(self, found: bytes, reply: FrameValue, raw: bytes, buffer: bytes) -> TransferResult | None:
+        """What data of this reply are; None for data that have to be judged with care."""
         try:
             data = self._packer.to_memory(found, self._start, self._size)
         except PackingError:
             return None
         values = list(self._values(data))
-        return TransferResult(True, values, data, exchanges=1, reply=reply, raw=outcome.raw, buffer=outcome.buffer)
+        return TransferResult(True, values, data, exchanges=1, reply=reply, raw=raw, buffer=buffer)
 
 
 class DirectRead:
@@ -64,6 +68,15 @@ class DirectRead:
         plain = self._ready.plain
         result = None if plain is None or not outcome.ok else plain.result(outcome)
         self._on_done(self._judge(self._ready, outcome) if result is None else result)
+
+    def brought(self, same: SameReply, raw: bytes) -> None:
+        """The exchange has ended with the reply that it had before, whatever its data."""
+        found = raw[same.start : same.end]
+        reply, plain = same.value(found), self._ready.plain
+        result = None if plain is None else plain.of(found, reply, raw, b"")
+        if result is None:
+            result = self._judge(self._ready, Outcome(True, reply=reply, results={"reply": reply}, raw=raw))
+        self._on_done(result)
 
     def exchange(self) -> Exchange:
         """The exchange for the long way."""

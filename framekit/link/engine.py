@@ -33,7 +33,7 @@ class Engine(EngineCore):
 
     def opened(self, now: int) -> list[Command]:
         """The port, or the connection, is there."""
-        self._direct.unfold()
+        self.direct.unfold()
         self.scope.now = now
         self.receiver.reset()
         self.lanes.is_open = self.output.is_open = True
@@ -46,7 +46,7 @@ class Engine(EngineCore):
     def closed(self, now: int, reason: str = "") -> list[Command]:
         """The connection is gone; what was to be sent is dropped, and whoever does not handle it fails."""
         self.scope.now = now
-        self._direct.unfold()
+        self.direct.unfold()
         self.lanes.is_open = self.output.is_open = False
         self.lanes.was_closed = True
         self.machine.show("closed", reason=reason)
@@ -64,10 +64,10 @@ class Engine(EngineCore):
         if self.deadline < now:
             self._tick(now)
         self.scope.now = self.output.last_received = now
-        found = None if faults else self._direct.receive(data, now)
+        found = None if faults else self.direct.receive(data, now)
         if found is not None:
-            return self._told(*found)
-        self._direct.unfold()
+            return self._told(found)
+        self.direct.unfold()
         self.receiver.append(data, now, faults)
         if data:
             self.dispatcher.byte()
@@ -76,7 +76,7 @@ class Engine(EngineCore):
     def line_break(self, now: int) -> list[Command]:
         """The line was in break state. What had come before of a frame belongs to nothing."""
         self.scope.now = self.output.last_received = now
-        self._direct.unfold()
+        self.direct.unfold()
         self.reception.show_noise(self.receiver.flush())
         self.machine.show("break", "in")
         self.dispatcher.line_break()
@@ -86,7 +86,7 @@ class Engine(EngineCore):
         """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
         self.scope.now = now
         item = self.output.left()
-        if item is not None and self._direct.left(item):
+        if item is not None and self.direct.left(item):
             return self._given()
         if item is not None:
             self.receiver.answered()
@@ -99,6 +99,7 @@ class Engine(EngineCore):
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
         self.scope.now = now
+        self.direct.disturb()
         self.output.clear_to_send = lines.get("cts", True)
         self.output.poll()
         return self._finish()
@@ -113,7 +114,7 @@ class Engine(EngineCore):
     def start(self, exchange: Exchange, now: int) -> list[Command]:
         """Queues an exchange; it begins when its lane has room. Its outcome comes by `on_done`."""
         self.scope.now = max(self.scope.now, now)
-        self._direct.unfold()
+        self.direct.unfold()
         run = self.machine.asking
         if exchange.inside is not None:
             run = exchange.inside.run
@@ -131,21 +132,21 @@ class Engine(EngineCore):
 
     def direct_request(self, exchange: Exchange) -> DirectRequest | None:
         """What `ask` needs for exchanges like this one, to be used again and again; None where there is no such way."""
-        return self._direct.request(exchange)
+        return self.direct.request(exchange)
 
     def ask(self, ask: DirectAsk, now: int) -> list[Command] | None:
         """As `start`, by a shorter way that is open while nothing else goes on. None: it is not; nothing is done."""
         self.scope.now = max(self.scope.now, now)
-        return self._given() if self._direct.begin(ask) else None
+        return self._given() if self.direct.begin(ask) else None
 
     def unfold(self) -> None:
         """An exchange that was begun by `ask` goes on as if it had been started by `start`."""
-        self._direct.unfold()
+        self.direct.unfold()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
         """Ends an exchange, begun or not; what has been handed over for sending still goes out."""
         self.scope.now = max(self.scope.now, now)
-        self._direct.unfold()
+        self.direct.unfold()
         self.lanes.cancel(exchange)
         return self._finish()
 
@@ -155,7 +156,7 @@ class Engine(EngineCore):
         So a late reply is never taken for that of the next exchange, as it may be after `cancel`.
         """
         self.scope.now = max(self.scope.now, now)
-        self._direct.unfold()
+        self.direct.unfold()
         self.lanes.give_up(exchange)
         return self._finish()
 
@@ -168,7 +169,7 @@ class Engine(EngineCore):
     ) -> list[Command]:
         """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
         self.scope.now = max(self.scope.now, now)
-        self._direct.unfold()
+        self.direct.unfold()
         machine = self.machine
         if isinstance(frame, str):
             frame = machine.table.made(frame, dict(fields or {}), self.scope)
@@ -183,7 +184,7 @@ class Engine(EngineCore):
     def put_frame(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> list[Command]:
         """Sends the bytes of a frame that announces nothing: nobody here has anything to do because of it."""
         self.scope.now = max(self.scope.now, now)
-        self._direct.unfold()
+        self.direct.unfold()
         self.counters.sent += 1
         self.output.put(Item(None, data, 0, info, on_sent))
         return self._finish() if self.machine.changed or self.machine.stirred else self._given()
@@ -191,7 +192,7 @@ class Engine(EngineCore):
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
-        self._direct.unfold()
+        self.direct.unfold()
         self.farewell.ask(on_done)
         return self._finish()
 

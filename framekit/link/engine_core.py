@@ -9,7 +9,7 @@ keep-alive. Which events there are, `engine` says.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -18,11 +18,11 @@ from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.clock import DEFAULT_START
 from framekit.link.counters import LinkCounters
 from framekit.link.device_state import DeviceState
-from framekit.link.direct_lane import DirectAsk, DirectLane
+from framekit.link.direct_lane import DirectLane
 from framekit.link.dispatch import Dispatcher
 from framekit.link.evaluate import Names
 from framekit.link.events import Command
-from framekit.link.exchange import Ask, MemoryAccess, Outcome, Server
+from framekit.link.exchange import Ask, MemoryAccess, Server
 from framekit.link.farewell import Farewell
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.functions import EngineFunctions
@@ -85,7 +85,7 @@ class EngineCore:
         self.farewell = Farewell(machine, self.lanes, self.output)
         self.dispatcher = Dispatcher(machine, self.lanes)
         self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
-        self._direct = DirectLane(machine, self.lanes, self.receiver, self.counters, self._context)
+        self.direct = DirectLane(machine, self.lanes, self.receiver, self.counters, self._context)
         machine.flush = lambda: self.reception.show_noise(self.receiver.flush())
         self._busy = False
         self._circle_at = -1
@@ -93,8 +93,8 @@ class EngineCore:
     @property
     def deadline(self) -> int:
         """When `tick` is to be called; NEVER when nothing waits for time."""
-        if self._direct.is_under_way:
-            return self._direct.deadline
+        if self.direct.is_under_way:
+            return self.direct.deadline
         if self.machine.callbacks or self.machine.ended:
             return self.scope.now
         deadline = self.lanes.deadline
@@ -129,11 +129,11 @@ class EngineCore:
         self._commands.clear()
         return commands
 
-    def _told(self, ask: DirectAsk, outcome: Outcome) -> list[Command]:
+    def _told(self, tell: Callable[[], None]) -> list[Command]:
         """An exchange that was asked for directly is over; whoever asked may do what he likes."""
         self._busy = True
         try:
-            ask.done(outcome)
+            tell()
         finally:
             self._busy = False
         machine = self.machine
@@ -171,7 +171,7 @@ class EngineCore:
     def _tick(self, now: int) -> None:
         """Everything that is due, in the documented order; new times due at the same instant as well."""
         self.scope.now = now
-        self._direct.unfold()
+        self.direct.unfold()
         self.machine.stirred = True
         for _ in range(MOST_ROUNDS):
             if not self._something_due(now):

@@ -34,7 +34,10 @@ class Item:
 
 
 class Output:
-    """The queue to the line. `last_sent` and `last_received` are when the last character left or came (ns)."""
+    """The queue to the line. `last_sent` and `last_received` are when the last character left or came (ns).
+
+    `is_immediate`: what is sent goes out without a pause or RTS before it.
+    """
 
     def __init__(self, line: Line, scope: Scope, commands: list[Command]) -> None:
         self.scope = scope
@@ -47,6 +50,7 @@ class Output:
         self._rts = False
         self._turnaround = _maybe(line.turnaround)
         self._key_delay = _maybe(line.key_delay)
+        self.is_immediate = self._turnaround is None and self._key_delay is None
 
     def put(self, item: Item) -> bool:
         """Queues something. False: it goes into the frame that is leaving, and nothing will be told of it."""

@@ -115,7 +115,10 @@ class ReadyReads:
             self._kept.clear()
         if len(read.exchanges) == 1:
             only = read.exchanges[0]
-            read = replace(read, direct=direct_request(only.exchange()), plain=plain_reply(read, only))
+            direct, plain = direct_request(only.exchange()), plain_reply(read, only)
+            if direct is not None and plain is not None:
+                direct.data_fields = plain.fields
+            read = replace(read, direct=direct, plain=plain)
         self._kept[key] = read
 
     def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
