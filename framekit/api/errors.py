@@ -60,11 +60,15 @@ class LineClosedError(ExchangeError, ConnectionError):
 
 def raise_for(result: TransferResult) -> None:
     """Raises what a failed transfer is; returns if it ended well."""
-    if result.ok:
-        return
+    if not result.ok:
+        raise error_of(result)
+
+
+def error_of(result: TransferResult) -> ExchangeError:
+    """What a failed transfer is."""
     if result.code is not None and result.outcome not in NO_REPLY:
         meaning = f": {result.meaning}" if result.meaning else ""
-        raise RefusedError(
+        return RefusedError(
             f"the device refused with code {result.code}{meaning}",
             result.code, result.meaning, result.outcome, result.written,
         )  # fmt: skip
@@ -78,4 +82,4 @@ def raise_for(result: TransferResult) -> None:
     elif result.outcome in BAD_REPLIES:
         kind = ReplyError
     cause = result.cause or result.meaning
-    raise kind(text + (f": {cause}" if cause else ""), result.outcome, cause, result.written)
+    return kind(text + (f": {cause}" if cause else ""), result.outcome, cause, result.written)

@@ -57,6 +57,18 @@ class Client(ClientExchanges):
                 return commands
         return self._begin_read([ready.plan], [(ready.unit, ready.count)], ready.exchanges, now, on_done)
 
+    def repeated(
+        self, address: str | Address, *, station: Any = None, unit: str | None = None, count: int = 1, on_done: Done,
+    ) -> DirectRead | None:  # fmt: skip
+        """A read that has been made before, to be handed to the engine's `ask` as often as it has ended.
+
+        None where it has no short way, or none yet.
+        """
+        ready = self._ready.find((address, unit, count, station))
+        if ready is None or ready.direct is None:
+            return None
+        return DirectRead(ready, ready.direct, self._read_directly, on_done)
+
     def write(
         self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,

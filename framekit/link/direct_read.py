@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from framekit.link.direct import DirectRequest
 from framekit.link.exchange import Exchange, Outcome
-from framekit.link.packing import Packer, PackingError, reader_of
+from framekit.link.packing import Packer, PackingError, reader_of, wire_reader_of
 from framekit.link.same_reply import SameReply
 from framekit.link.transfer import Done, TransferResult
 from framekit.link.values import FrameValue
@@ -18,19 +18,22 @@ from framekit.link.values import FrameValue
 if TYPE_CHECKING:
     from framekit.link.ready import ReadyRead
 
+FromWire = Callable[[bytes, int], tuple[int, ...]]
+"""Reads the numbers of a reply, from its bytes and the place where its data begin."""
 Judge = Callable[["ReadyRead", Outcome], TransferResult]
 
 
 class PlainReply:
     """Where the data of one piece stand in replies that bring nothing else; `fields` has it by the reply's frame."""
 
-    __slots__ = ("_packer", "_size", "_start", "_values", "fields")
+    __slots__ = ("_packer", "_size", "_start", "_values", "fields", "from_wire")
 
     def __init__(self, fields: dict[str, str], packer: Packer, start: int, size: int, unit: str, count: int) -> None:
         self.fields = fields
         self._packer = packer
         self._start, self._size = start, size
         self._values = reader_of(unit, count)
+        self.from_wire = wire_reader_of(packer, unit, count)
 
     def result(self, outcome: Outcome) -> TransferResult | None:
         """What the reply brings; None when that has to be judged with care."""
@@ -62,6 +65,12 @@ class DirectRead:
         self._ready = ready
         self._judge = judge
         self._on_done = on_done
+
+    @property
+    def from_wire(self) -> FromWire | None:
+        """What reads the numbers of a reply that was learned, where they stand there as they are."""
+        plain = self._ready.plain
+        return None if plain is None else plain.from_wire
 
     def done(self, outcome: Outcome) -> None:
         """The exchange has ended, well or not."""

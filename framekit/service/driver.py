@@ -45,7 +45,8 @@ class Driven(Protocol):
 class Driver:
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
-    `load` measures how busy the line is.
+    `load` measures how busy the line is. `quick(data, now)`, while somebody has set it, may take what comes before the
+    engine does; it tells whether it has.
     """
 
     def __init__(self, engine: Driven, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None) -> None:
@@ -62,6 +63,7 @@ class Driver:
         self._alarm = clock.alarm(self._ring)
         self._send_timer: Handle | None = None
         self._reopen_timer: Handle | None = None
+        self.quick: Callable[[bytes, int], bool] | None = None
         self.longest_retry = LONGEST_RETRY
         self._retry = FIRST_RETRY
 
@@ -126,7 +128,10 @@ class Driver:
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         self.load.bytes_in += len(data)
-        self.carry_out(self.engine.receive(data, now, faults))
+        if self.quick is not None and not faults and self.quick(data, now):
+            self._set_timer()
+        else:
+            self.carry_out(self.engine.receive(data, now, faults))
 
     def line_break(self, now: int) -> None:
         self.carry_out(self.engine.line_break(now))
@@ -185,11 +190,15 @@ class Driver:
         self._next_commands()
         self._set_timer()
 
+    def write_through(self, data: bytes) -> bool:
+        """Gives bytes to the port; True: they have left, and `sent` will not be told."""
+        self.load.bytes_out += len(data)
+        return self.port.write_through(data)
+
     def _one(self, command: Command) -> None:
         match command:
             case Send(data=data):
-                self.load.bytes_out += len(data)
-                if self.port.write_through(data):
+                if self.write_through(data):
                     self._pending.extend(self.engine.sent(self.clock.now()))
             case Break(duration=duration):
                 self.port.send_break(duration)

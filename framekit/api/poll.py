@@ -1,0 +1,81 @@
+"""A read that a client repeats by itself: values go to a callback, and whoever wants to know how it ended may wait.
+
+What is asked, and when, is `service.polling`'s business.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Generator
+from typing import Any
+
+from framekit.api.errors import FramekitError, error_of
+from framekit.api.typed import Typed
+from framekit.link.transfer import TransferResult
+from framekit.service.client import ClientService
+from framekit.service.polling import Polling
+
+OnValues = Callable[[tuple[Any, ...]], None]
+OnError = Callable[[FramekitError], None]
+
+
+class Poll:
+    """Reads that follow each other until `stop`, made by `AsyncClient.poll`. `reads` and `failures` count them.
+
+    `await` waits for the end, and raises what it ended with.
+    """
+
+    def __init__(
+        self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
+        on_error: OnError | None,
+    ) -> None:  # fmt: skip
+        self.reads = self.failures = 0
+        self._how = how
+        self._on_values = on_values
+        self._on_error = on_error
+        self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._polling = Polling(
+            service, address, station=station, unit=how.unit, count=how.units, every=round(every * 1e9),
+            on_result=self._result, on_numbers=self._numbers if how.view is None else None,
+        )  # fmt: skip
+        self._polling.start()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether more will be read."""
+        return self._polling.is_running
+
+    def stop(self) -> None:
+        """Ends it: the callbacks are not called any more."""
+        self._polling.stop()
+        if not self._ended.done():
+            self._ended.set_result(None)
+
+    def __await__(self) -> Generator[Any, None, None]:
+        return self._ended.__await__()
+
+    def _result(self, result: TransferResult) -> None:
+        if result.ok:
+            self._numbers(tuple(self._how.values(result.data, result.values)))
+            return
+        self.failures += 1
+        error = error_of(result)
+        if self._on_error is None:
+            self._fail(error)
+        else:
+            self._tell(self._on_error, error)
+
+    def _numbers(self, values: tuple[Any, ...]) -> None:
+        self.reads += 1
+        self._tell(self._on_values, values)
+
+    def _tell(self, told: Callable[[Any], None], what: Any) -> None:
+        try:
+            told(what)
+        except Exception as error:  # whatever it is, it belongs to whoever waits for the end
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._polling.stop()
+        if not self._ended.done():
+            self._ended.set_exception(error)
