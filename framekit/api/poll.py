@@ -62,16 +62,16 @@ class Poll:
         error = error_of(result)
         if self._on_error is None:
             self._fail(error)
-        else:
-            self._tell(self._on_error, error)
+            return
+        try:
+            self._on_error(error)
+        except Exception as another:
+            self._fail(another)
 
     def _numbers(self, values: tuple[Any, ...]) -> None:
         self.reads += 1
-        self._tell(self._on_values, values)
-
-    def _tell(self, told: Callable[[Any], None], what: Any) -> None:
         try:
-            told(what)
+            self._on_values(values)
         except Exception as error:  # whatever it is, it belongs to whoever waits for the end
             self._fail(error)
 

@@ -18,6 +18,7 @@ from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import FrameTable, echoed
 from framekit.link.interest import Interest
 from framekit.link.machine import arguments_of
+from framekit.link.patching import patch_of
 from framekit.link.runs import Dealing
 from framekit.link.same_reply import SameReply, learn
 from framekit.link.scope import Scope
@@ -67,6 +68,11 @@ class DirectRequest:
         self.station, self.outside_session = exchange.station, exchange.outside_session
         self._guards = tuple(self._conditions())
         self._within = NEVER if plan.within is None else int(plan.within(self.names))
+        self._settings = tuple(
+            (scope.setter(name), compute, self.names if reads & self.names.keys() else scope)
+            for name, compute, reads in plan.settings
+        )
+        self._is_fresh = False
         self._prepare_frame()
         self._prepare_replies(exchange.expected)
 
@@ -92,6 +98,9 @@ class DirectRequest:
         self._data = None if changing or changes(info.frame.segments, self.scope) else data
         self._sent = self._made.copy()
         self._table.mark_sent(self._sent, data, self.names)
+        self._patch = (
+            patch_of(self._sent, self._changing[0][0], self._table.infos) if len(self._changing) == 1 else None
+        )
 
     def _prepare_replies(self, expected: tuple[str, ...]) -> None:
         step = self.plan.step
@@ -112,22 +121,28 @@ class DirectRequest:
         Raises EVALUATION_ERRORS.
         """
         names = self.names
-        names.update(self._fresh)
+        if not self._is_fresh:
+            names.update(self._fresh)
+            self._is_fresh = True
         for holds, wanted in self._guards:
             if bool(holds(names)) is not wanted:
                 return None
-        for name, compute in self.plan.settings:
-            self.scope.set(name, compute(names))
+        for put, compute, where in self._settings:
+            put(compute(where))
         if self._data is not None:
             return self._data
+        fields, patch = self.fields, self._patch
         for name, compute in self._changing:
-            self.fields[name] = compute(names)
-        return self.info.encode(self.fields, names)
+            fields[name] = value = compute(names)
+            if patch is not None and (data := patch(value)) is not None:
+                return data
+        return self.info.encode(fields, names)
 
     def within(self) -> int:
         """How long the reply may take (ns)."""
-        plan = self.plan
-        return int(plan.within(self.names)) if plan.within_changes and plan.within is not None else self._within
+        if self.plan.within_changes and self.plan.within is not None:
+            return int(self.plan.within(self.names))
+        return self._within
 
     def sent_value(self, data: bytes) -> FrameValue:
         """The frame that these bytes are, as a sequence that sends it has it."""
@@ -222,6 +237,7 @@ class DirectRequest:
     def _end(self, info: FrameInfo, value: FrameValue, data: bytes) -> tuple[FrameValue, Outcome] | None:
         """What the first row that fits makes of the reply; None if that is not the end."""
         names = self.names
+        self._is_fresh = False
         names["it"] = value
         for row in self._rows[info.name]:
             if row.when is None or row.when(names):

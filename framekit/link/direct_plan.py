@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.procedure import Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
@@ -40,15 +40,15 @@ class DirectPlan:
     """The step of a sequence that asks and waits, with what is certain of it before any exchange begins.
 
     `conditions` have to be as they are wanted for that step to be the first one done. `settings` are protocol variables
-    that it sets. `fields` are those of the frame it makes to send, each with whether it may be another one every time;
-    there are none when it sends one that is made already. `endings`: the rows that end the exchange well, with what
-    they set; `rows` are all of the step, as they are written.
+    that it sets, each with the names that its value reads. `fields` are those of the frame it makes to send, each with
+    whether it may be another one every time; there are none when it sends one that is made already. `endings`: the
+    rows that end the exchange well, with what they set; `rows` are all of the step, as they are written.
     """
 
     sequence: CompiledSequence
     index: int
     conditions: tuple[Condition, ...]
-    settings: tuple[tuple[str, Compute], ...]
+    settings: tuple[tuple[str, Compute, frozenset[str]], ...]
     send: Compute
     fields: tuple[tuple[str, Compute, bool], ...]
     endings: Mapping[CompiledRow, Settings]
@@ -87,7 +87,7 @@ def plan_of(sequence: CompiledSequence, protocol: Protocol, table: FrameTable, s
         sequence=sequence,
         index=index,
         conditions=tuple(_conditions(model.steps[:index], step, scope)),
-        settings=tuple((target.name, compiled_value(value)) for target, value in step.set),
+        settings=tuple((target.name, compiled_value(value), _reads(value)) for target, value in step.set),
         send=compiled_value(step.send),
         fields=tuple((name, compiled_value(value), changes(value, scope)) for name, value in fields.items()),
         endings=endings,
@@ -150,6 +150,10 @@ def _settings_of(row: Row, model: Sequence, protocol: Protocol, table: FrameTabl
         (target.name, fit_of(types[target.name]), compile_value(value, protocol, table.codec, table))
         for target, value in row.set
     )
+
+
+def _reads(value: Value) -> frozenset[str]:
+    return frozenset(name for part in expressions_of(value) for name in names_in(part.root))
 
 
 def _is_shared(protocol: Protocol, target: Target) -> bool:
