@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from framekit.blocks.error_codes import ErrorCode, error_code, error_table
+from framekit.link.codes import code_text
 from framekit.link.transfer import TransferResult
 
 NO_REPLY = ("no_reply", "timeout")
@@ -69,7 +70,7 @@ def error_of(result: TransferResult) -> ExchangeError:
     if result.code is not None and result.outcome not in NO_REPLY:
         meaning = f": {result.meaning}" if result.meaning else ""
         return RefusedError(
-            f"the device refused with code {result.code}{meaning}",
+            f"the device refused with code {code_text(result.code)}{meaning}",
             result.code, result.meaning, result.outcome, result.written,
         )  # fmt: skip
     kind: type[ExchangeError] = ExchangeError

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from framekit.blocks.error_codes import ErrorCode, error_code, status_word
 from framekit.blocks.model import BLOCKS_IN_SET
+from framekit.link.codes import code_text
 
 EXPLAINED = ("cannot_store", "cannot_send", "bad_setting")
 """Outcomes that say little without their cause."""
@@ -33,7 +34,7 @@ class Failure:
     def __str__(self) -> str:
         """In words: the outcome, the device's code with its meaning, the cause where the outcome says too little."""
         if self.device_code is not None:
-            return f"{self.outcome} {self.device_code}" + (f": {self.meaning}" if self.meaning else "")
+            return f"{self.outcome} {code_text(self.device_code)}" + (f": {self.meaning}" if self.meaning else "")
         return f"{self.outcome}: {self.cause}" if self.cause and self.outcome in EXPLAINED else self.outcome
 
     @property

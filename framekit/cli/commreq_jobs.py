@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from framekit.cli.common import duration_of, print_json
 from framekit.cli.commreq_run import JUDGED, NO_ANSWER, REFUSED, CommandOutput
+from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.api.settings import LineSettings
@@ -197,7 +198,7 @@ class JobCommands:
             return
         what = f"transfer {count + 1} is late" if late else f"transfer {count}"
         cause = "" if failure is None or failure.outcome in ("refused", LATE) else f" ({failure.outcome})"
-        text = f"job {status.slot:<5}{what} after {seconds:.3f} s = {status.word:04X}h {status.text}{cause}"
+        text = f"job {status.slot:<5}{what} after {seconds:.3f} s = {code_text(status.word)} {status.text}{cause}"
         print(text, flush=True)
         self.output.show_changes(changes)
 

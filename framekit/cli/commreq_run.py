@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import assignment, print_json
 from framekit.cli.main import WrongWords
+from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
@@ -83,7 +84,7 @@ class CommandOutput:
             print(f"{'' if number else 'does':<9}{line}")
         self.show_changes(changes)
         failed = "" if end.failure is None or end.failure.outcome == "refused" else f" ({end.failure.outcome})"
-        print(f"status   {meaning.status} = {end.status:04X}h {end.meaning}".rstrip() + failed)
+        print(f"status   {meaning.status} = {code_text(end.status)} {end.meaning}".rstrip() + failed)
 
     def show_changes(self, changes: dict[str, list[int]]) -> None:
         """What is otherwise in the memory."""

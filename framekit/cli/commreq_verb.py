@@ -14,6 +14,7 @@ from framekit.cli.common import load, print_json
 from framekit.cli.commreq_words import commands_in, record_of
 from framekit.cli.main import WrongWords
 from framekit.cli.one_shot import add_line, carry_out
+from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
@@ -146,5 +147,7 @@ def _lines(meaning: Meaning) -> list[str]:
     lines += [f"{'' if number else 'does':<9}{line}" for number, line in enumerate(meaning.does)]
     lines.append(f"status   {meaning.status}")
     if meaning.refused:
-        lines.append(f"refused  {meaning.refused:#06x} {meaning.because}, by a port that has done nothing yet".rstrip())
+        lines.append(
+            f"refused  {code_text(meaning.refused)} {meaning.because}, by a port that has done nothing yet".rstrip()
+        )
     return lines

@@ -23,6 +23,7 @@ from framekit.cli.common import (
 )
 from framekit.cli.decode_capture import add_capture_arguments, decode_capture
 from framekit.cli.main import WrongWords
+from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.codec.stored import StoredCodec
@@ -125,5 +126,5 @@ def as_text(codec: StoredCodec, fit: Fit, data: bytes, names: Mapping[str, Any])
     for path, start, end, value in spans:
         text = "" if value is None else f"{shown(value)}"
         rows.append((path, str(start), spaced(data[start:end]), text))
-    refused = "" if fit.refusal is None else f"  (a server refuses it with 0x{fit.refusal:04X})"
+    refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)})"
     return f"{fit.frame}{refused}\n" + table(rows, ("field", "offset", "bytes", "value"))

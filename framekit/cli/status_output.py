@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import table
 from framekit.cli.load_output import percent
+from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.blocks.block_status import BlockStatus
@@ -55,7 +56,7 @@ def job_row(one: JobStatus) -> tuple[str, ...]:
     return (
         str(one.slot), f"{one.kind} {one.remote or one.own}", one.host or "-", one.state, every, left,
         str(counters.good), str(counters.refused), str(counters.late + counters.over_period), str(counters.ended),
-        f"{one.word:04X}h {one.text}".rstrip(),
+        f"{code_text(one.word)} {one.text}".rstrip(),
     )  # fmt: skip
 
 

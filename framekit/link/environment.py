@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from framekit.link.clocks import begin_clock
+from framekit.link.codes import code_text
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable
@@ -144,7 +145,7 @@ class Environment:
     def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
         if self.monitor is not None:
-            reason = "" if value.refusal is None else f"refused with {value.refusal}"
+            reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
             self.show("frame", "in", raw, value.frame, value.fields, reason=reason, started_at=started_at)
 
     # ---- serving ------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import FrameVector
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.receiver import Receiver
@@ -146,7 +147,7 @@ def _told(arrivals: list[Arrival]) -> str:
     words = []
     for item in arrivals:
         if isinstance(item, FrameArrived):
-            refusal = "" if item.value.refusal is None else f" refused with {item.value.refusal}"
+            refusal = "" if item.value.refusal is None else f" refused with {code_text(item.value.refusal)}"
             words.append(f"frame {item.value.frame}{refusal}")
         elif isinstance(item, BadFrame):
             words.append(f"bad {item.frame} ({item.cause} at byte {item.place})")

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.codes import code_text
 from framekit.link.counters import LinkCounters
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
@@ -159,7 +160,7 @@ class Listener:
             side = self.table.infos[value.frame].frame.side
             if side != "both":
                 self._next_side = "server" if side == "client" else "client"
-            reason = "" if value.refusal is None else f"refused with {value.refusal}"
+            reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
             self._announce(value)
             fields = {name: plain(item) for name, item in value.fields.items()}
             self.monitor(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from framekit.definition.model.protocol import Protocol
+from framekit.link.codes import code_text
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Served, Server
 from framekit.link.values import FrameValue
@@ -49,4 +50,4 @@ def refusal_text(protocol: Protocol, code: int) -> str:
     ordered = sorted(names, key=lambda item: item.when is not None)  # which side it was does not show here
     tables = (protocol.tables[item.table].entries for item in ordered if item.table in protocol.tables)
     meaning = next((str(table[code]) for table in tables if code in table), "")
-    return f"refused {code:#06x}" + (f" {meaning}" if meaning else "")
+    return f"refused {code_text(code)}" + (f" {meaning}" if meaning else "")

@@ -441,7 +441,7 @@ def test_the_eighteenth_command_of_a_scan_is_lost() -> None:
     assert world.answers == [(number, 1) for number in ids[:17]] + [(ids[17], None)]
     assert world.words("D317") == [], "it is never answered"
     (event,) = world.table.log
-    assert str(event) == "0.000 s lost slot 2 event 08H 0024H" and world.table.counters.lost == 1
+    assert str(event) == "0.000 s lost slot 2 event 0x08 0x0024" and world.table.counters.lost == 1
     world.run(10 * MS)
     assert world.bits() == (13, 14, 16)
     world.run(20 * MS)

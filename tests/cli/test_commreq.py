@@ -117,14 +117,14 @@ def test_commands_share_the_memory_and_show_what_has_changed(
     assert main([*port, *words, "+", "6101", "5", "1", "1", "2", "50"]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert "%R200    11 22 33" in shown and "%R50     22 33" in shown
-    assert "status   %R10 = 0001h success" in shown and "status   %R1 = 0001h success" in shown
+    assert "status   %R10 = 0x0001 success" in shown and "status   %R1 = 0x0001 success" in shown
 
 
 def test_what_lies_beside_the_status_word_is_shown(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     words = ["ccm_read", "command=6101", "target=5", "type=1", "address=101", "count=3"]
     assert main([*port, *words, "here=11", "status_offset=9"]) == 0
     shown = capsys.readouterr().out.splitlines()
-    assert "%R11     11 22 33" in shown and "status   %R10 = 0001h success" in shown
+    assert "%R11     11 22 33" in shown and "status   %R10 = 0x0001 success" in shown
     assert not any(line.startswith("%R10") for line in shown)
     assert main([*port, "--json", *words, "here=9", "status_offset=11"]) == 0
     assert json.loads(capsys.readouterr().out)["memory"] == {"%R9": [11, 22, 33], "%R12": [1]}
@@ -142,9 +142,9 @@ def test_the_own_memory_can_be_set(port: list[str], capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("words", "status", "told"),
     [
-        (["6101", "5", "4", "1", "1", "1"], 1, "000Ah invalid memory type"),
-        (["6101", "9", "1", "1", "1", "1"], 3, "0017h no valid acknowledge to a master enquiry (no_enquiry_answer)"),
-        (["1", "0", "8", "65535", "0", "0", "6002"], 0, "%R65536 = 0001h"),
+        (["6101", "5", "4", "1", "1", "1"], 1, "0x000A invalid memory type"),
+        (["6101", "9", "1", "1", "1", "1"], 3, "0x0017 no valid acknowledge to a master enquiry (no_enquiry_answer)"),
+        (["1", "0", "8", "65535", "0", "0", "6002"], 0, "%R65536 = 0x0001"),
     ],
 )
 def test_the_exit_status(

@@ -45,7 +45,7 @@ def test_one_read(server: framekit.Server, capsys: pytest.CaptureFixture[str]) -
         "does     reads %R50 (4 × word) into the own %R100",
         "         as the job in slot 5, with 3.0.0.1, every 1 min, 1 times",
     ]
-    assert lines[3:] == ["%R100    1 2 3 4", "status   %R1 = 0001h success"]
+    assert lines[3:] == ["%R100    1 2 3 4", "status   %R1 = 0x0001 success"]
 
 
 def test_repetitions_are_carried_out(server: framekit.Server, capsys: pytest.CaptureFixture[str]) -> None:
@@ -58,7 +58,7 @@ def test_repetitions_are_carried_out(server: framekit.Server, capsys: pytest.Cap
 
 def test_a_write_and_what_it_needs(server: framekit.Server, capsys: pytest.CaptureFixture[str]) -> None:
     assert commreq(server, "--set", "%R100=11,12", *transfer(2004, remote=60, count=2, every=6000)) == 1
-    assert shown(capsys)[-1] == "status   %R1 = 008Bh client: illegal service request (not_allowed)"
+    assert shown(capsys)[-1] == "status   %R1 = 0x008B client: illegal service request (not_allowed)"
     write = transfer(2004, remote=60, count=2, every=6000)
     assert commreq(server, "--param", "allow=writes", "--set", "%R100=11,12", *write) == 0
     assert server.memory.read("%R60", 2) == [11, 12]
@@ -70,7 +70,7 @@ def test_commands_follow_each_other_and_abort_what_is_endless(
     details, abort = ["2002", "5", "8", "200"], ["2001", "5"]
     assert commreq(server, *transfer(2003, times=0, every=6000), "+", *details, "+", *abort) == 0
     lines = shown(capsys)
-    assert "%R200    1 1" in lines and sum(line.endswith("= 0001h success") for line in lines) == 3
+    assert "%R200    1 1" in lines and sum(line.endswith("= 0x0001 success") for line in lines) == 3
 
 
 def test_an_endless_job_ends_with_its_time(server: framekit.Server) -> None:
@@ -79,16 +79,20 @@ def test_an_endless_job_ends_with_its_time(server: framekit.Server) -> None:
 
 def test_what_the_device_refuses(server: framekit.Server, capsys: pytest.CaptureFixture[str]) -> None:
     assert commreq(server, *transfer(2003, remote=90, count=20, every=6000)) == 1
-    assert shown(capsys)[-1] == "status   %R1 = F405h server: service request error: invalid input parameter"
+    assert shown(capsys)[-1] == "status   %R1 = 0xF405 server: service request error: invalid input parameter"
 
 
 @pytest.mark.parametrize(
     ("words", "status", "told"),
     [
-        (transfer(2003, slot=17), 1, "status   %R1 = 8890h client: invalid channel number"),
-        ([*transfer(2010)[:8], "4", "0", "0", *transfer(2010)[11:]], 1, "status   %R1 = 008Bh client: illegal service"),
+        (transfer(2003, slot=17), 1, "status   %R1 = 0x8890 client: invalid channel number"),
+        (
+            [*transfer(2010)[:8], "4", "0", "0", *transfer(2010)[11:]],
+            1,
+            "status   %R1 = 0x008B client: illegal service",
+        ),
         (["channel_abort", "channel=5", "wait=1"], 2, ""),
-        (["6101", "1"], 1, "status   %R1 = 9E90h client: unrecognised command code"),
+        (["6101", "1"], 1, "status   %R1 = 0x9E90 client: unrecognised command code"),
     ],
 )
 def test_refusals_and_faults(
@@ -103,7 +107,7 @@ def test_nobody_is_there(capsys: pytest.CaptureFixture[str]) -> None:
     words = transfer(2003, every=6000)
     assert main(["commreq", "srtp", "--commands", "ge-channels", "--port", "tcp://127.0.0.1:1", *words]) == 3
     assert shown(capsys)[-1].startswith(
-        "status   %R1 = 9690h client: TCP connection reset by the server (not_connected"
+        "status   %R1 = 0x9690 client: TCP connection reset by the server (not_connected"
     )
 
 
@@ -111,7 +115,7 @@ def test_the_host_of_the_words_may_be_the_port(server: framekit.Server, capsys: 
     port = server.port.replace("127.0.0.1", "{host}")
     words = [*transfer(2003, every=6000)[:-4], "127", "0", "0", "1"]
     assert main(["commreq", "srtp", "--commands", "ge-channels", "--port", port, *words]) == 0
-    assert shown(capsys)[-1] == "status   %R1 = 0001h success"
+    assert shown(capsys)[-1] == "status   %R1 = 0x0001 success"
 
 
 def test_ports_and_times_that_are_none(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -36,12 +36,12 @@ def test_jobs_are_shown(run: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", run, "--virtual", "--for", "550ms", "--status"]) == 0
     out = capsys.readouterr().out
     assert [" ".join(line.split()) for line in out.splitlines() if line.startswith(("5 ", "6 "))] == [
-        "5 read 40001 channel 1 waiting 100 ms 4 6 0 0 0 0001h success",
-        "6 read 49999 channel 1 waiting 200 ms - 0 3 0 0 0205h server: service request error, 02H",
+        "5 read 40001 channel 1 waiting 100 ms 4 6 0 0 0 0x0001 success",
+        "6 read 49999 channel 1 waiting 200 ms - 0 3 0 0 0x0205 server: service request error, 0x02",
     ]
     assert "\ncommands: 3 taken, 3 job; 1 refused, 0 lost, 0 faults\n" in out
-    assert "\nevents: 2, the last 2:\n0.000 s error slot 6 0205H server: service request error, 02H\n" in out
-    assert "\n0.500 s refused slot 7 008BH client: illegal service request\n" in out
+    assert "\nevents: 2, the last 2:\n0.000 s error slot 6 0x0205 server: service request error, 0x02\n" in out
+    assert "\n0.500 s refused slot 7 0x008B client: illegal service request\n" in out
 
 
 def test_and_for_programs(run: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -103,12 +103,12 @@ def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:
     with pymodbus_server() as port:
         line = ("modbus-tcp", "--port", port, "--station", "1")
         assert call(capsys, "read", *line, "40005", "-n", "2") == (0, "40005  1004 1005\n", "")
-        told = "framekit read: the device refused with code 2: illegal data address\n"
+        told = "framekit read: the device refused with code 0x0002: illegal data address\n"
         assert call(capsys, "read", *line, "49000") == (1, "", told)
         status, out, err = call(capsys, "read", *line, "49000", "--json")
         assert (status, err) == (1, told)
         assert json.loads(out) == {
-            "error": "refused", "message": "the device refused with code 2: illegal data address",
+            "error": "refused", "message": "the device refused with code 0x0002: illegal data address",
             "code": 2, "meaning": "illegal data address",
         }  # fmt: skip
         assert call(capsys, "read", *line, "49000", "40001", "--every", "1ms", "--times", "2")[0] == 1

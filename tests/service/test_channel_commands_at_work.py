@@ -114,7 +114,7 @@ def test_a_status_word_without_a_place_is_told_by_the_log_alone(tmp_path: Path) 
     assert at_work.memory.read("T", "bit", 0, 3) == [1, 1, 1], "FT"
     table = at_work.jobs.table
     assert [(event.name, event.word) for event in table.log] == [("fault", 0xA190), ("fault", 0xA190), ("fault", 0)]
-    assert str(next(iter(table.log))).endswith("fault A190H client: invalid memory type of the status word")
+    assert str(next(iter(table.log))).endswith("fault 0xA190 client: invalid memory type of the status word")
     assert (table.counters.faults, table.counters.taken) == (3, 0) and at_work.register(10) == [0]
 
 

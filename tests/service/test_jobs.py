@@ -77,7 +77,7 @@ def test_a_trigger_during_a_pending_command_is_an_overrun(tmp_path: Path) -> Non
     assert at_work.service.states[0].counters.overruns == 2
     at_work.run(1000)
     assert at_work.word("D", 10) == 0x0190
-    assert str(at_work.service.states[0].last_failure) == "refused 400: client: time-out is over, still waiting"
+    assert str(at_work.service.states[0].last_failure) == "refused 0x0190: client: time-out is over, still waiting"
 
 
 @pytest.mark.parametrize(("station", "word"), [(9, 0x9790), (8, 0)])
@@ -129,7 +129,7 @@ def test_reports_are_refused(tmp_path: Path) -> None:
     )
     at_work.run(100)
     assert at_work.word("D", 10) == 0x008B and at_work.counts(0) == (1, 0, 1)
-    assert str(at_work.service.states[0].last_failure) == "refused 139: client: illegal service request"
+    assert str(at_work.service.states[0].last_failure) == "refused 0x008B: client: illegal service request"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from framekit.blocks.jobs.profile import EventCode, JobProfile
 from framekit.blocks.jobs.slot import JobCounters, Slot
+from framekit.link.codes import code_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,10 +36,10 @@ class Event:
     def what(self) -> str:
         """In words, without its time."""
         slot = "" if self.slot is None else f" slot {self.slot}"
-        number = "" if self.code is None else f" event {self.code.number:02X}H" + "".join(
-            f" {entry:04X}H" for entry in self.code.entries
+        number = "" if self.code is None else f" event {code_text(self.code.number, 2)}" + "".join(
+            f" {code_text(entry)}" for entry in self.code.entries
         )  # fmt: skip
-        word = f" {self.word:04X}H {self.text}" if self.word else ""
+        word = f" {code_text(self.word)} {self.text}" if self.word else ""
         return f"{self.name}{slot}{number}{word}"
 
 

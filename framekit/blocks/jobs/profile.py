@@ -11,6 +11,7 @@ from enum import Enum
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.problems import Position
+from framekit.link.codes import code_text
 
 
 class CodeClass(Enum):
@@ -157,7 +158,7 @@ class JobProfile:
         minor = major.minors.get(word >> 8)
         if minor is not None:
             return f"{major.text}: {minor.text}"
-        return major.text if word < 0x100 else f"{major.text}, {word >> 8:02X}H"
+        return major.text if word < 0x100 else f"{major.text}, {code_text(word >> 8, 2)}"
 
     def misfit_period(self, period: int) -> str | None:
         """Why a period cannot be counted in any of the units; None when it can."""
