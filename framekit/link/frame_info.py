@@ -41,6 +41,8 @@ class FrameCodec(Protocol):
     @property
     def extent(self) -> Callable[..., int] | None: ...
     @property
+    def take(self) -> Callable[..., tuple[bytes, dict[str, Any]] | None] | None: ...
+    @property
     def examine(self) -> Callable[..., Any]: ...
 
 
@@ -53,14 +55,15 @@ class FrameInfo:
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside. `constant`: its bytes, if it is nothing else. `intact`: a quick look
-    at its check code, where there is one. `make`: a value of decoded fields, bytes and refusal, with values of the
+    at its check code, where there is one. `take`: measures and decodes at once what is surely good, and is none where
+    it is not sure. `make`: a value of decoded fields, bytes and refusal, with values of the
     frames inside; the table of all frames sets it. `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
         "_examine", "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "take",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
@@ -74,6 +77,7 @@ class FrameInfo:
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
         self.guesses = codec.extent is not None and self.inner is not None
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
+        self.take = codec.take
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
         self.constant = _constant(frame.segments)

@@ -21,11 +21,11 @@ Level = tuple[FrameInfo, ...]
 
 
 Take = tuple[
-    bytes | None, Callable[..., int], Callable[..., dict[str, Any]], Callable[..., FrameValue], str | None,
-    Callable[[bytes], Any] | None,
+    bytes | None, Callable[..., tuple[bytes, dict[str, Any]] | None] | None, Callable[..., int],
+    Callable[..., dict[str, Any]], Callable[..., FrameValue], str | None, Callable[[bytes], Any] | None,
 ]  # fmt: skip
-"""What taking a frame needs, in one look: its bytes if it is nothing else, its `extent`, `decode` and `make`, the field
-whose frame has to be a known one, what finds others inside it.
+"""What taking a frame needs, in one look: its bytes if it is nothing else, its `take`, `extent`, `decode` and `make`,
+the field whose frame has to be a known one, what finds others inside it. What has a `take` needs only that.
 """
 
 
@@ -46,7 +46,7 @@ class Left:
         if self.alone is not None and (inside is None or sure):
             info = self.alone
             self.take = (
-                info.constant, info.extent, info.decode, info.make, info.inner if info.guesses else None,
+                info.constant, info.take, info.extent, info.decode, info.make, info.inner if info.guesses else None,
                 None if inside is None else inside.search_in(info),
             )  # fmt: skip
 

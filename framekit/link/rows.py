@@ -61,8 +61,14 @@ class RowLooking(RoughLooking):
                 left = start.left.get(data[place + start.at], start.others) if start.at else start.others
                 if left.take is None:
                     break
-                constant, extent, decode, make, inner, search = left.take
-                if constant is not None and data.startswith(constant, place):
+                constant, take, extent, decode, make, inner, search = left.take
+                if take is not None:
+                    taken = take(data, place, end, names)
+                    if taken is None:
+                        return place, extent(data, place, end, names), left
+                    raw, fields = taken
+                    behind = place + len(raw)
+                elif constant is not None and data.startswith(constant, place):
                     raw, fields = constant, {}
                     behind = place + len(raw)
                 else:

@@ -126,7 +126,7 @@ class Function:
             return Place(start, 0), Place(end, 0)
         kept: list[Place] = []
         for place, what in ((first, "start"), (last, "end")):
-            if place.base in ("", "end"):
+            if place.base in ("", "begin", "end"):
                 kept.append(place)
             elif what == "end" and not self.in_branch and kept[0] != first and place.base == first.base:
                 kept.append(kept[0].plus(place.offset - first.offset))
@@ -185,6 +185,8 @@ class Function:
         if first.base == last.base:
             return str(last.offset - first.offset)
         start = first.text(bounds.buffer)
+        if " " in start:
+            start = f"({start})"
         return last.text(bounds.buffer) if start == "0" else f"{last.text(bounds.buffer)} - {start}"
 
 

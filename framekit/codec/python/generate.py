@@ -24,6 +24,7 @@ from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
+from framekit.codec.python.take import write_takes
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Length, Repeat, Segment
@@ -57,11 +58,15 @@ class ModuleWriter:
         self.frames_part: list[Source] = []
         self.examine_part: list[Source] = []
         self.extents: set[str] = set()
+        self.takes: dict[str, Source] = {}
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
             self.identifiers[name] = self._identifier(name)
             self._frame(name, frame)
+        if not self.standalone and self.protocol.kind == "protocol":  # receivers use them, and nobody else
+            self.takes = write_takes(self.module, self.protocol, self.identifiers)
+            self.frames_part.extend(self.takes.values())
         for name, layout in self.protocol.layouts.items():
             if self._stands_alone(layout):
                 self.layouts[name] = self._identifier(f"layout_{name}")
@@ -86,7 +91,7 @@ class ModuleWriter:
         wanted, number = identifier(name).strip("_"), 1
         taken = {*self.identifiers.values(), *self.layouts.values()}
         found = wanted
-        while found in taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent")):
+        while found in taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent", "take")):
             number += 1
             found = f"{wanted}_{number}"
         return found
@@ -226,6 +231,7 @@ class ModuleWriter:
             refuse = self.protocol.frames[name].refuse
             more = "" if refuse is None else f", refuse={refuse:#x}"
             more += f", extent=extent_{known}" if known in self.extents else ""
+            more += f", take=take_{known}" if known in self.takes else ""
             out.depth = 1
             out.add(f"{quoted(name)}: Frame({quoted(name)}, {functions}{more}),")
             out.depth = 0

@@ -140,7 +140,8 @@ class Reader(BranchReader):
             count = self._count(item, repeat.times)
             header = f"for _ in range({count}):"
             if not count.isdigit():
-                there = f"len({self.buffer}) - {self.place.text(self.buffer)}"
+                place = self.place.text(self.buffer)
+                there = f"len({self.buffer}) - {f'({place})' if ' ' in place else place}"
                 function.misfit_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
         first = self.keep(self.place) if repeat.name in function.tracked else self.place
         function.flush()

@@ -32,15 +32,18 @@ class Item:
 
 
 class BufferReader:
-    """Reads one buffer. `buffer` is its text, `at` the local that holds the place once that is not fixed any more."""
+    """Reads one buffer. `buffer` is its text, `at` the local that holds the place once that is not fixed any more.
 
-    def __init__(self, function: Function, buffer: str, at: str) -> None:
+    `begin`: where in the buffer what is read begins.
+    """
+
+    def __init__(self, function: Function, buffer: str, at: str, begin: Place = START) -> None:
         self.function = function
         self.module = function.module
         self.shapes = function.shapes
         self.buffer = buffer
         self.at = at
-        self.place = START
+        self.begin = self.place = begin
         self.deferred: list[Callable[[], None]] = []
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:

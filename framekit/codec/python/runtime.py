@@ -29,7 +29,10 @@ class Defaults(dict[str, Any]):
 
 
 class Frame(NamedTuple):
-    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`."""
+    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`.
+
+    `take`: reads the frame out of the middle of a buffer; None where that takes more than going from front to back.
+    """
 
     name: str
     encode: Callable[..., bytes]
@@ -38,6 +41,7 @@ class Frame(NamedTuple):
     examine: Callable[..., Any]
     refuse: int | None = None
     extent: Callable[..., int] | None = None
+    take: Callable[..., Any] | None = None
 
 
 def attribute(value: Any, name: str) -> Any:
@@ -82,10 +86,13 @@ class Choice:
     `named` holds them by name, `encoders` what builds them. `readers`: by the deciding byte, names with decoders in the
     order they are tried, or another choice; `all_readers`: those for when that byte is not there. `likely`: by the
     deciding byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it
-    allows, None where there are several.
+    allows, None where there are several; `takes`: the name of the first it allows and
+    what takes that, if it can be taken.
     """
 
-    __slots__ = ("all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole")
+    __slots__ = (
+        "all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole", "takes",
+    )  # fmt: skip
 
     def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
         self.everything = everything
@@ -97,9 +104,11 @@ class Choice:
         self.all_readers = readers_of(everything)
         self.readers = [readers_of(self.others)] * 256
         self.sole = [measure_of(self.others)] * 256
+        self.takes = [take_of(self.others)] * 256
         for byte, found in self.cases.items():
             self.readers[byte] = readers_of(found)
             self.sole[byte] = measure_of(found)
+            self.takes[byte] = take_of(found)
         self.likely = [found[0] if type(found) is tuple and 1 <= len(found) <= 2 else None for found in self.readers]
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
@@ -119,6 +128,13 @@ def readers_of(found: Any) -> Any:
 def measure_of(found: Any) -> Any:
     """What measures a row of frames if it is one."""
     return found[0].measure if type(found) is tuple and len(found) == 1 else None
+
+
+def take_of(found: Any) -> Any:
+    """The name of the first frame of a row, and what takes it: if it fits, nobody asks the others."""
+    if type(found) is not tuple or not found or found[0].take is None:
+        return None
+    return found[0].name, found[0].take
 
 
 def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
@@ -294,7 +310,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "extent_first": ("measure_first",),
     "fits": ("Frame",),
     "encode_one": ("Choice", "Frame"),
-    "Choice": ("Frame", "measure_of", "readers_of"),
+    "Choice": ("Frame", "measure_of", "readers_of", "take_of"),
     "end_of_region": ("find_region_end",),
 }
 """The names of this module that a helper uses itself."""

@@ -11,7 +11,7 @@ from framekit.codec.python.codes import code_text, is_call
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.places import between
-from framekit.codec.python.reader import START, BufferReader, Item, not_possible
+from framekit.codec.python.reader import BufferReader, Item, not_possible
 from framekit.codec.python.shape import Target, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import literal
 from framekit.definition.expression.emit import BIT_OR
@@ -109,7 +109,11 @@ class JudgingReader(BufferReader):
 
     def judge_residue(self, check: Check, residue: int) -> None:
         """One call over the check and all before it, instead of cutting, reading and comparing."""
-        code = self.module.check(check.method, between(self.buffer, START, self.place.plus(check.size)))
+        self.compare_residue(check, between(self.buffer, self.begin, self.place.plus(check.size)), residue)
+
+    def compare_residue(self, check: Check, covered: str, residue: int) -> None:
+        """What the code over `covered` (a text) has to be."""
+        code = self.module.check(check.method, covered)
         self.function.misfit_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
     def _code_of(self, check: Check, local: str) -> str:
@@ -138,7 +142,7 @@ class JudgingReader(BufferReader):
             if first.buffer == self.buffer and check.span[1] == "here":
                 return between(self.buffer, first.first, self.place)
             return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
-        return between(self.buffer, START, self.place)
+        return between(self.buffer, self.begin, self.place)
 
     # ---- what is compared when everything is read ---------------------------------------------------------
 

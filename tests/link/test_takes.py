@@ -1,0 +1,52 @@
+"""What takes a frame out of a buffer finds what measuring and decoding find, and nothing that they do not."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from link.test_shipped_streams import NAMES, loaded, receiver
+
+from framekit.codec.errors import FrameError
+from framekit.link.frame_info import FrameInfo
+from framekit.link.receiver import Receiver
+
+
+def takers(one: Receiver) -> list[FrameInfo]:
+    return [one.table.infos[name] for name in one.table.on_line if one.table.infos[name].take is not None]
+
+
+def as_measured(info: FrameInfo, data: bytes, place: int, one: Receiver) -> tuple[bytes, dict[str, object]] | None:
+    size = info.measure(data, place, len(data), one._names, 0)
+    if size <= 0:
+        return None
+    raw = data[place : place + size]
+    try:
+        return raw, info.decode(raw, one._names)
+    except FrameError:
+        return None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_taken_is_what_is_measured_and_decoded(name: str) -> None:
+    choose, one, samples = random.Random(name), receiver(name), loaded(name)[2]
+    for sample in samples:
+        before, behind = choose.randbytes(choose.randrange(4)), choose.choice((b"", sample, choose.randbytes(5)))
+        for info in takers(one):
+            assert info.take is not None
+            data = before + sample + behind
+            assert info.take(data, len(before), len(data), one._names) == as_measured(info, data, len(before), one)
+            bad = bytearray(data)
+            bad[len(before) + choose.randrange(len(sample))] ^= choose.randrange(1, 256)
+            taken = info.take(bytes(bad), len(before), len(bad), one._names)
+            assert taken is None or taken == as_measured(info, bytes(bad), len(before), one)
+            cut = data[: len(before) + choose.randrange(len(sample))]
+            assert info.take(cut, len(before), len(cut), one._names) is None
+
+
+def test_most_protocols_have_frames_that_are_taken() -> None:
+    """Replies of Modbus out of one buffer, DF1 without what stands in its frames, MLDP between its ends."""
+    found = {name: {info.name for info in takers(receiver(name))} for name in NAMES}
+    assert found["modbus-rtu"] == {"request_adu", "reply_adu"}
+    assert "message" in found["df1"]
+    assert {"read_individual_reply", "read_continuous_reply"} <= found["mldp"]
