@@ -38,10 +38,18 @@ class Switch:
     others: Leaf | Switch
 
 
+def in_order(shapes: Shapes, frames: tuple[str, ...]) -> tuple[str, ...]:
+    """Candidates in the order they are tried: those that exist to be refused come last."""
+    return tuple(sorted(frames, key=lambda name: shapes.frames[name].refuse is not None))
+
+
 def tree_of(shapes: Shapes, frames: tuple[str, ...]) -> Leaf | Switch:
-    """How candidates are told apart."""
-    allowed = {name: dict(fixed_bytes(shapes.segments(shapes.frames[name]))) for name in frames}
-    return _tree(frames, allowed, frozenset(), True)
+    """How candidates, in this order, are told apart."""
+    tree: Leaf | Switch | None = shapes.trees.get(frames)
+    if tree is None:
+        allowed = {name: dict(fixed_bytes(shapes.segments(shapes.frames[name]))) for name in frames}
+        tree = shapes.trees[frames] = _tree(frames, allowed, frozenset(), True)
+    return tree
 
 
 def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozenset[int], again: bool) -> Leaf | Switch:

@@ -16,9 +16,17 @@ from framekit.definition.model.segments import Const, Segment
 
 
 def write_decoder(
-    module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
+    module: Module,
+    identifier: str,
+    name: str,
+    segments: tuple[Segment, ...],
+    frame: Frame | None,
+    at_once: tuple[str, int] | None = None,
 ) -> Source:
-    """The source of `decode_…` of a frame, or of a layout if `frame` is None."""
+    """The source of `decode_…` of a frame, or of a layout if `frame` is None.
+
+    `at_once`: the table of what reads the frame together with the one inside it, and the place of the byte it goes by.
+    """
     function = Function(module, identifier, segments)
     fields = Fields(function.names.fresh("fields"))
     reader = Reader(function, "data", "at")
@@ -31,7 +39,7 @@ def write_decoder(
     for action in function.late:
         action()
     if frame is not None and frame.most is not None:
-        _limit(function, frame.most, segments)
+        limit(function, frame.most, segments)
     function.flush()
     result = fields.text(function.out)
     out = Source()
@@ -40,6 +48,8 @@ def write_decoder(
         write_docstring(out, f"Read the {kind} `{name}`. Raises FrameError.", summary(segments))
         for context, local in function.hoisted.items():
             out.add(f"{local} = {module.given(context)}")
+        if at_once is not None:
+            _try_at_once(out, *at_once)
         with out.block("try:"):
             out.extend(function.out)
         with out.block("except MISFITS:"):
@@ -51,7 +61,18 @@ def write_decoder(
     return out
 
 
-def _limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
+def _try_at_once(out: Source, table: str, place: int) -> None:
+    """Most frames are read in one go; whatever does not fit is looked at part by part."""
+    with out.block("try:"):
+        out.add(f"at_once = {table}[data[{place}]]")
+        with out.block("if at_once is not None:"):
+            out.add("return at_once(data, ctx)")
+    with out.block("except MISFITS:"):
+        out.add("pass")
+
+
+def limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
+    """A frame must not be longer than its definition says."""
     longest = function.shapes.all(segments).most
     if longest is not None and longest <= most:
         return

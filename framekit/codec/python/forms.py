@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from framekit.codec.python.source import bytes_literal
-from framekit.definition.model.segments import Count, Data, Field, FieldType, Length
+from framekit.definition.model.segments import Bits, Check, Const, Count, Data, Field, FieldType, Length, Segment, Skip
 
-_INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 _FLOAT_CODES = {4: "f", 8: "d"}
 _DIGIT_NAMES = {16: "hex", 10: "dec", 8: "oct"}
 Numbered = Field | Length | Count
@@ -32,11 +32,33 @@ def struct_code(type_: FieldType) -> tuple[str, str] | None:
     size = type_.fixed_size
     if type_.kind == "int" and size == 1:
         return ("b" if type_.signed else "B"), ""
-    codes = {"int": _INT_CODES, "float": _FLOAT_CODES}.get(type_.kind, {})
+    codes = {"int": INT_CODES, "float": _FLOAT_CODES}.get(type_.kind, {})
     if size in codes and type_.order in ("big", "little"):
         code = codes[size].lower() if type_.kind == "int" and type_.signed else codes[size]
         return code, "<" if type_.order == "little" else ">"
     return f"{size}s", ""
+
+
+def struct_order(segment: Segment) -> str | None:
+    """The byte order a segment needs in a struct ('' for any); None if it does not fit into one."""
+    if segment.when is not None:
+        return None
+    match segment:
+        case Const() | Skip() | Data(size=int()):
+            return ""
+        case Check():
+            return check_code(segment)[1]
+        case Field(long=None, type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
+            code = struct_code(type_)
+            return None if code is None else code[1]
+    return None
+
+
+def check_code(check: Check) -> tuple[str, str]:
+    """The `struct` code of a check code and the byte order it needs."""
+    if check.form == "raw" and check.size in INT_CODES:
+        return INT_CODES[check.size], "" if check.size == 1 else "<" if check.order == "little" else ">"
+    return f"{check.size}s", ""
 
 
 def is_slice(type_: FieldType) -> bool:

@@ -16,6 +16,7 @@ from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
 from framekit.codec.python.examination_state import ExaminationState
 from framekit.codec.python.examine import write_examiner
+from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import Module, pasted_names
 from framekit.codec.python.names import identifier
@@ -102,7 +103,9 @@ class ModuleWriter:
         known, segments = self.identifiers[name], self.module.shapes.segments(frame)
         refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, frame))
-        self.frames_part.append(write_decoder(self.module, known, name, segments, frame))
+        pairs, at_once = write_pairs(self.module, known, frame)
+        self.frames_part.extend(pairs)
+        self.frames_part.append(write_decoder(self.module, known, name, segments, frame, at_once))
         before = len(self.module.extra)
         self.frames_part.append(write_measurer(self.module, known, frame, segments))
         self.frames_part.extend(self.module.extra[before:])
@@ -240,6 +243,8 @@ class ModuleWriter:
         out.add(f"LAYOUTS: dict[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]] = {{{layouts}}}")
         for frames, name in self.module.choices.items():
             out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
+        for name, text in self.module.joined.items():
+            out.add(f"{name} = {text}")
         return out
 
 
@@ -255,6 +260,7 @@ def refuse_vague_checks(segments: tuple[Segment, ...]) -> None:
 _ALIASES = {
     "Ask": "Callable[[Any], Any]",
     "Context": "Mapping[str, Any]",
+    "Reads": "Callable[..., dict[str, Any]]",
     "Opened": "tuple[bytes, Sequence[int], str]",
     "Rules": "Mapping[str, Any]",
     "Span": "tuple[str, int, int, Any]",

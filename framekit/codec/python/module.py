@@ -11,7 +11,8 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.checks import source_of
-from framekit.codec.python import examination, examination_state, refusals, runtime
+from framekit.codec.python import doubled, examination, examination_state, refusals, runtime
+from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
 from framekit.codec.python.pasting import class_source, whole_source
@@ -24,7 +25,7 @@ from framekit.definition.model.segments import Const, Wrap
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
 _LONGEST_FORMAT_NAME = 30
-_PASTED: tuple[Any, ...] = (support, runtime, refusals, examination_state, examination)
+_PASTED: tuple[Any, ...] = (support, runtime, doubled, refusals, examination_state, examination)
 
 
 def pasted_names() -> set[str]:
@@ -63,6 +64,7 @@ class Module:
         self.rule_tables: dict[str, str] = {}
         self.choices: dict[tuple[str, ...], str] = {}
         self.taken: dict[str, None] = {}
+        self.joined: dict[str, str] = {}
         self.extra: list[Source] = []
         self._bcd = ""
 
@@ -148,10 +150,17 @@ class Module:
     def choice(self, frames: tuple[str, ...], *name: str) -> str:
         """The module constant of the frames that may stand at one place."""
         self.function("Choice")
-        frames = tuple(sorted(frames, key=lambda frame: self.protocol.frames[frame].refuse is not None))
+        frames = in_order(self.shapes, frames)
         if frames not in self.choices:
             self.choices[frames] = self.names.constant(*name)
         return self.choices[frames]
+
+    def at_once(self, identifier: str, frames: tuple[str, ...], readers: Mapping[str, str]) -> str:
+        """The module constant with what reads a frame together with one of those inside it, by the deciding byte."""
+        name, choice = self.names.constant(identifier, "at_once"), self.choice(frames, identifier, "inside")
+        entries = ", ".join(f"{literal(frame)}: {function}" for frame, function in readers.items())
+        self.joined[name] = f"{self.function('readers_at_once')}({choice}, {{{entries}}})"
+        return name
 
     def embedded(self, wrap: Wrap) -> str:
         """Text of the frames that may stand in a wrap, as far as they are nothing but constants; '' for none."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import BranchReader
-from framekit.codec.python.choices import Switch, tree_of
+from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.function import MISFIT
 from framekit.codec.python.places import Fields, Place, between
@@ -51,7 +51,7 @@ class Reader(BranchReader):
                 count = run
                 behind = (*items[place + count :], *after)
                 nothing = all(isinstance(one.segment, (Require, Value)) for one in behind)
-                self.read_run(items[place : place + count], whole=place == 0 and nothing)
+                self.read_run(items[place : place + count], whole=place == 0 and nothing, last=nothing)
             elif not self.read_sized(item, (*items[place + 1 :], *after)):
                 self._nested(item, (*items[place + 1 :], *after))
             place += count
@@ -260,7 +260,7 @@ class Reader(BranchReader):
             region = function.names.fresh(f"{inner.name}_bytes")
             function.add(f"{region} = {raw}")
             raw = region
-        one, tree = function.names.fresh("one"), tree_of(self.shapes, inner.frames)
+        one, tree = function.names.fresh("one"), tree_of(self.shapes, in_order(self.shapes, inner.frames))
         at = tree.at if isinstance(tree, Switch) else 0
         anyway = f"{decode}({choice}, {raw}, ctx)"
         with function.out.block("try:"):

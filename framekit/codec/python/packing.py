@@ -11,7 +11,6 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.nested_values import NestedValueWriter
-from framekit.codec.python.runs import struct_order
 from framekit.codec.python.shape import Fill, without_when
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.model.segments import (
@@ -59,7 +58,7 @@ class PackingWriter(NestedValueWriter):
         order, first = "", placed[0][0]
         mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
         for count, (segment, scope) in enumerate(placed):
-            wanted = None if isinstance(segment, (Check, Fill)) else struct_order(without_when(segment))
+            wanted = None if isinstance(segment, (Check, Fill)) else forms.struct_order(without_when(segment))
             same_when = str(segment.when) == str(first.when) and (segment.when is None or scope is placed[0][1])
             marked = self.coverage.of((segment.name or "",)) != mark
             if wanted is None or not same_when or marked or (order and wanted and wanted != order):
@@ -70,7 +69,7 @@ class PackingWriter(NestedValueWriter):
     def run(self, placed: list[Placed]) -> str:
         """Text of the bytes of a run; it depends on the condition its segments stand under."""
         segment, scope = placed[0]
-        if len(placed) == 1 and (struct_order(without_when(segment)) is None):
+        if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
             return self.single(segment, scope)
         arguments: list[Argument] = []
         for one, inside in placed:

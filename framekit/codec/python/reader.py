@@ -151,7 +151,9 @@ class BufferReader:
         if self.place.base == "end":
             assert self.place.offset == 0, "segments behind a rest fill the buffer"
             return
-        self.function.misfit_if(f"len({self.buffer}) != {self.place.text(self.buffer)}")
+        size = f"len({self.buffer}) != {self.place.text(self.buffer)}"
+        if size not in self.function.conditions:
+            self.function.conditions.insert(0, size)  # it costs less than any check code
 
     # ---- names and conditions -----------------------------------------------------------------------------
 

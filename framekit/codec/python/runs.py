@@ -22,10 +22,10 @@ from framekit.definition.model.segments import (
     FieldType,
     Length,
     Segment,
-    Skip,
 )
 
-_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+_FEW_BYTES = 4
+"""So many single bytes are read sooner one by one than by a struct."""
 
 
 @dataclass(slots=True)
@@ -76,14 +76,17 @@ class RunReader(JudgingReader):
         """How many of the items from the first on fit into one struct."""
         order = ""
         for count, item in enumerate(items):
-            wanted = struct_order(item.segment)
+            segment = item.segment
+            free = isinstance(segment, Check) and segment.when is None and self.residue(segment) is not None
+            wanted = "" if free else forms.struct_order(segment)
             if wanted is None or (order and wanted and wanted != order):
                 return count
             order = order or wanted
         return len(items)
 
-    def read_run(self, items: list[Item], whole: bool) -> None:
-        """Reads the items; `whole`: they are all there is, so that the struct itself sees to the buffer's size."""
+    def read_run(self, items: list[Item], whole: bool, last: bool) -> None:
+        """Reads the items; `whole`: they are all there is, so that the struct itself sees to the buffer's size; `last`:
+        nothing stands behind them."""
         pieces = [self._piece(item) for item in items]
         chunks = self._chunks(pieces)
         base = self.place
@@ -104,7 +107,7 @@ class RunReader(JudgingReader):
                 self._compare_constant(constant)
                 constant = None
                 joined = any(piece in chunk.pieces for chunk in chunks if len(chunk.pieces) > 1)
-                self._finish(piece, converted=joined)
+                self._finish(piece, converted=joined, last=last and piece is pieces[-1])
             self.place = self.place.plus(piece.size)
         self._compare_constant(constant)
         if exact:
@@ -125,7 +128,7 @@ class RunReader(JudgingReader):
             case Data(name=name):
                 return Piece(item, size, f"{size}s", "", self.function.local(name, item.scope))
             case Check(verify="error") if self.residue(segment) is None:
-                code, order = _check_code(segment)
+                code, order = forms.check_code(segment)
                 return Piece(item, size, code, order, self.function.names.fresh("check"))
         return Piece(item, size, "x", "", None)
 
@@ -158,9 +161,11 @@ class RunReader(JudgingReader):
             else:
                 wanted[0].local = text
             return False
+        exact = whole and base == START
+        if not exact and self._single_bytes(chunks, wanted, base):
+            return False
         for chunk in wanted:
             chunk.pieces[0].source = chunk.local or ""
-        exact = whole and base == START
         taken = chunks if exact else chunks[first : last + 1]
         order = next((chunk.order for chunk in wanted if chunk.order), "")
         constant = self.module.struct("".join(chunk.code for chunk in taken), order, self.function.title)
@@ -171,6 +176,17 @@ class RunReader(JudgingReader):
         self.function.add(f"{targets} = {constant}.unpack{'' if exact else '_from'}({self.buffer}{behind})")
         return exact
 
+    def _single_bytes(self, chunks: list[Chunk], wanted: list[Chunk], base: Place) -> bool:
+        """Takes single bytes one by one, if there are few of them at fixed places."""
+        if len(wanted) > _FEW_BYTES or base.base not in ("", "end") or any(chunk.code != "B" for chunk in wanted):
+            return False
+        place = base
+        for chunk in chunks:
+            if chunk.local is not None:
+                chunk.pieces[0].source = index(self.buffer, place)
+            place = place.plus(chunk.size)
+        return True
+
     def _digits_of(self, chunk: Chunk) -> None:
         """Neighbouring fields of hex digits become their numbers in one go."""
         self.module.imports.add("from binascii import unhexlify")
@@ -178,7 +194,7 @@ class RunReader(JudgingReader):
         for piece in chunk.pieces:
             type_ = type_of(piece.item.segment)
             places = forms.hex_places(type_) or 0
-            codes += _CODES[places]
+            codes += forms.INT_CODES[places]
             if places > 1:
                 orders.add("<" if type_.order == "little" else ">")
         constant = self.module.struct(codes, next(iter(orders), ""), self.function.title, "digits")
@@ -197,13 +213,13 @@ class RunReader(JudgingReader):
             text = between(self.buffer, place, place.plus(len(data)))
             self.function.misfit_if(f"{text} != {bytes_literal(data)}")
 
-    def _finish(self, piece: Piece, converted: bool) -> None:
+    def _finish(self, piece: Piece, converted: bool, last: bool) -> None:
         """From what the struct gave to the value, and what must hold for it. `self.place`: where the segment begins."""
         item, local = piece.item, piece.local
         if local is None:
             residue = self.residue(item.segment) if isinstance(item.segment, Check) else None
             if isinstance(item.segment, Check) and residue is not None:
-                self.judge_residue(item.segment, residue)
+                self.judge_residue(item.segment, residue, last)
             return
         source = local if converted else piece.source
         match item.segment:
@@ -257,21 +273,6 @@ class RunReader(JudgingReader):
         return f"{raw}[0]" if places == 1 else f'int.from_bytes({raw}, "{type_.order}")'
 
 
-def struct_order(segment: Segment) -> str | None:
-    """The byte order a segment needs in a struct ('' for any); None if it does not fit into one."""
-    if segment.when is not None:
-        return None
-    match segment:
-        case Const() | Skip() | Data(size=int()):
-            return ""
-        case Check():
-            return _check_code(segment)[1]
-        case Field(long=None, type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
-            code = forms.struct_code(type_)
-            return None if code is None else code[1]
-    return None
-
-
 def type_of(segment: Segment) -> FieldType:
     """The type of a segment that has one."""
     assert isinstance(segment, (Field, Bits, Length, Count))
@@ -281,12 +282,6 @@ def type_of(segment: Segment) -> FieldType:
 def shown_name(segment: Segment, otherwise: str) -> str:
     """A segment's own name; `otherwise` when it has none."""
     return otherwise if segment.name is None or segment.name.startswith("_") else segment.name
-
-
-def _check_code(check: Check) -> tuple[str, str]:
-    if check.form == "raw" and check.size in _CODES:
-        return _CODES[check.size], "" if check.size == 1 else "<" if check.order == "little" else ">"
-    return f"{check.size}s", ""
 
 
 def _join_as_digits(chunk: Chunk, piece: Piece) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.model.frames import Frame
@@ -79,6 +80,7 @@ class Shapes:
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self.frames = frames
+        self.trees: dict[tuple[str, ...], Any] = {}  # kept for `choices`: a large one takes its time
         self._known: dict[str, Sizes] = {}
 
     def frame(self, name: str) -> Sizes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from framekit.codec.python.choices import Switch, tree_of
+from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.function import MISFIT, Function
@@ -186,14 +186,14 @@ class TakeReader(Reader):
 
     # ---- what is read another way -------------------------------------------------------------------------
 
-    def judge_residue(self, check: Check, residue: int) -> None:
+    def judge_residue(self, check: Check, residue: int, last: bool) -> None:
         """Over the frame's own bytes, which are wanted anyway."""
         if self.raw_until is None and not self.function.in_branch:
             self.raw_until = self.place.plus(check.size)
             self.function.add(f"raw = {between(self.buffer, BEGIN, self.raw_until)}")
             self.compare_residue(check, "raw", residue)
         else:
-            super().judge_residue(check, residue)
+            super().judge_residue(check, residue, last=False)
 
     def _undouble(self, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
         """The region ends at the first escape byte that is not doubled; nothing else may stand in it."""
@@ -223,7 +223,7 @@ class TakeReader(Reader):
             return
         if inner.size == "rest":
             raise NotInARow
-        function, tree = self.function, tree_of(self.shapes, inner.frames)
+        function, tree = self.function, tree_of(self.shapes, in_order(self.shapes, inner.frames))
         local = function.local(inner.name, item.scope)
         name, take, fields = (function.names.fresh(one) for one in ("name", "take", f"{inner.name}_fields"))
         choice = self.module.choice(inner.frames, function.title, inner.name)

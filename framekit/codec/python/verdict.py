@@ -107,9 +107,11 @@ class JudgingReader(BufferReader):
             return None
         return residue_of(check.method, check.size, check.order)
 
-    def judge_residue(self, check: Check, residue: int) -> None:
-        """One call over the check and all before it, instead of cutting, reading and comparing."""
-        self.compare_residue(check, between(self.buffer, self.begin, self.place.plus(check.size)), residue)
+    def judge_residue(self, check: Check, residue: int, last: bool) -> None:
+        """One call over the check and all before it, instead of cutting, reading and comparing. `last`: that is all
+        there may be."""
+        covered = self.buffer if last else between(self.buffer, self.begin, self.place.plus(check.size))
+        self.compare_residue(check, covered, residue)
 
     def compare_residue(self, check: Check, covered: str, residue: int) -> None:
         """What the code over `covered` (a text) has to be."""

@@ -1,0 +1,227 @@
+"""Decoders of a frame together with the plain frame inside it: one function for the two, that reads both at once.
+
+Which pairs are worth one, their segments as one list, and the function. They read what fits and nothing else: whatever
+does not is left to the frame's own decoder, which is where faults are told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
+from framekit.codec.python.decode import limit
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import Function
+from framekit.codec.python.module import Module
+from framekit.codec.python.nested import Reader
+from framekit.codec.python.places import Fields
+from framekit.codec.python.reader import Item
+from framekit.codec.python.shape import Shapes, Sizes, everything, named, names_read, value_names
+from framekit.codec.python.source import Source
+from framekit.definition.expression.emit import BIT_OR
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Bits,
+    Check,
+    Const,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Record,
+    Repeat,
+    Require,
+    Segment,
+    Skip,
+    Value,
+)
+
+MOST_PAIRS = 40
+"""A frame is joined with so many others at most: each pair is a function more, of ten lines or so."""
+MOST_SEGMENTS = 24
+"""Frames with more segments than these have so much to do that a call more or less is no matter."""
+_PLAIN = (Bits, Const, Count, Data, Field, Length, Record, Repeat, Require, Skip, Value)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A frame with one inside it in place of all that may stand there: `segments` of both, those `inside` as well."""
+
+    inner: Inner
+    inside_name: str
+    inside: tuple[Segment, ...]
+    segments: tuple[Segment, ...]
+
+
+def pairs_of(shapes: Shapes, frame: Frame) -> Iterator[Pair]:
+    """The pairs of a frame that are worth a function: plain ones, that a byte chooses before all others."""
+    inner = place_of(shapes, frame)
+    if inner is None:
+        return
+    for name in likely_names(shapes, inner[0])[:MOST_PAIRS]:
+        pair = _pair(shapes, frame, inner[0], name)
+        if pair is not None:
+            yield pair
+
+
+def place_of(shapes: Shapes, frame: Frame) -> tuple[Inner, int] | None:
+    """The only frame inside a frame, and the byte that tells which it is; None where there is none at a fixed place."""
+    found = [segment for segment in everything(frame.segments) if isinstance(segment, Inner)]
+    if len(found) != 1 or found[0].when is not None or frame.delimited or found[0] not in frame.segments:
+        return None
+    inner = found[0]
+    before = frame.segments[: frame.segments.index(inner)]
+    if any(segment.when is not None for segment in frame.segments):
+        return None
+    front = shapes.all(before).fixed
+    tree = tree_of(shapes, in_order(shapes, inner.frames))
+    return None if front is None else (inner, front + (tree.at if isinstance(tree, Switch) else 0))
+
+
+def likely_names(shapes: Shapes, inner: Inner) -> list[str]:
+    """The frames that are tried first because of their deciding byte; see `Choice.likely`."""
+    tree = tree_of(shapes, in_order(shapes, inner.frames))
+    branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
+    firsts = [branch.frames[0] for branch in branches if isinstance(branch, Leaf) and 1 <= len(branch.frames) <= 2]
+    return [name for name in dict.fromkeys(firsts) if shapes.frames[name].refuse is None]
+
+
+def _pair(shapes: Shapes, frame: Frame, inner: Inner, name: str) -> Pair | None:
+    """The two as one list of segments; None where they cannot be read as one."""
+    other = shapes.frames[name]
+    inside = tuple(_renamed(segment) for segment in shapes.segments(other))
+    sizes = shapes.all(inside)
+    if not inside or other.delimited or not _is_plain(inside):
+        return None
+    if other.most is not None and (sizes.most is None or sizes.most > other.most):
+        return None
+    if not _ends_alike(shapes, frame, inner, sizes):
+        return None
+    around = tuple(segment for segment in frame.segments if segment is not inner)
+    if _names(around) & _names(inside) or {inner.name, name} & (_names(around) | _names(inside)):
+        return None
+    if names_read(around) & (_names(inside) | {inner.name}) or names_read(inside) & (_names(around) | {inner.name}):
+        return None
+    if any(isinstance(segment, Check) and inner.name in (segment.span or ()) for segment in everything(around)):
+        return None
+    parts = tuple(segment.name for segment in inside if segment.name and not isinstance(segment, (Require, Value)))
+    lists = (
+        tuple(one for segment in part for one in (inside if segment is inner else (_counting(segment, inner, parts),)))
+        for part in (frame.head, frame.body, frame.tail)
+    )
+    head, body, tail = lists
+    together = shapes.segments(replace(frame, head=head, body=body, tail=tail))
+    # conditions come last, so that they part no fields that one struct can read
+    return Pair(inner, name, inside, tuple(sorted(together, key=lambda segment: isinstance(segment, Require))))
+
+
+def _ends_alike(shapes: Shapes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
+    """Whether the frame inside, read where it stands, ends where its region does."""
+    if isinstance(inner.size, int):
+        return sizes.fixed == inner.size
+    segments = shapes.segments(frame)
+    behind = segments[segments.index(inner) + 1 :]
+    if all(shapes.of(segment).fixed is not None for segment in behind):
+        return True
+    told = isinstance(inner.size, Expression) or (inner.size is None and shapes.present(inner).fixed is not None)
+    return told and sizes.fixed is not None
+
+
+def _renamed(segment: Segment) -> Segment:
+    """What fills a frame up has the same name in every frame."""
+    return replace(segment, name="_fill_inside") if segment.name == "_fill" else segment
+
+
+def _is_plain(segments: Iterable[Segment]) -> bool:
+    every = tuple(everything(segments))
+    return len(every) <= MOST_SEGMENTS and all(
+        isinstance(segment, _PLAIN)
+        and segment.when is None
+        and not (isinstance(segment, Field) and segment.long is not None)
+        and not (isinstance(segment, Repeat) and not isinstance(segment.of, FieldType))
+        for segment in every
+    )
+
+
+def _names(segments: Iterable[Segment]) -> set[str]:
+    every = tuple(everything(segments))
+    return {segment.name for segment in every if segment.name} | {name for one in every for name in value_names(one)}
+
+
+def _counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
+    """A length or check over the frame inside is one over its segments."""
+
+    def spread(names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(one for name in names for one in (parts if name == inner.name else (name,)))
+
+    if isinstance(segment, Length):
+        return replace(segment, of=spread(segment.of))
+    if isinstance(segment, Check) and segment.over is not None:
+        return replace(segment, over=spread(segment.over))
+    return segment
+
+
+class _PairReader(Reader):
+    """Reads the two as one, with names and values of the frame inside apart."""
+
+    def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
+        super().__init__(function, "data", "at")
+        self.inside = {id(segment) for segment in pair.inside}
+        self.inner_scope = Scope()
+        named = Fields(function.names.fresh(pair.inner.name), (fields, pair.inner.name))
+        self.inner_fields = Fields(function.names.fresh(pair.inside_name), (named, pair.inside_name))
+
+    def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
+        found: list[Item] = []
+        for segment in segments:
+            here = id(segment) in self.inside
+            where = (self.inner_scope, self.inner_fields) if here else (scope, fields)
+            found.extend(super().items((segment,), *where))
+        return found
+
+
+def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Source], tuple[str, int] | None]:
+    """The functions for the pairs of a frame; the table that has them, and the place of the byte it goes by."""
+    place, sources, readers = place_of(module.shapes, frame), [], {}
+    for pair in pairs_of(module.shapes, frame):
+        name = readers[pair.inside_name] = module.names.fresh(f"{identifier}_with_{pair.inside_name}")
+        sources.append(write_joined(module, name, identifier, frame, pair))
+    if place is None or not readers:
+        return [], None
+    return sources, (module.at_once(identifier, place[0].frames, readers), place[1])
+
+
+def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
+    """The source of a function that gives what `decode_…` of the frame does, if the frame inside is that of the pair.
+
+    Raises whatever comes up if it is not.
+    """
+    function = Function(module, title, pair.segments)
+    parts = named(segment for segment in pair.inside if not isinstance(segment, (Require, Value)))
+    if isinstance(pair.inner.size, Expression):
+        function.tracked |= set(parts)
+    fields, scope = Fields(function.names.fresh("fields")), Scope()
+    reader = _PairReader(function, pair, fields)
+    reader.read(pair.segments, scope, fields)
+    reader.close()
+    for action in function.late:
+        action()
+    if isinstance(pair.inner.size, Expression):
+        size = function.writer(scope).text(pair.inner.size, BIT_OR)
+        function.misfit_if(f"{size} != {function.room(parts, plain=False)}")
+    if frame.most is not None:
+        limit(function, frame.most, pair.segments)
+    function.flush()
+    result = fields.text(function.out)
+    out = Source()
+    with out.block(f"def {identifier}(data: bytes, ctx: Context) -> dict[str, Any]:"):
+        out.add(f'"""Read `{frame.name}` with `{pair.inside_name}` inside."""')
+        for context, local in function.hoisted.items():
+            out.add(f"{local} = {module.given(context)}")
+        out.extend(function.out)
+        out.add(f"return {result}")
+    return out
