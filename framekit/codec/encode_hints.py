@@ -17,6 +17,9 @@ from framekit.definition.problems import did_you_mean
 MOST = 8
 """Numbers of a field that are listed."""
 
+MOST_NAMES = 16
+"""Names of fields that are listed."""
+
 Level = tuple[Mapping[str, Segment], Mapping[str, Any]]
 """The values that a frame or record can have, and those that were given."""
 
@@ -25,14 +28,17 @@ def with_hint(
     error: EncodeError, protocol: Protocol, frame: str, given: Mapping[str, Any], more: Iterable[str] = ()
 ) -> str:
     """The error in words, with what to do about it where that is known; `more` are names that fit elsewhere."""
-    hint = _hint(error.field.rpartition(".")[2], _levels(protocol, protocol.frames[frame].segments, given), more)
-    return f"{error} – {hint}" if hint else str(error)
+    names = [path.rpartition(".")[2] for path in (error.field, *error.more)]
+    levels = list(_levels(protocol, protocol.frames[frame].segments, given))
+    found = {name: hint for name in names if (hint := _hint(name, levels, more))}
+    hints = [f"{name}: {hint}" for name, hint in found.items()] if error.more else list(found.values())
+    return f"{error} – {'; '.join(hints)}" if hints else str(error)
 
 
 def _hint(name: str, levels: Iterable[Level], more: Iterable[str]) -> str:
     for known, given in levels:
         if name in given and name not in known:
-            return did_you_mean(name, [*known, *more])
+            return _known(name, list(known), more)
         segment = known.get(name)
         if isinstance(segment, Field) and segment.values and not _has_meaning(segment.values, given.get(name)):
             return numbers_of(segment.values)
@@ -41,6 +47,13 @@ def _hint(name: str, levels: Iterable[Level], more: Iterable[str]) -> str:
                 (did_you_mean(str(frame), segment.frames) for frame in value if frame not in segment.frames), ""
             )
     return ""
+
+
+def _known(name: str, known: list[str], more: Iterable[str]) -> str:
+    """The name that was meant, where one is near, and all there are."""
+    near = did_you_mean(name, [*known, *more])
+    names = ", ".join(known[:MOST_NAMES]) + (", …" if len(known) > MOST_NAMES else "")
+    return f"{near} The fields are {names}" if near.startswith("did you mean") else f"the fields are {names}"
 
 
 def _has_meaning(values: Mapping[int, str], given: Any) -> bool:

@@ -63,8 +63,12 @@ class Misread(FrameError):  # noqa: N818 - what it is a case of says so
 
 
 class EncodeError(ValueError):
-    """Values that a frame cannot carry; `field` is the path of the value at fault, '' for the frame as a whole."""
+    """Values that a frame cannot carry; `field` is the path of the value at fault, '' for the frame as a whole.
 
-    def __init__(self, field: str, message: str) -> None:
+    `more`: the paths of others that are missing like it.
+    """
+
+    def __init__(self, field: str, message: str, more: tuple[str, ...] = ()) -> None:
         super().__init__(message)
         self.field = field
+        self.more = more

@@ -182,6 +182,29 @@ class FormMatcher:
             text += piece
         return text
 
+    @property
+    def variable(self) -> int:
+        """How many things a text of this form says."""
+        return sum(isinstance(part, Part) for part in self.flat)
+
+    def sample(self, area: str) -> str | None:
+        """A text of this form, which may mean no place that is there; None where the area has none.
+
+        What a column of the area says is taken from there, every other number is 1.
+        """
+        columns = self.areas[area].columns
+        unit = self._written_units(area)[0]
+        known = {part.name: columns.get(part.name, 1) for part in self.flat if isinstance(part, Part)}
+        known |= {part.name: part.name for part in self.flat if isinstance(part, Part) and part.what == "word"}
+        if self.fixed_area not in (None, area):
+            return None
+        pieces: list[str | None] = []
+        for item in self.form.parts:
+            pieces += self._optional(item, area, unit, known) if isinstance(item, Maybe) else [
+                self._written(item, area, unit, known)
+            ]  # fmt: skip
+        return None if None in pieces else "".join(piece or "" for piece in pieces)
+
     def _optional(self, item: Maybe, area: str, unit: str, known: Mapping[str, Any]) -> list[str | None]:
         pieces = [self._written(part, area, unit, known) for part in item.parts]
         return pieces if any(isinstance(part, Part) for part in item.parts) and None not in pieces else []

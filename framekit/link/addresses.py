@@ -7,7 +7,8 @@ are counted in units over the whole area, from 0. Language reference, section 10
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -53,13 +54,17 @@ class Address:
 
 
 class AddressGrammar:
-    """Forms of addresses over areas. Raises ValueError for a form that does not say where a place is."""
+    """Forms of addresses over areas. Raises ValueError for a form that does not say where a place is.
+
+    `serves`: whether somebody can be asked for a place; messages name only such.
+    """
 
     def __init__(self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
         self.areas = areas
         self.views: dict[str, AreaView] = area_views(areas, tables)
         self._tables = Names({name: table_values(table) for name, table in tables.items()})
         self._forms = [FormMatcher(form, areas, tables) for form in forms]
+        self.serves: Callable[[Address], bool] = lambda address: True
         self._wire = [form for form in self._forms if form.form.wire]
 
     # ---- reading ------------------------------------------------------------------------------------------
@@ -71,18 +76,21 @@ class AddressGrammar:
         for a place beyond the area.
         """
         text = text.strip()
+        address = self._read(text)
+        if address is None:
+            raise AddressError(self._unknown(text))
+        if unit is not None:
+            address = self.in_unit(address, unit)
+        if check:
+            self.check(address)
+        return address
+
+    def _read(self, text: str) -> Address | None:
         for form in self._forms:
             for area, parts in form.match(text):
-                try:
-                    address = self._address(form, area, parts, text)
-                except EVALUATION_ERRORS:
-                    continue
-                if unit is not None:
-                    address = self.in_unit(address, unit)
-                if check:
-                    self.check(address)
-                return address
-        raise AddressError(self._unknown(text))
+                with suppress(*EVALUATION_ERRORS):
+                    return self._address(form, area, parts, text)
+        return None
 
     def _address(self, form: FormMatcher, area: str | None, parts: dict[str, Any], text: str) -> Address:
         known = self._tables if area is None else Names({"area": self.views[area]}, self._tables)
@@ -102,18 +110,32 @@ class AddressGrammar:
         return f"'{text}' is not an address – " + (hint if hint.startswith("did you mean") else self._examples())
 
     def _examples(self) -> str:
-        """How addresses are written here: examples of the forms that can be printed, else the forms themselves."""
-        texts: list[str] = []
-        for form in self._forms:
-            for name, one in self.areas.items():
-                names = Names({"area": self.views[name]}, self._tables)
-                text = form.print(name, one.unit, 10, {}, names)
-                if text is not None:
-                    texts.append(text)
-                    break
-        shown = ", ".join(texts[:MOST_EXAMPLES] or [form.form.text for form in self._forms[:MOST_EXAMPLES]])
-        areas = ", ".join(list(self.areas)[:MOST_AREAS]) + (", …" if len(self.areas) > MOST_AREAS else "")
-        return f"write it like {shown}; areas: {areas}"
+        """How places are written here: short forms of whole elements first, each with an area of its own."""
+        forms = sorted(self._forms, key=lambda form: (form.form.unit == "bit", form.variable))
+        found = [self._samples(form) for form in forms]
+        texts: dict[str, str] = {}
+        while len(texts) < MOST_EXAMPLES:
+            before = len(texts)
+            for samples in found:
+                texts |= dict([(area, text) for area, text in samples.items() if area not in texts][:1])
+            if len(texts) == before:
+                break
+        served = [area for area in self.areas if any(area in samples for samples in found)] or list(self.areas)
+        shown = ", ".join([*texts.values()][:MOST_EXAMPLES] or [form.form.text for form in self._forms[:MOST_EXAMPLES]])
+        return f"write it like {shown}; areas: {', '.join(served[:MOST_AREAS])}" + (", …" * (len(served) > MOST_AREAS))
+
+    def _samples(self, form: FormMatcher) -> dict[str, str]:
+        """A place of each area that is there and served, in this form."""
+        found = {}
+        for name, area in self.areas.items():
+            names = Names({"area": self.views[name]}, self._tables)
+            for text in (form.print(name, area.unit, 10, {}, names), form.sample(name)):
+                address = None if text is None or name in found else self._read(text)
+                with suppress(AddressError):
+                    if text is not None and address is not None and self.serves(address):
+                        self.check(address)
+                        found[name] = text
+        return found
 
     def check(self, address: Address, count: int = 1) -> None:
         """Raises AddressError if any of `count` elements is beyond the area."""

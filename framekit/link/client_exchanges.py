@@ -46,6 +46,7 @@ class ClientExchanges:
         self.shared = ServiceRows(protocol, codec)
         self.grammar = self.shared.grammar
         self.planner = Planner(self.shared)
+        self.grammar.serves = lambda address: self.planner.serves(address, self._names(None, None))
         self.errors = ErrorReader(self.shared)
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())

@@ -7,6 +7,7 @@ section 11.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +83,15 @@ class Planner:
         where = "" if piece.count == 1 else f"{piece.count} × {piece.address.unit} from "
         hint = "name another address, or look whether role and parameters are those of the device"
         raise ServiceError(f"no request can {service} {where}{piece.address} – {hint}")
+
+    def serves(self, address: Address, names: Names) -> bool:
+        """Whether a request can read or write one element at a place."""
+        data = bytes(-(-address.unit_bits // 8))
+        for service, piece in (("read", Piece(address, 1)), ("write", Piece(address, 1, data))):
+            with suppress(ServiceError):
+                self.plan(service, piece, names)
+                return True
+        return False
 
     def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
         """The range in its own unit, then in the area's, with the bits that stand before it in these."""

@@ -47,7 +47,20 @@ def test_json_has_words_fields_and_what_is_done(capsys: pytest.CaptureFixture[st
         (["ccm_reed"], "did you mean 'ccm_read'"),
         (["ccm_read", "targt=1"], "there is no 'targt' in this frame – did you mean 'target'?"),
         (["ccm_read", "command=6101", "status_ofset=1"], "did you mean 'status_offset'"),
-        (["ccm_read", "target=9"], "'command' is missing – give 6101 (R), 6102 (I) or 6103 (Q)"),
+        (["ccm_read", "targt=1"], "The fields are command, target, type, address, count, here"),
+        (
+            ["ccm_read", "foo=1"],
+            "there is no 'foo' in this frame – the fields are command, target, type, address, count, ",
+        ),
+        (
+            ["ccm_read", "target=9", "type=1", "address=1", "count=8", "here=1"],
+            "'command' is missing – give 6101 (R), ",
+        ),
+        (
+            ["ccm_read", "target=9"],
+            "'command', 'type', 'address', 'count' and 'here' are missing – command: give 6101 (R)",
+        ),
+        (["ccm_read", "target=9"], "6103 (Q); type: give 1 (registers), 2 (inputs), "),
         (["ccm_read", "command=6101", "type=X"], "1 (registers)"),
         (["6101", "wate=1"], "did you mean 'wait'"),
         (["6101", "count=1"], "'count' is no field beside words"),

@@ -184,7 +184,7 @@ def test_numbers_that_begin_where_the_area_says(text: str, unit: str | None, fou
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
-        ("mldp", "%XW1", "'%XW1' is not an address – write it like %PW10, P10; areas: P"),
+        ("mldp", "%XW1", "'%XW1' is not an address – write it like P10, %MW10, K00011, T10; areas: P"),
         ("mldp", "%ZR5", "areas: P, M, K"),
         ("mldp", "MX", "did you mean 'M'"),
         ("mldp", "", "is not an address"),

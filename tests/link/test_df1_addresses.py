@@ -9,6 +9,7 @@ from link.link_world import SECOND
 from link.test_df1_commands import NODE
 from link.test_df1_commands import Pair as Commands
 
+from framekit.link.addresses import AddressError
 from framekit.link.requests import ServiceError
 from framekit.link.transfer import TransferResult
 
@@ -205,6 +206,21 @@ def test_floats_have_the_high_word_first_by_word_range_commands() -> None:
     swapped = Pair("slc", float_order="high_word_first")
     assert swapped.write("F8:1", [0x447A0000]).ok
     assert swapped.commands() == ["0F AA 04 08 8A 01 00 7A 44 00 00"]
+
+
+@pytest.mark.parametrize(
+    ("processor", "says"),
+    [
+        ("slc", "write it like O:2.1, I:10, B3/1, S2:2/1; areas: O, I, S, B, "),
+        ("plc5", "write it like O:012, I:10, B3/1, S2:2/1; areas: O, I, S, B, "),
+        ("plc3", "write it like @symbol, B:10, E1.1.1.1.1.1; areas: B, E, SYM"),
+        ("plc2", "write it like 001; areas: PLC2"),
+    ],
+)
+def test_what_is_no_address_is_answered_with_those_of_the_family(processor: str, says: str) -> None:
+    with pytest.raises(AddressError) as error:
+        Pair(processor).read("X7")
+    assert f"'X7' is not an address – {says}" in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -89,18 +89,29 @@ def path_of(name: Any, rules: Rules) -> str | None:
 
 
 def find_misfit(values: Context, rules: Rules, path: str) -> EncodeError | None:
-    """The first value that breaks its rule."""
+    """The first value that breaks its rule, or, if that is one that is missing, all that are."""
     for name in values:
         if name not in rules:
             return EncodeError(path + name, f"there is no '{path}{name}' in this frame")
     for name, rule in rules.items():
         if name in values:
             found = misfit_of(values[name], rule, path + name)
+        elif rule.needed:
+            found = missing_error([one for one in rules if rules[one].needed and one not in values], path)
         else:
-            found = EncodeError(path + name, f"'{path}{name}' is missing") if rule.needed else None
+            found = None
         if found is not None:
             return found
     return None
+
+
+def missing_error(names: list[str], path: str) -> EncodeError | None:
+    """Values that are not there."""
+    if not names:
+        return None
+    *some, last = [f"'{path}{name}'" for name in names]
+    verb = f"{', '.join(some)} and {last} are" if some else f"{last} is"
+    return EncodeError(path + names[0], f"{verb} missing", tuple(path + name for name in names[1:]))
 
 
 def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
@@ -157,7 +168,7 @@ def check_size(name: str, found: int, wanted: int) -> None:
 NEEDS: dict[str, tuple[str, ...]] = {
     "check_given": ("Rule",),
     "encode_error": ("find_misfit", "path_of"),
-    "find_misfit": ("Rule", "misfit_of"),
+    "find_misfit": ("Rule", "misfit_of", "missing_error"),
     "misfit_of": ("Rule", "misfit_inside"),
     "misfit_inside": ("find_misfit", "misfit_of"),
 }

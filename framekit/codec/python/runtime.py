@@ -210,8 +210,9 @@ def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
         try:
             return frame.encode(fields, ctx)
         except EncodeError as error:
-            field = f"{name}.{wanted}.{error.field}" if error.field else name
-            raise EncodeError(field, str(error)) from None
+            path = f"{name}.{wanted}."
+            more = tuple(path + one for one in error.more)
+            raise EncodeError(path + error.field if error.field else name, str(error), more) from None
     if wanted == "unknown":
         return bytes(b"" + fields["data"])
     raise EncodeError(name, f"'{name}' cannot be a '{wanted}'")
