@@ -49,11 +49,13 @@ class Echo:
 class DirectRequest:
     """One request of a plan, for as long as no parameter changes.
 
-    `data_fields`: where replies, by their frames, bring data and nothing else that matters; `same` is what has been
-    learned from one of them. Raises NotPlainError, and EVALUATION_ERRORS for what cannot be worked out now.
+    `data_fields`: where replies, by their frames, bring data and nothing else that matters, `data_size` bytes of them;
+    `same` is what has been learned from one of them. Raises NotPlainError, and EVALUATION_ERRORS for what cannot be
+    worked out now.
     """
 
     data_fields: Mapping[str, str] | None = None
+    data_size = 0
     same: SameReply | None = None
 
     def __init__(self, plan: DirectPlan, table: FrameTable, scope: Scope, exchange: Exchange) -> None:
@@ -172,12 +174,15 @@ class DirectRequest:
         return found
 
     def _learn(self, whole: FrameValue, outcome: Outcome, sent: bytes) -> None:
-        """Learns from the first reply that brings data."""
+        """Learns from the first reply that brings as many data as were asked for."""
         reply, fields = outcome.reply, self.data_fields
         if reply is None or fields is None or reply.frame not in fields:
             return
+        found = reply.fields.get(fields[reply.frame])
+        if type(found) is not bytes or len(found) != self.data_size:
+            return
         self.data_fields = None
-        if self._only is not None and not any(name == "buffer" for name, _ in self.plan.sequence.gives):
+        if self._only is not None and self.plan.hands_over:
             self.same = learn(
                 self._table.infos, self.scope, self.plan.rows, self.sent_value(sent), self._changes, whole, reply,
                 fields[reply.frame],

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression.syntax import Attribute, Expression, Name, Node, names_in
 from framekit.definition.model.procedure import Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
@@ -42,7 +42,8 @@ class DirectPlan:
     `conditions` have to be as they are wanted for that step to be the first one done. `settings` are protocol variables
     that it sets, each with the names that its value reads. `fields` are those of the frame it makes to send, each with
     whether it may be another one every time; there are none when it sends one that is made already. `endings`: the
-    rows that end the exchange well, with what they set; `rows` are all of the step, as they are written.
+    rows that end the exchange well, with what they set; `rows` are all of the step, as they are written. `hands_over`:
+    the only result is a reply that a row has put into a variable, as it came or as it stood in what came.
     """
 
     sequence: CompiledSequence
@@ -53,6 +54,7 @@ class DirectPlan:
     fields: tuple[tuple[str, Compute, bool], ...]
     endings: Mapping[CompiledRow, Settings]
     rows: tuple[Row, ...]
+    hands_over: bool
     within: Evaluate | None
     within_changes: bool
 
@@ -92,6 +94,7 @@ def plan_of(sequence: CompiledSequence, protocol: Protocol, table: FrameTable, s
         fields=tuple((name, compiled_value(value), changes(value, scope)) for name, value in fields.items()),
         endings=endings,
         rows=tuple(step.receive or ()),
+        hands_over=_hands_over(model, step),
         within=None if step.within is None else compile_expression(step.within),
         within_changes=changes(step.within, scope),
     )
@@ -150,6 +153,19 @@ def _settings_of(row: Row, model: Sequence, protocol: Protocol, table: FrameTabl
         (target.name, fit_of(types[target.name]), compile_value(value, protocol, table.codec, table))
         for target, value in row.set
     )
+
+
+def _hands_over(model: Sequence, step: Step) -> bool:
+    """Whether the sequence works nothing out of what came: then nothing can go wrong with it."""
+    reply = model.gives.get("reply")
+    set_by_rows = [value for row in step.receive or () for _, value in row.set]
+    plain = all(isinstance(value, Expression) and _is_path(value.root) for value in set_by_rows)
+    return plain and len(model.gives) == 1 and reply is not None and bare_name(reply) in model.local
+
+
+def _is_path(node: Node) -> bool:
+    """Whether it is a name, or what stands under a name in a name's value."""
+    return isinstance(node, Name) or (isinstance(node, Attribute) and _is_path(node.value))
 
 
 def _reads(value: Value) -> frozenset[str]:

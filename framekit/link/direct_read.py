@@ -24,15 +24,19 @@ Judge = Callable[["ReadyRead", Outcome], TransferResult]
 
 
 class PlainReply:
-    """Where the data of one piece stand in replies that bring nothing else; `fields` has it by the reply's frame."""
+    """Where the data of one piece stand in replies that bring nothing else; `fields` has it by the reply's frame.
 
-    __slots__ = ("_packer", "_size", "_start", "_values", "fields", "from_wire")
+    `data_size`: how many bytes of data such a reply has.
+    """
+
+    __slots__ = ("_packer", "_size", "_start", "_values", "data_size", "fields", "from_wire")
 
     def __init__(self, fields: dict[str, str], packer: Packer, start: int, size: int, unit: str, count: int) -> None:
         self.fields = fields
         self._packer = packer
         self._start, self._size = start, size
         self._values = reader_of(unit, count)
+        self.data_size = packer.size(start, size)
         self.from_wire = wire_reader_of(packer, unit, count)
 
     def result(self, outcome: Outcome) -> TransferResult | None:
@@ -81,7 +85,7 @@ class DirectRead:
     def brought(self, same: SameReply, raw: bytes) -> None:
         """The exchange has ended with the reply that it had before, whatever its data."""
         found = raw[same.start : same.end]
-        reply, plain = same.value(found), self._ready.plain
+        reply, plain = same.value(found, raw, self.request.fields), self._ready.plain
         result = None if plain is None else plain.of(found, reply, raw, b"")
         if result is None:
             result = self._judge(self._ready, Outcome(True, reply=reply, results={"reply": reply}, raw=raw))

@@ -117,7 +117,7 @@ class ReadyReads:
             only = read.exchanges[0]
             direct, plain = direct_request(only.exchange()), plain_reply(read, only)
             if direct is not None and plain is not None:
-                direct.data_fields = plain.fields
+                direct.data_fields, direct.data_size = plain.fields, plain.data_size
             read = replace(read, direct=direct, plain=plain)
         self._kept[key] = read
 

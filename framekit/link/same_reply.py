@@ -7,6 +7,7 @@ the definition does not make that certain, nothing is learned.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Name, names_in, walk
@@ -28,14 +29,15 @@ Pair = tuple[int, int, int, int]
 class SameReply:
     """A reply as it will be again; its data stand from `start` to `end`."""
 
-    __slots__ = ("_code", "_field", "_like", "_repeated", "_same", "_size", "end", "start")
+    __slots__ = ("_changing", "_code", "_field", "_like", "_repeated", "_same", "_size", "end", "start")
 
     def __init__(
-        self, like: FrameValue, size: int, same: tuple[Bytes, ...], repeated: tuple[Pair, ...], data: Span,
-        code: Intact | None,
+        self, like: FrameValue, changing: tuple[str, ...], size: int, same: tuple[Bytes, ...],
+        repeated: tuple[Pair, ...], data: Span, code: Intact | None,
     ) -> None:  # fmt: skip
         self.start, self.end = data.start, data.end
         self._like, self._field = like, str(data.segment.name)
+        self._changing = changing
         self._size = size
         self._same = same
         self._repeated = repeated
@@ -53,10 +55,13 @@ class SameReply:
                 return False
         return self._code is None or self._code(reply)
 
-    def value(self, data: bytes) -> FrameValue:
-        """The frame that has brought these data."""
+    def value(self, data: bytes, raw: bytes, sent: Mapping[str, Any]) -> FrameValue:
+        """The frame that has brought these data, in the bytes `raw`; `sent` are the fields of the request."""
         like = self._like
-        return FrameValue(like.frame, {**like.fields, self._field: data}, like.raw)
+        fields = {**like.fields, self._field: data}
+        for name in self._changing:
+            fields[name] = sent[name]
+        return FrameValue(like.frame, fields, None if like.raw is None else raw)
 
 
 def learn(
@@ -75,13 +80,15 @@ def learn(
     holder = [name for name, value in whole.fields.items() if value is reply]
     if reply is not whole and not holder:
         return None
-    if _depends(infos, scope, rows, {whole.frame, reply.frame}, field, holder):
+    if _depends(infos, scope, rows, {whole.frame, reply.frame}, {field, *changing}, holder):
         return None
     spans, its = spans_of(whole, len(raw), infos), spans_of(sent, len(asked), infos)
     if spans is None or its is None:
         return None
     data = [one for one in spans if one.frame == reply.frame and one.segment.name == field]
-    if len(data) != 1 or not isinstance(data[0].segment, Data):
+    if len(data) != 1 or not _has_a_place(data[0], infos, whole, holder):
+        return None
+    if any(isinstance(span.segment, Data) and span.segment.name in changing for span in its):
         return None
     repeated: list[Pair] = []
     free = {data[0]}
@@ -100,7 +107,19 @@ def learn(
     if reply is not whole and not _only_this(infos, whole, reply, raw, same, spans):
         return None
     code = info.intact if isinstance(spans[-1].segment, Check) else None
-    return SameReply(reply, len(raw), same, tuple(repeated), data[0], code)
+    own = tuple(name for name in changing if reply is whole and name in whole.fields)
+    return SameReply(reply, own, len(raw), same, tuple(repeated), data[0], code)
+
+
+def _has_a_place(data: Span, infos: Mapping[str, FrameInfo], whole: FrameValue, holder: Collection[str]) -> bool:
+    """Whether these data end where a number says so, and not where a byte is found that could be one of them."""
+    frames = [infos[whole.frame].frame, infos[data.frame].frame]
+    if not isinstance(data.segment, Data) or any(frame.delimited for frame in frames):
+        return False
+    if data.segment.size != "rest":
+        return True
+    room = [part.size for part in frames[0].segments if isinstance(part, Inner) and part.name in holder]
+    return frames[1].segments[-1] is data.segment and bool(room) and None not in room
 
 
 def _only_this(
@@ -120,25 +139,25 @@ def _only_this(
 
 
 def _depends(
-    infos: Mapping[str, FrameInfo], scope: Scope, rows: Iterable[Row], frames: Collection[str], field: str,
+    infos: Mapping[str, FrameInfo], scope: Scope, rows: Iterable[Row], frames: Collection[str], fields: Collection[str],
     holder: Collection[str],
 ) -> bool:  # fmt: skip
     """Whether reading these frames, or a row that judges them, may come to something else with other values."""
-    data = {field, *holder}
+    data = {*fields, *holder}
     for frame in frames:
         for expression in expressions_of(infos[frame].frame.segments):
             if names_in(expression.root) & data or scope.changes(expression):
                 return True
     conditions = [row.when for row in rows if row.when is not None]
-    return any(_looks_at(one, field, holder) or scope.changes(one, within_exchange=False) for one in conditions)
+    return any(_looks_at(one, fields, holder) or scope.changes(one, within_exchange=False) for one in conditions)
 
 
-def _looks_at(condition: Expression, field: str, holder: Collection[str]) -> bool:
-    """Whether a condition may look at a field of what came, `it`, or at all of a frame."""
+def _looks_at(condition: Expression, fields: Collection[str], holder: Collection[str]) -> bool:
+    """Whether a condition may look at one of these fields of what came, `it`, or at all of a frame."""
     nodes = list(walk(condition.root))
     parts = [node.value for node in nodes if isinstance(node, Attribute)]
     for node in nodes:
-        if isinstance(node, Call) or (isinstance(node, Attribute) and node.name == field):
+        if isinstance(node, Call) or (isinstance(node, Attribute) and node.name in fields):
             return True
         is_frame = node.name in holder if isinstance(node, Attribute) else isinstance(node, Name) and node.name == "it"
         if is_frame and not any(node is part for part in parts):
