@@ -48,7 +48,9 @@ def _struct_of(segment: object) -> Struct | None:
     if not isinstance(segment, Field):
         return None
     kind = segment.type
-    other = (segment.values, segment.limits, segment.plus, segment.unit, segment.long, segment.constants)
+    other = (
+        segment.values, segment.limits, segment.plus, segment.unit, segment.long, segment.constants, segment.is_
+    )  # fmt: skip
     form, order = _FORMS.get(kind.fixed_size or 0), {"big": ">", "little": "<"}.get(kind.order)
     if kind.kind != "int" or kind.signed or any(other) or segment.zero_means is not None:
         return None

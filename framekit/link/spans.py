@@ -14,9 +14,12 @@ from framekit.link.frame_info import FrameInfo
 from framekit.link.values import FrameValue
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Span:
-    """A segment of the frame `frame`, and the bytes it takes: from `start` to before `end`."""
+    """A segment of the frame `frame`, and the bytes it takes: from `start` to before `end`.
+
+    Each is one of its own, whatever stands there.
+    """
 
     frame: str
     segment: Segment

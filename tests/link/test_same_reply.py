@@ -96,6 +96,13 @@ def test_digits_of_either_case_are_one_number() -> None:
     assert pair.read(lambda asked: answer(asked.lower())) == [True], "looked at with care, and good"
 
 
+def test_what_stands_beside_the_data_has_to_stay_as_it_was() -> None:
+    pair = Pair(changed((TOLD, f"{TOLD}, {{field: state, type: u8, values: {{0: good, 1: fair}}, only: values}}")))
+    assert pair.read(*[_followed(b"\0", with_values())] * 2, _followed(b"\0", OTHER)) == [True] * 3
+    assert pair.same is not None
+    assert pair.read(_followed(b"\1", OTHER), _followed(b"\2", OTHER)) == [True, False]
+
+
 @pytest.mark.parametrize("first", [b"\0\1\0\2\0\3", b"\0\1", b""], ids=["longer", "shorter", "empty"])
 def test_nothing_is_learned_from_a_reply_that_does_not_bring_what_was_asked_for(first: bytes) -> None:
     pair = Pair()
