@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from framekit.codec.codec import compile_protocol
 from framekit.codec.samples import Sample, Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
@@ -31,3 +33,9 @@ class Frames:
 
     def spans(self, frame: str, data: bytes) -> tuple[Span, ...] | None:
         return spans_of(self.value(frame, data), len(data), self.table.infos)
+
+
+@cache
+def frames_of(name: str) -> Frames:
+    """Those of a shipped protocol, made once."""
+    return Frames(name)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from link.made_up_reads import ASKED, READS, Pair, changed, with_values
-from link.sampled_frames import Frames
+from link.sampled_frames import Frames, frames_of
 from shipped import PROTOCOLS
 
 from framekit.codec.codec import compile_protocol
@@ -91,7 +91,7 @@ def _fields(frames: Frames, frame: str) -> list[str]:
 
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_the_bytes_are_those_of_the_codec(name: str) -> None:
-    frames, numbers = Frames(name), random.Random(name)
+    frames, numbers = frames_of(name), random.Random(name)
     for frame in frames.protocol.frames:
         for sample in frames.samples(frame):
             sent = frames.value(frame, sample.data)
@@ -114,7 +114,7 @@ def _is_as_encoded(frames: Frames, frame: str, values: dict[str, Any], patched: 
 
 
 def test_some_shipped_requests_have_it() -> None:
-    frames = Frames("modbus-tcp")
+    frames = frames_of("modbus-tcp")
     sent = frames.value("request_adu", frames.samples("request_adu")[0].data)
     assert patch_of(sent, "transaction", frames.table.infos) is not None
     assert patch_of(sent, "length", frames.table.infos) is None, "a length is what it is"

@@ -6,7 +6,7 @@ import random
 from typing import Any
 
 import pytest
-from link.sampled_frames import Frames
+from link.sampled_frames import Frames, frames_of
 from shipped import PROTOCOLS
 
 from framekit.codec.errors import EncodeError, FrameError
@@ -64,7 +64,7 @@ def test_a_frame_that_is_filled_up_has_no_places() -> None:
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_places_are_where_the_values_stand(name: str) -> None:
     """Another number there, and the frame read anew has just that."""
-    frames = Frames(name)
+    frames = frames_of(name)
     for frame in frames.protocol.frames:
         for sample in frames.samples(frame):
             spans = frames.spans(frame, sample.data)
@@ -159,7 +159,7 @@ def _learned(frames: Frames, frame: str, sample: Sample) -> list[tuple[Learned, 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_what_fits_is_what_the_codec_reads(name: str) -> None:
-    frames, chance = Frames(name), random.Random(name)
+    frames, chance = frames_of(name), random.Random(name)
     for frame in frames.protocol.frames:
         for sample in frames.samples(frame):
             for learned, changing in _learned(frames, frame, sample):
@@ -180,7 +180,7 @@ def test_what_fits_is_what_the_codec_reads(name: str) -> None:
 
 
 def test_something_is_learned_from_shipped_frames() -> None:
-    frames = Frames("modbus-rtu")
+    frames = frames_of("modbus-rtu")
     found = [
         learned
         for frame in frames.protocol.frames
