@@ -60,7 +60,7 @@ class LineSettings:
 
     def channel(self) -> Channel:
         """The same as a channel of a run has it."""
-        at = Position(self.port, 1, 1)
+        at = Position(self.port, 0, 0)
         return Channel(
             number=1, port=self.port, protocol=self.protocol, role=self.role, line=self.line, own=self.own,
             station=self.station, params=self.params, pause=0, at=NOWHERE, port_at=at,

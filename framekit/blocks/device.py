@@ -111,14 +111,14 @@ def _definition(reader: Reader, documents: Documents, name: str | Path, folder: 
     kind = kind_of(read_nodes(path))
     if kind == "protocol":
         protocol = load_protocol(path)
-        at = Position(str(name), 1, 1)
+        at = Position(str(name), 0, 0)
         if protocol.kind == "application":
             what = f"'{protocol.name}' has no line of its own"
             raise DefinitionError([Problem(at, what, "name a protocol that carries it")])
         return DeviceDefinition(protocol.name, protocol, MappingNode((), at), folder / "device", frozenset())
     if kind != "device":
         what = f"this is a {kind} file"
-        raise DefinitionError([Problem(Position(str(name), 1, 1), what, "name a protocol or a device file")])
+        raise DefinitionError([Problem(Position(str(name), 0, 0), what, "name a protocol or a device file")])
     definition = load_device_definition(reader, documents, path, folder)
     if definition.protocol.kind == "application" and (named := definition.root.get("protocol")) is not None:
         reader.note(named.at, f"'{definition.protocol.name}' has no line of its own", "name a protocol that carries it")

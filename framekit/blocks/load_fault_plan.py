@@ -95,7 +95,7 @@ def _find(name: str | Path, folder: Path, at: Position) -> Path:
         if candidate.is_file():
             return candidate
     known = {path.name.removesuffix(SUFFIX) for path in folder.glob(f"*{SUFFIX}")}
-    at = Position(str(name), 1, 1) if at is NOWHERE else at
+    at = Position(str(name), 0, 0) if at is NOWHERE else at
     todo = did_you_mean(str(name), known) or f"write {Path(str(name)).name}{SUFFIX}"
     raise DefinitionError([Problem(at, f"there is no fault plan '{name}'", todo)])
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, near, print_json, told_once
+from framekit.cli.common import add_json, near, print_json, status_of, told_once
 
 if TYPE_CHECKING:
     from framekit.blocks.feasibility import ChannelLoad
@@ -35,17 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     results = [(name, check_file(name)) for name in arguments.files]
-    failed = any(not problem.warning for _, checked in results for problem in checked.problems)
+    status = status_of(problem for _, checked in results for problem in checked.problems)
     if arguments.json:
         print_json([{"file": name, **_file_as_json(checked)} for name, checked in results])
-        return int(failed)
+        return status
     for name, checked in results:
         for line in told_once(checked.problems):
             print(line, file=sys.stderr)
         if not any(not problem.warning for problem in checked.problems):
             print(f"{name}: {checked.what}")
             _show_loads(checked, arguments.load)
-    return int(failed)
+    return status
 
 
 def _show_loads(checked: Checked, in_full: bool) -> None:

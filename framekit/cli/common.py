@@ -40,6 +40,14 @@ def told(problem: Problem) -> str:
     return str(replace(problem, at=replace(problem.at, file=near(problem.at.file))))
 
 
+def status_of(problems: Iterable[Problem]) -> int:
+    """The exit status: 1 for what is wrong in files; 2 where nothing else is wrong than names on the command line."""
+    wrong = [problem for problem in problems if not problem.warning]
+    if not wrong:
+        return 0
+    return 1 if any(problem.at.line for problem in wrong) else WrongWords.status
+
+
 def told_once(problems: Iterable[Problem]) -> list[str]:
     """Problems as they are printed; a warning that comes again in the same file is one line, with the other places."""
     lines: dict[tuple[object, ...], list[Problem]] = {}
@@ -161,6 +169,13 @@ def hex_bytes(text: str) -> bytes:
         return bytes.fromhex("".join(text.replace("0x", " ").replace(",", " ").replace(":", " ").split()))
     except ValueError:
         raise WrongWords("these are not bytes – write pairs of hex digits") from None
+
+
+def existing(file: Path) -> Path:
+    """A file to be read. Raises WrongWords where there is none."""
+    if not file.exists():
+        raise WrongWords(f"{file}: there is no such file – check its name and folder")
+    return file
 
 
 def spaced(data: bytes) -> str:

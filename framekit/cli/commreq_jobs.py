@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import signal
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -66,6 +67,7 @@ class JobCommands:
         self.answered = False
         self.cause: Failure | None = None
         self.began = 0
+        self.told: set[str] = set()
 
     async def carry_out(self, records: list[bytes]) -> int:
         """The commands one after the other, then their jobs until they are over, or somebody stops them."""
@@ -82,7 +84,7 @@ class JobCommands:
         unread = Unread(loop, self._stop)
         clock = AsyncioClock(loop)
         monitor = show if self.arguments.frames else None
-        line = JobLine(self.application, self.profile, self.settings.channel(), clock, monitor)
+        line = JobLine(self.application, self.profile, self.settings.channel(), clock, monitor, self._closed)
         output = CommandOutput(self._blocks(line), self.settings.protocol, self.arguments)
         line.table.watcher = self._transferred
         self.line, self.output = line, output
@@ -116,6 +118,12 @@ class JobCommands:
 
         channel = Scope(self.application, role=None)
         return CommandBlocks(self.application, compile_protocol(self.application), line.memory, channel=channel)
+
+    def _closed(self, reason: str) -> None:
+        """Tells why a connection is closed, or could not be made; once, however often it is tried again."""
+        if reason not in self.told:
+            self.told.add(reason)
+            print(f"framekit {self.arguments.verb}: {reason}", file=sys.stderr, flush=True)
 
     def _stop(self) -> None:
         self.stopped = True

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from framekit.definition.problems import Position
 
     protocol = load(arguments.protocol)
-    at = Position(arguments.protocol, 1, 1)
+    at = Position(arguments.protocol, 0, 0)
     application = commands_for(protocol, arguments.commands, Path.cwd(), at)
     blocks = _blocks(application, protocol, arguments)
     try:

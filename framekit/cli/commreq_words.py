@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import assignment, why_not
-from framekit.cli.main import Failure
+from framekit.cli.main import Failure, WrongWords
 
 if TYPE_CHECKING:
     from framekit.blocks.command_words import CommandWords
@@ -28,6 +28,8 @@ def _words_of(file: str) -> list[str]:
     """The words in a file, in which # begins a remark. Raises Failure."""
     try:
         lines = Path(file).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise WrongWords(f"@{file}: there is no such file – check its name and folder") from None
     except OSError as error:
         raise Failure(f"@{why_not(error)}") from None
     except UnicodeDecodeError:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import assignment, print_json
+from framekit.cli.common import assignment, existing, print_json
 from framekit.cli.line_options import add_filter, add_line, filter_of, line_of
 from framekit.cli.main import Failure, WrongWords
 from framekit.cli.seen_output import seen_data, seen_text
@@ -64,7 +64,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     counts: Counter[str] = Counter()
     try:
         decoder = CaptureDecoder(
-            arguments.capture,
+            existing(arguments.capture),
             protocol,
             line=line_of(protocol, arguments),
             params=dict(assignment(text) for text in arguments.set),

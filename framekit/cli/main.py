@@ -89,10 +89,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         if not isinstance(error, DefinitionError):
             raise
-        from framekit.cli.common import told
+        from framekit.cli.common import status_of, told
 
         print("\n".join(told(problem) for problem in error.problems), file=sys.stderr)
-        return WrongWords.status if all(problem.warning or not problem.at.line for problem in error.problems) else 1
+        return status_of(error.problems)
 
 
 def _run(module: ModuleType, parsed: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import add_json, print_json, why_not
+from framekit.cli.common import add_json, existing, print_json, why_not
 from framekit.cli.main import Failure, NoPort, WrongWords
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _events(arguments: argparse.Namespace) -> list[LineEvent]:
     from framekit.service.capture import CaptureError, CaptureReader
 
     try:
-        with CaptureReader(arguments.file) as reader:
+        with CaptureReader(existing(arguments.file)) as reader:
             found = [
                 (channel, event)
                 for channel, event in reader.events()

@@ -40,7 +40,8 @@ def read_nodes(source: Path) -> Node:
         with source.open("rb") as stream:
             data = stream.read(LARGEST_FILE + 1)
     except OSError as error:
-        raise DefinitionError([Problem(Position(file, 1, 1), *_unreadable(error))]) from None
+        line = 0 if isinstance(error, FileNotFoundError) else 1
+        raise DefinitionError([Problem(Position(file, line, line), *_unreadable(error))]) from None
     if len(data) > LARGEST_FILE:
         raise _too_large(file)
     try:

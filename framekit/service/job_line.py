@@ -31,10 +31,19 @@ Ended = Callable[[Failure | None], None]
 
 
 class JobLine:
-    """Jobs over a memory with the areas of `application`. `channel`: what leads to hosts, as in `Opening`."""
+    """Jobs over a memory with the areas of `application`. `channel`: what leads to hosts, as in `Opening`.
+
+    `closed` is told why a way to a host is closed, or could not be opened.
+    """
 
     def __init__(
-        self, application: Protocol, profile: JobProfile, channel: Channel, clock: Clock, monitor: Monitor | None = None
+        self,
+        application: Protocol,
+        profile: JobProfile,
+        channel: Channel,
+        clock: Clock,
+        monitor: Monitor | None = None,
+        closed: Callable[[str], None] = lambda reason: None,
     ) -> None:
         areas, grammar = memory_of(application)
         self.application = application
@@ -44,6 +53,7 @@ class JobLine:
         self._access = AddressedMemory(self.memory, grammar)
         self._devices: dict[int, list[DeviceService]] = {}
         self._monitor = monitor
+        self._closed = closed
         self._ended: dict[int, Ended] = {}
         self._number = 0
         self._timer: Handle | None = None
@@ -108,6 +118,8 @@ class JobLine:
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
+        if not is_open:
+            self._closed(self.channels[channel].state)
         self.jobs.opened(channel, is_open)
 
     def takes(self, block: int) -> Block | None:

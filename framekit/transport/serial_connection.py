@@ -31,6 +31,8 @@ _REASONS = {
     errno.EIO: "the device is gone",
     errno.ENXIO: "the device is gone",
     errno.ENODEV: "the device is gone",
+    errno.ENOTTY: "this is no serial line – name one, such as /dev/ttyUSB0, or tcp://HOST:PORT",
+    errno.EISDIR: "this is a folder – name a device in it",
 }
 
 
@@ -128,6 +130,8 @@ def is_device(url: str) -> bool:
 def reason_of(error: Exception) -> str:
     """Why a device could not be opened or was lost, for people."""
     number = getattr(error, "errno", None)
+    if number is None and error.__context__ is not None:  # pyserial hides what the system said of settings in words
+        number = next(iter(error.__context__.args), None)
     if number in _REASONS:
         return _REASONS[number]
     return str(error) or type(error).__name__

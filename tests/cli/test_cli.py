@@ -53,8 +53,37 @@ def test_encode_an_inner_frame_as_json(capsys: pytest.CaptureFixture[str]) -> No
 )
 def test_encode_refuses_by_name(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:
     status, out, err = call(capsys, "encode", *words)
-    assert (status, out) == (1 if words[0] == "no-such" else 2, "")
+    assert (status, out) == (2, "")
     assert message in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "check no-such", "check mldp no-such.yaml", "encode no-such x", "decode no-such 00", "frames no-such",
+        "generate python no-such", "test no-such", "read no-such --port loop:// M0", "serve no-such --port pty:",
+        "read mldp --port sim:no-such.device.yaml --station 1 M0", "monitor no-such --port pty:", "commreq no-such 1",
+        "commreq ccm @no-such", "commreq ccm --commands no-such 1", "run no-such.run.yaml",
+        "replay no-such --port pty:", "decode mldp --capture no-such", "serve mldp --port pty: --faults no-such",
+    ],
+)  # fmt: skip
+def test_names_that_mean_nothing_are_errors_of_the_command_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, _, err = call(capsys, *words.split())
+    assert status == 2
+    assert "there is no " in err and "no-such" in err and ":1:1" not in err
+
+
+def test_a_name_that_means_nothing_in_a_file_is_an_error_of_the_file(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one.device.yaml").write_text("device: one\nprotocol: no-such\n", encoding="utf-8")
+    for words in ("check one.device.yaml no-such.yaml", "serve one.device.yaml --port pty:"):
+        status, _, err = call(capsys, *words.split())
+        assert status == 1 and "one.device.yaml:2:11: there is no definition 'no-such'" in err
 
 
 def test_decode_as_json(capsys: pytest.CaptureFixture[str]) -> None:
@@ -190,7 +219,7 @@ def test_check_names_all_stations_of_a_device(capsys: pytest.CaptureFixture[str]
     ("words", "status"),
     [
         (("--version",), 0), (("--help",), 0), ((), 2), (("nonsense",), 2), (("encode",), 2),
-        (("run", "x.yaml", "--for", "soon"), 2), (("run", "no-such.yaml"), 1), (("run", "x.yaml", "--virtual"), 2),
+        (("run", "x.yaml", "--for", "soon"), 2), (("run", "no-such.yaml"), 2), (("run", "x.yaml", "--virtual"), 2),
     ],
 )  # fmt: skip
 def test_exit_status(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], status: int) -> None:

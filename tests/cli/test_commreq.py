@@ -81,14 +81,14 @@ def test_what_is_no_command_is_told_and_exits_with_2(
 
 
 def test_protocols_without_commands_say_so(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["commreq", "mldp", "--explain", "1"]) == 1
+    assert main(["commreq", "mldp", "--explain", "1"]) == 2
     assert (
         "names no application of commands – add commands: NAME; on a command line --commands NAME"
         in capsys.readouterr().err
     )
-    assert main(["commreq", "ccm", "--explain", "1", "--commands", "commreq-snp"]) == 1
+    assert main(["commreq", "ccm", "--explain", "1", "--commands", "commreq-snp"]) == 2
     assert "command 'snp_attach' of 'commreq-snp' calls 'open', which 'ccm' has not" in capsys.readouterr().err
-    assert main(["commreq", "ccm", "--explain", "1", "--commands", "ge-service"]) == 1
+    assert main(["commreq", "ccm", "--explain", "1", "--commands", "ge-service"]) == 2
     assert "'ge-service' has no command blocks" in capsys.readouterr().err
 
 
@@ -104,8 +104,9 @@ def test_fields_of_the_head_beside_a_whole_block_change_it(capsys: pytest.Captur
 
 
 def test_files_that_cannot_be_read_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["commreq", "ccm", "--explain", "@nowhere.txt"]) == 1
-    assert capsys.readouterr().err == "framekit commreq: @nowhere.txt: No such file or directory\n"
+    assert main(["commreq", "ccm", "--explain", "@nowhere.txt"]) == 2
+    why = "framekit commreq: @nowhere.txt: there is no such file – check its name and folder\n"
+    assert capsys.readouterr().err == why
     (tmp_path / "bytes").write_bytes(b"\xff\xfe")
     assert main(["commreq", "ccm", "--explain", f"@{tmp_path / 'bytes'}"]) == 1
     assert "this is no text" in capsys.readouterr().err

@@ -106,9 +106,10 @@ def test_refusals_and_faults(
 def test_nobody_is_there(capsys: pytest.CaptureFixture[str]) -> None:
     words = transfer(2003, every=6000)
     assert main(["commreq", "srtp", "--commands", "ge-channels", "--port", "tcp://127.0.0.1:1", *words]) == 3
-    assert shown(capsys)[-1].startswith(
-        "status   %R1 = 0x9690 client: TCP connection reset by the server (not_connected"
-    )
+    out, err = capsys.readouterr()
+    assert err == "framekit commreq: no connection to 127.0.0.1:1: Connection refused\n"
+    status = out.splitlines()[-1]
+    assert status.startswith("status   %R1 = 0x9690 client: TCP connection reset by the server (not_connected")
 
 
 def test_the_host_of_the_words_may_be_the_port(server: framekit.Server, capsys: pytest.CaptureFixture[str]) -> None:
@@ -122,7 +123,7 @@ def test_ports_and_times_that_are_none(capsys: pytest.CaptureFixture[str], tmp_p
     words = transfer(2003)
     assert main(["commreq", "srtp", "--commands", "ge-channels", "--port", "nix://1", *words]) == 2
     assert "is no port" in capsys.readouterr().err
-    assert main(["commreq", "srtp", "--commands", "ge-channels", "--port", f"sim:{tmp_path}/none.yaml", *words]) == 1
+    assert main(["commreq", "srtp", "--commands", "ge-channels", "--port", f"sim:{tmp_path}/none.yaml", *words]) == 2
     assert "there is no file" in capsys.readouterr().err
     assert main(["commreq", "ccm", "--port", "nix://1", "--for", "1s", "6101", "36", "9", "1"]) == 2
     assert "--for is for commands that repeat" in capsys.readouterr().err

@@ -188,6 +188,6 @@ def test_a_wrong_command_line(
 
 def test_a_wrong_definition(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, _, err = call(capsys, "read", "modbus-rtx", "--port", f"sim:{device_file(tmp_path)}", "40001")
-    assert status == 1 and "there is no definition 'modbus-rtx'" in err
+    assert status == 2 and "there is no definition 'modbus-rtx'" in err
     status, _, err = call(capsys, "read", "mldp", "--port", f"sim:{device_file(tmp_path)}", "--station", "1", "M0")
-    assert status == 1 and "speaks modbus-rtu, this channel mldp" in err
+    assert status == 2 and "speaks modbus-rtu, this channel mldp" in err

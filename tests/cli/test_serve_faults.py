@@ -37,5 +37,5 @@ def test_a_plan_that_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["serve", "modbus-tcp", "--port", "tcp://127.0.0.1:0", "--faults", str(plan)]) == 1
     message = "flaky.faults.yaml:4:5: 'modbus-tcp' has no check code that could be wrong – leave this rule out"
     assert message in capsys.readouterr().err
-    assert main(["serve", "mldp", "--port", "tcp://127.0.0.1:0", "--faults", "nothing"]) == 1
+    assert main(["serve", "mldp", "--port", "tcp://127.0.0.1:0", "--faults", "nothing"]) == 2
     assert "there is no fault plan 'nothing'" in capsys.readouterr().err

@@ -259,10 +259,12 @@ def test_the_python_scanner_is_understood_too(text: str, monkeypatch: pytest.Mon
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    for path, what in [(tmp_path / "no.yaml", "there is no such file"), (tmp_path, "this is a folder, not a file")]:
+    missing, folder = "there is no such file", "this is a folder, not a file"
+    for path, what, line in [(tmp_path / "no.yaml", missing, 0), (tmp_path, folder, 1)]:
         with pytest.raises(DefinitionError) as caught:
             read_nodes(path)
-        assert [(problem.at, problem.what) for problem in caught.value.problems] == [(Position(str(path), 1, 1), what)]
+        found = [(problem.at, problem.what) for problem in caught.value.problems]
+        assert found == [(Position(str(path), line, line), what)]
 
 
 def test_a_file_that_is_not_utf8(tmp_path: Path) -> None:

@@ -121,7 +121,8 @@ def test_closing_a_port_in_the_middle_of_its_own_event() -> None:
     ("name", "reason"),
     [
         ("/dev/no-such-port", "/dev/no-such-port: there is no such device"),
-        (os.devnull, f"{os.devnull}: "),
+        (os.devnull, f"{os.devnull}: this is no serial line – name one, such as /dev/ttyUSB0, or tcp://HOST:PORT"),
+        ("/tmp", "/tmp: this is a folder – name a device in it"),
         ("loop://?nonsense", "loop://?nonsense: "),
     ],
 )

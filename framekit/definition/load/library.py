@@ -101,12 +101,12 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
     found = definition_file(name, folder or Path.cwd())
     if found is None and Path(name).suffix in (".yaml", ".yml"):
         what = f"there is no file '{Path(name).name}'"
-        raise DefinitionError([Problem(Position(str(name), 1, 1), what, "check its name and folder")])
+        raise DefinitionError([Problem(Position(str(name), 0, 0), what, "check its name and folder")])
     if found is None:
         folders = (folder or Path.cwd(), shipped_folder("frames"))
         files = [file for one in folders for file in one.glob("*.yaml")]
         known = {file.stem for file in files if "." not in file.stem}
         shipped = ", ".join(sorted(file.stem for file in files if file.stem in known and file.parent == folders[1]))
         hint = did_you_mean(str(name), known) or f"name a YAML file, or one that comes with framekit: {shipped}"
-        raise DefinitionError([Problem(Position(str(name), 1, 1), f"there is no definition '{name}'", hint)])
+        raise DefinitionError([Problem(Position(str(name), 0, 0), f"there is no definition '{name}'", hint)])
     return found
