@@ -124,21 +124,21 @@ class DirectLane:
         None: something else has happened since, or is to be done before; nothing is sent.
         """
         request, machine = ask.request, self.machine
-        if not self._is_calm(request) or not machine.output.is_immediate or machine.monitor is not None:
+        scope, output = machine.scope, machine.output
+        if not self._is_calm(request) or not output.is_immediate or machine.monitor is not None:
             return None
-        scope = machine.scope
-        scope.now = now = max(now, scope.now)
+        if now > scope.now:
+            scope.now = now
         try:
             data = request.begin()
-            within = request.within()
+            self._within = request.within()
         except EVALUATION_ERRORS:
             return None
-        if data is None:
-            return None
-        self._ask, self._data, self._has_left = ask, data, False
-        self._within, self._started, self.deadline = within, now, NEVER
-        self._item.data = data
-        machine.output.outgoing = self._item
+        if data is not None:
+            self._ask, self._data, self._has_left = ask, data, False
+            self._started, self.deadline = now, NEVER
+            self._item.data = data
+            output.outgoing = self._item
         return data
 
     def left_at_once(self, now: int) -> None:
