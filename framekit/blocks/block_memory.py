@@ -27,7 +27,7 @@ class BlockMemory:
         """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
         if protocol is not None:
             self.settings.show(state.block, protocol)
-        self.words.show(status_of(state))
+        self.words.show(state.key, state)
 
     def remove(self, block: Block) -> None:
         """A block is no more: its words are free, and 0."""
@@ -41,15 +41,15 @@ class BlockMemory:
     def started(self, state: BlockState) -> None:
         """An exchange begins."""
         if self.words.shows_starts:
-            self.words.show(status_of(state))
+            self.words.show(state.key, state)
 
     def changed(self, state: BlockState) -> None:
         """Something about a block is different, such as whether it is enabled."""
-        self.words.show(status_of(state))
+        self.words.show(state.key, state)
 
     def ended(self, state: BlockState, ok: bool, now: int) -> None:
         """A completion: counts, error and one pulse."""
-        self.words.completed(status_of(state), ok, now)
+        self.words.completed(state.key, state, ok, now)
 
     def places(self, block: Block) -> list[tuple[str, int, int]]:
         """The words of a block: area, first word, how many."""

@@ -18,17 +18,18 @@ class BlockState:
     """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
 
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
-    counts how often it has been armed; timers of earlier rounds mean nothing.
+    counts how often it has been armed; timers of earlier rounds mean nothing. `key`: its set, and its number there.
     """
 
     __slots__ = (
-        "block", "companions", "counters", "dead", "enabled", "id", "lane", "last_end", "last_failure",
+        "block", "companions", "counters", "dead", "enabled", "id", "key", "lane", "last_end", "last_failure",
         "last_outcome", "memory_triggers", "probing", "reasons", "round", "started_at", "starts_left", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
         self.block = block
         self.id = block.id
+        self.key = block.set, block.number
         self.lane = block.lane
         self.counters = Counters()
         self.enabled = block.enabled
@@ -48,6 +49,22 @@ class BlockState:
     @property
     def running(self) -> bool:
         return self.counters.running > 0
+
+    @property
+    def started(self) -> int:
+        return self.counters.started
+
+    @property
+    def done(self) -> int:
+        return self.counters.done
+
+    @property
+    def failed(self) -> int:
+        return self.counters.failed
+
+    @property
+    def overruns(self) -> int:
+        return self.counters.overruns
 
     def begun(self, now: int) -> None:
         """An exchange of it begins."""

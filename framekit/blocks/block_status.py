@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Protocol
 
 from framekit.blocks.error_codes import ErrorCode, error_code, status_word
 from framekit.blocks.model import BLOCKS_IN_SET
@@ -96,11 +97,34 @@ class BlockStatus:
         return None if self.last_failure is None else self.last_failure.device_code
 
 
-ITEMS: Mapping[str, Callable[[BlockStatus], int]] = MappingProxyType(
+class Countable(Protocol):
+    """What words show of a block: of a status, or of a block at work."""
+
+    @property
+    def started(self) -> int: ...
+    @property
+    def done(self) -> int: ...
+    @property
+    def failed(self) -> int: ...
+    @property
+    def overruns(self) -> int: ...
+    @property
+    def enabled(self) -> bool: ...
+    @property
+    def waiting(self) -> bool: ...
+    @property
+    def running(self) -> bool: ...
+    @property
+    def dead(self) -> bool: ...
+    @property
+    def last_failure(self) -> Failure | None: ...
+
+
+ITEMS: Mapping[str, Callable[[Countable], int]] = MappingProxyType(
     {
-        "error": lambda status: status.error,
-        "reason": lambda status: status.reason,
-        "device_code": lambda status: status.device_code or 0,
+        "error": lambda status: 0 if status.last_failure is None else status.last_failure.error,
+        "reason": lambda status: 0 if status.last_failure is None else status.last_failure.reason,
+        "device_code": lambda status: 0 if status.last_failure is None else status.last_failure.device_code or 0,
         "started_count": lambda status: status.started,
         "done_count": lambda status: status.done,
         "failed_count": lambda status: status.failed,

@@ -35,6 +35,9 @@ class Shown:
         self.counts: list[int] = []
         self.memory.watch("L", 625, 1, self._changed)
 
+    def completed(self, status: BlockStatus, ok: bool, now: int) -> None:
+        self.words.completed((status.set, status.block), status, ok, now)
+
     def _changed(self, *_: object) -> None:
         self.edges.append(self.memory.read("L", "word", 625)[0])
         self.counts.append(self.memory.read("L", "dword", 627 // 2)[0] if 627 % 2 == 0 else self.dword(627))
@@ -52,7 +55,7 @@ def status(done: int, failed: int = 0, failure: Failure | None = None, number: i
 
 def test_a_normal_completion() -> None:
     shown = Shown()
-    shown.words.completed(status(1), True, 0)
+    shown.completed(status(1), True, 0)
     assert shown.memory.read("L", "word", 625, 6) == [1, 0, 1, 0, 0, 0]
     assert shown.edges == [1] and shown.counts == [1], "the count is there before the pulse"
     assert shown.words.deadline == SCAN
@@ -65,9 +68,9 @@ def test_a_normal_completion() -> None:
 def test_an_abnormal_completion_and_the_next_normal_one() -> None:
     shown = Shown()
     refused = Failure(outcome="refused", device_code=0x1332, meaning="blocks of different types")
-    shown.words.completed(status(0, 1, refused), False, 0)
+    shown.completed(status(0, 1, refused), False, 0)
     assert shown.memory.read("L", "word", 625, 6) == [2, 0x1332, 0, 0, 1, 0]
-    shown.words.completed(status(0x12345, 1, refused), True, SCAN)
+    shown.completed(status(0x12345, 1, refused), True, SCAN)
     assert shown.memory.read("L", "word", 625, 6) == [1, 0x1332, 0x2345, 1, 1, 0], "STATUS is of the last failure"
 
 
@@ -79,7 +82,7 @@ def test_every_completion_is_one_rising_edge_of_one_bit() -> None:
             shown.words.tick(now)
         ok = chance.random() < 0.5
         done, failed = done + ok, failed + (not ok)
-        shown.words.completed(status(done, failed, Failure(outcome="no_reply")), ok, now)
+        shown.completed(status(done, failed, Failure(outcome="no_reply")), ok, now)
         wanted.append(1 if ok else 2)
     shown.words.tick(now + SCAN)
     before, rises = 0, []
@@ -94,7 +97,7 @@ def test_bits_and_words_of_others_stay() -> None:
     shown = Shown()
     shown.memory.write("L", "word", 624, [0xFFFF, 0x8000])
     shown.memory.write("L", "word", 631, [0xFFFF])
-    shown.words.completed(status(1), True, 0)
+    shown.completed(status(1), True, 0)
     shown.words.tick(SCAN)
     assert shown.memory.read("L", "word", 624, 2) == [0xFFFF, 0x8000]
     assert shown.memory.read("L", "word", 631) == [0xFFFF]
@@ -103,10 +106,10 @@ def test_bits_and_words_of_others_stay() -> None:
 def test_sets_and_blocks_beyond_the_words_are_not_shown() -> None:
     shown = Shown()
     before = shown.memory.snapshot()
-    shown.words.completed(status(1, number=64), True, 0)
-    shown.words.completed(status(1, set_=9), True, 0)
+    shown.completed(status(1, number=64), True, 0)
+    shown.completed(status(1, set_=9), True, 0)
     assert shown.memory.snapshot() == before and shown.words.deadline == NEVER
-    shown.words.completed(status(1, number=63, set_=8), True, 0)
+    shown.completed(status(1, number=63, set_=8), True, 0)
     assert shown.memory.read("L", "word", 625 + 6 * 511, 3) == [1, 0, 1]
 
 
@@ -121,9 +124,9 @@ def test_a_profile_may_show_more() -> None:
     memory = DeviceMemory([Area("S", size=12, access="read")])
     words = StatusWords(memory, [section], SCAN)
     failure = Failure(outcome="refused", device_code=0x1_0002)
-    words.show(BlockStatus(set=1, block=1, started=70_000, done=69_998, failed=1, last_failure=failure))
+    words.show((1, 1), BlockStatus(set=1, block=1, started=70_000, done=69_998, failed=1, last_failure=failure))
     assert memory.read("S", "word", 7, 5) == [8, ErrorCode.REFUSED, 2, 1, 70_000 & 0xFFFF]
-    words.completed(status(1, number=1), True, 0)
+    words.completed((1, 1), status(1, number=1), True, 0)
     assert words.deadline == NEVER, "without pulses nothing is to be ended"
     words.forget((1, 1))
     assert memory.read("S", "word", 0, 12) == [0] * 12
