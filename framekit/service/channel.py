@@ -17,7 +17,7 @@ from framekit.link.observe import Monitor
 from framekit.link.serving import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
-from framekit.service.driver import Driver
+from framekit.service.driver import Driver, Moment
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
@@ -54,6 +54,7 @@ class ChannelService:
         receiving: Iterable[Block],
         owner: ChannelOwner,
         monitor: Monitor | None = None,
+        moment: Moment | None = None,
     ) -> None:
         self.channel = channel
         self.owner = owner
@@ -90,7 +91,7 @@ class ChannelService:
         self._role_has_session = role is not None and role.session is not None
         self._clock = clock
         self.state = "closed"
-        self.driver = Driver(self.engine, port, clock, self._on_state)
+        self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
 

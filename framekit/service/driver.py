@@ -42,18 +42,30 @@ class Driven(Protocol):
     def tick(self, now: int) -> list[Command]: ...
 
 
+class Moment(Protocol):
+    """Whoever wants to know when an event has been dealt with: it is `inside` until `end` is called."""
+
+    inside: bool
+
+    def end(self) -> None: ...
+
+
 class Driver:
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
     `load` measures how busy the line is. `quick(data, now)`, while somebody has set it, may take what comes before the
-    engine does; it tells whether it has.
+    engine does; it tells whether it has. `moment` is told of the beginning and the end of what the line brings.
     """
 
-    def __init__(self, engine: Driven, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, engine: Driven, port: Port, clock: Clock, on_state: Callable[[str], None] | None = None,
+        moment: Moment | None = None,
+    ) -> None:  # fmt: skip
         self.engine = engine
         self.port = port
         self.clock = clock
         self.on_state = on_state or (lambda text: None)
+        self.moment = moment
         self.is_open = False
         self.stopped = False
         self._started = False
@@ -128,10 +140,17 @@ class Driver:
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         self.load.bytes_in += len(data)
-        if self.quick is not None and not faults and self.quick(data, now):
-            self._set_timer()
-        else:
-            self.carry_out(self.engine.receive(data, now, faults))
+        moment = self.moment
+        if moment is not None:
+            moment.inside = True
+        try:
+            if self.quick is not None and not faults and self.quick(data, now):
+                self._set_timer()
+            else:
+                self.carry_out(self.engine.receive(data, now, faults))
+        finally:
+            if moment is not None:
+                moment.end()
 
     def line_break(self, now: int) -> None:
         self.carry_out(self.engine.line_break(now))

@@ -1,6 +1,7 @@
 """When a run does what is due: soon, once something has come due by itself, and at the next time known beforehand.
 
-One call of the clock for each; what is done then, and what is due next, is the run's business.
+One call of the clock for each, or none where an event of a line is just being dealt with: then its end is soon enough.
+What is done, and what is due next, is the run's business.
 """
 
 from __future__ import annotations
@@ -8,17 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from framekit.definition.times import NEVER
-from framekit.transport.clock import Clock, Handle
+from framekit.transport.clock import Clock
 
 
 class Pulse:
-    """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is."""
+    """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
+
+    `inside`: an event is being dealt with; whoever says so calls `end` afterwards.
+    """
 
     def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[int], int]) -> None:
         self.clock = clock
+        self.inside = False
         self._act = act
         self._next_time = next_time
-        self._timer: Handle | None = None
+        self._ask_soon = clock.bell(self.end)
+        self._alarm = clock.alarm(self._beat)
         self._woken = False
         self._running = False
 
@@ -29,27 +35,29 @@ class Pulse:
     def stop(self) -> None:
         """It calls no more."""
         self._running = False
-        self._cancel()
+        self._alarm.cancel()
 
     def wake(self) -> None:
         """Something came due between two calls: one call soon is enough for all of it."""
         if not self._woken and self._running:
             self._woken = True
-            self.clock.call_soon(self._beat)
+            if not self.inside:
+                self._ask_soon()
+
+    def end(self) -> None:
+        """The event has been dealt with, or soon has come."""
+        self.inside = False
+        if self._woken:
+            self._beat()
 
     def set(self) -> None:
         """What is due next may be due at another time."""
-        self._cancel()
-        if self._running:
-            now = self.clock.now()
-            due = self._next_time(now)
-            if due < NEVER:
-                self._timer = self.clock.call_at(max(due, now), self._beat)
-
-    def _cancel(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        if not self._running:
+            self._alarm.cancel()
+            return
+        now = self.clock.now()
+        due = self._next_time(now)
+        self._alarm.set(due if due > now or due == NEVER else now)
 
     def _beat(self) -> None:
         self._woken = True  # what comes due meanwhile is in the next time the timer is set for

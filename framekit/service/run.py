@@ -61,7 +61,7 @@ class RunService:
             run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end
         )
         self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
-        self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor)
+        self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.pulse)
         self.devices_on = lines.devices
         for number in run.channels:
             lines.put(number, lines.of_run(run, number))

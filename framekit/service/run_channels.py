@@ -13,6 +13,7 @@ from framekit.blocks.model import Block, Channel, Run
 from framekit.link.observe import Seen
 from framekit.service.channel import ChannelOwner, ChannelService
 from framekit.service.device import DeviceService
+from framekit.service.driver import Moment
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
 from framekit.transport.clock import Clock
@@ -27,13 +28,17 @@ Made = tuple[ChannelService, list[DeviceService]]
 
 
 class RunChannels:
-    """Fills `channels`, by number, and the devices on their lines. `owner` is told what happens on them."""
+    """Fills `channels`, by number, and the devices on their lines. `owner` is told what happens on them.
+
+    `moment`: who wants to know when something that a line has brought has been dealt with.
+    """
 
     def __init__(
         self, channels: dict[int, ChannelService], clock: Clock, access: AddressedMemory, owner: ChannelOwner,
-        monitor: RunMonitor | None = None,
+        monitor: RunMonitor | None = None, moment: Moment | None = None,
     ) -> None:  # fmt: skip
         self._clock = clock
+        self._moment = moment
         self._access = access
         self._owner = owner
         self._monitor = monitor
@@ -52,7 +57,8 @@ class RunChannels:
         monitor = self._monitor
         port, devices = port_for(channel, devices_of(channel, Path(folder)), self._clock)
         watcher = None if monitor is None else lambda seen: undisturbed(monitor, channel.number, seen)
-        return ChannelService(channel, port, self._clock, self._access, blocks, self._owner, watcher), devices
+        service = ChannelService(channel, port, self._clock, self._access, blocks, self._owner, watcher, self._moment)
+        return service, devices
 
     def put(self, number: int, made: Made) -> None:
         """From now on this is the channel of that number."""

@@ -10,6 +10,7 @@ import heapq
 import itertools
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from framekit.transport.alarm import ExactAlarm, LateAlarm
@@ -41,6 +42,9 @@ class Clock(Protocol):
 
     def alarm(self, callback: Callback) -> Alarm:
         """An alarm that calls `callback`; it is not set yet."""
+
+    def bell(self, callback: Callback) -> Callable[[], object]:
+        """What asks for a call of `callback` as soon as possible, as often as it is called."""
 
 
 class Alarm(Protocol):
@@ -143,6 +147,9 @@ class VirtualClock(_CallHeap):
     def alarm(self, callback: Callback) -> Alarm:
         return ExactAlarm(self, callback)
 
+    def bell(self, callback: Callback) -> Callable[[], object]:
+        return partial(self.call_soon, callback)
+
     # ---- those who lag behind -----------------------------------------------------------------------------
 
     def lag(self, source: Lagging) -> None:
@@ -234,6 +241,9 @@ class AsyncioClock(_CallHeap):
 
     def alarm(self, callback: Callback) -> Alarm:
         return LateAlarm(self, callback)
+
+    def bell(self, callback: Callback) -> Callable[[], object]:
+        return partial(self.loop.call_soon, callback)
 
     def _set_timer(self) -> None:
         """One timer of the loop, for the next call; no timer where it is due, since loops wait whole milliseconds."""
