@@ -233,11 +233,24 @@ class Scheduler:
                 if missed and self._may_start(state):
                     state.counters.overruns += missed
         if self._arming.fired:
-            for state in self._arming.take_fired():
-                self._due(state, now)
+            fired = self._arming.take_fired()
+            if len(fired) > 1 or not self._start_at_once(fired[0], now):
+                for state in fired:
+                    self._due(state, now)
         for lane in self._turns.due(now):
             self._start_next(lane, now)
             self._turns.stir(lane)
+
+    def _start_at_once(self, state: BlockState, now: int) -> bool:
+        """Starts the only block that has come due, where it has nobody to wait for; False: nothing has been done."""
+        if state.waiting or state.running or not self._may_start(state):
+            return False
+        if not self.lanes[state.lane].take_at_once(state, now):
+            return False
+        state.companions = ()
+        state.begun(now)
+        self._start(state, now)
+        return True
 
     def _start_next(self, lane: Lane, now: int) -> None:
         state = lane.take(now)

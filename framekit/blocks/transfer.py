@@ -255,6 +255,23 @@ class BlockTransfers:
         self._sending.append(ended)
         return commands
 
+    def frame_at_once(self, block: Block) -> bytes | None:
+        """The bytes that a SEND block sends, if they may leave right now; then `handed_over` has to be called.
+
+        None: it has to be started. Whatever is wrong with it is found out then.
+        """
+        assert block.frame is not None
+        try:
+            return self._sender_of(block.frame).at_once(self.fields_of(block))
+        except (DeviceMemoryError, *EVALUATION_ERRORS):
+            return None
+
+    def handed_over(self, block: Block, data: bytes, now: int, ended: Ended) -> None:
+        """What `frame_at_once` gave is on its way; `ended` is called once."""
+        assert block.frame is not None
+        self._sending.append(ended)
+        self._sender_of(block.frame).handed_over(data, now, partial(self._sent, ended))
+
     def _sender_of(self, frame: str) -> FrameSender:
         if frame not in self._senders:
             self._senders[frame] = FrameSender(self.engine, frame)

@@ -189,6 +189,21 @@ class Engine(EngineCore):
         self.output.put(Item(None, data, 0, info, on_sent))
         return self._finish() if self.machine.changed or self.machine.stirred else self._given()
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether a frame that is sent by itself may go out at once, before anybody is told."""
+        output = self.output
+        return not (self._busy or output.outgoing or output.pending) and output.is_open and (
+            output.clear_to_send and output.is_immediate
+        )  # fmt: skip
+
+    def has_put(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
+        """As `put_frame` while it is quiet, for bytes that have been given to the port already."""
+        self.scope.now = max(self.scope.now, now)
+        self.direct.unfold()
+        self.counters.sent += 1
+        self.output.outgoing = Item(None, data, 0, info, on_sent)
+
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)

@@ -24,6 +24,20 @@ class FrameSender:
         self._constants = dict(info.known)
         self._plain = info.flat and not (info.numbers or info.computed or info.announces)
 
+    def at_once(self, fields: dict[str, Any]) -> bytes | None:
+        """The bytes of such a frame, if they may leave right now; `handed_over` has to be told then.
+
+        None: it has to be sent by `send`. Raises ValueError for values that it cannot carry.
+        """
+        engine = self._engine
+        if not self._plain or engine.machine.monitor is not None or not engine.is_quiet:
+            return None
+        return self._info.encode({**self._constants, **fields} if self._constants else fields, engine.scope)
+
+    def handed_over(self, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
+        """What `at_once` gave is on its way."""
+        self._engine.has_put(self._info, data, now, on_sent)
+
     def send(self, fields: dict[str, Any], now: int, on_sent: Callable[[], None]) -> list[Command]:
         """As `Engine.send_frame`."""
         engine = self._engine

@@ -209,6 +209,11 @@ class Driver:
         self._next_commands()
         self._set_timer()
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing that the engine wants is still to be done."""
+        return not self._pending
+
     def write_through(self, data: bytes) -> bool:
         """Gives bytes to the port; True: they have left, and `sent` will not be told."""
         self.load.bytes_out += len(data)

@@ -155,6 +155,6 @@ def test_a_memory_of_ones_own_may_show_blocks(tmp_path: Path) -> None:
     seen: list[list[int]] = []
     bench.memory.watch("S", 10, 4, lambda *_: seen.append(bench.memory.read("S", "word", 10, 4)))
     bench.clock.run_for(SECOND + SECOND // 4)
-    assert seen == [[1, 1, 0, 0], [0, 1, 0, 0], [0, 1, 0, 128], [0, 1, 0, 0]]
+    assert seen == [[1, 1, 0, 0], [0, 1, 0, 128], [0, 1, 0, 0]], "counts and pulse in one write"
     bench.clock.run_for(SECOND // 2)
     assert bench.memory.read("S", "word", 14, 4) == [0, 1, ErrorCode.NO_REPLY, 0]
