@@ -55,11 +55,13 @@ class NotingPort(Port):
         """There is no line to hold."""
 
 
-async def p99(port: NotingPort, trigger: Callable[[int], None]) -> float:
-    """Seconds from the call of `trigger` to the write."""
+async def p99(port: NotingPort, prepare: Callable[[int], None], trigger: Callable[[int], None]) -> float:
+    """Seconds from the call of `trigger` to the write; `prepare` comes before it."""
     found = []
     for sample in range(SAMPLES):
         port.written.clear()
+        prepare(sample)
+        await asyncio.sleep(0)
         begin = time.perf_counter_ns()
         trigger(sample)
         await port.written.wait()
@@ -99,18 +101,22 @@ async def _measure(loop: asyncio.AbstractEventLoop, rounds: int) -> list[Row]:
     data = bytes.fromhex("00 01 00 00 00 06 01 03 00 00 00 0A")
     bare = NotingPort(loop)
 
+    def clear_bit(sample: int) -> None:
+        service.memory.write("D", "word", sample % BLOCKS, [0])
+
     def set_bit(sample: int) -> None:
-        word = sample % BLOCKS
-        service.memory.write("D", "word", word, [0])
-        service.memory.write("D", "word", word, [1])
+        service.memory.write("D", "word", sample % BLOCKS, [1])
+
+    def nothing(sample: int) -> None:
+        """Bare asyncio has no bit."""
 
     def call_soon(sample: int) -> None:
         loop.call_soon(bare.write, data)
 
-    def of(port: NotingPort, trigger: Callable[[int], None]) -> Callable[[], float]:
-        return lambda: asyncio.run_coroutine_threadsafe(p99(port, trigger), loop).result()
+    def of(port: NotingPort, *functions: Callable[[int], None]) -> Callable[[], float]:
+        return lambda: asyncio.run_coroutine_threadsafe(p99(port, *functions), loop).result()
 
-    functions = {"framekit": of(port, set_bit), "bare asyncio": of(bare, call_soon)}
+    functions = {"framekit": of(port, clear_bit, set_bit), "bare asyncio": of(bare, nothing, call_soon)}
     times = await asyncio.to_thread(interleave, functions, rounds)
     started = sum(state.counters.started for state in service.states.values())
     assert started == rounds * SAMPLES, started

@@ -18,12 +18,14 @@ class BlockState:
     """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
 
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
-    counts how often it has been armed; timers of earlier rounds mean nothing. `key`: its set, and its number there.
+    counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: whether it may start before
+    anything else is looked at, once somebody has asked. `key`: its set, and its number there.
     """
 
     __slots__ = (
         "block", "companions", "counters", "dead", "enabled", "id", "key", "lane", "last_end", "last_failure",
-        "last_outcome", "memory_triggers", "probing", "reasons", "round", "started_at", "starts_left", "waiting",
+        "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at", "starts_left",
+        "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
@@ -43,6 +45,7 @@ class BlockState:
         self.last_end: int | None = None
         self.companions: tuple[BlockState, ...] = ()
         self.probing = False
+        self.prompt: bool | None = None
         self.dead = False
         self.round = 0
 

@@ -35,7 +35,8 @@ class Scheduler:
     `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
     been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
     `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
-    `died(channel, station, dead)` hears of stations that are given up or back.
+    `died(channel, station, dead)` hears of stations that are given up or back, `prompt` tells which blocks look at
+    nothing that the owner brings up to date before `tick`.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class Scheduler:
         joins: Joins | None = None,
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
+        prompt: Callable[[Block], bool] = lambda block: False,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
@@ -63,6 +65,7 @@ class Scheduler:
         self._tell_ended = ended
         self._joins = joins
         self._died = died
+        self._prompt = prompt
         self._active = False
         for channel, rules in channels.items():
             self._turns.add(channel, LaneRules(silence=Silence(between=rules)) if isinstance(rules, int) else rules)
@@ -197,7 +200,7 @@ class Scheduler:
         self.tick(now)
 
     def _may_start(self, state: BlockState) -> bool:
-        if not state.enabled or not self._active or state.starts_left == 0 or not self._set_on(state):
+        if not (state.enabled and self._active and state.starts_left != 0 and self.sets.get(state.key[0], True)):
             return False
         triggers = state.memory_triggers
         return triggers is None or triggers.unless is None or not triggers.unless()
@@ -234,23 +237,37 @@ class Scheduler:
                     state.counters.overruns += missed
         if self._arming.fired:
             fired = self._arming.take_fired()
-            if len(fired) > 1 or not self._start_at_once(fired[0], now):
+            if len(fired) == 1 and self._takes_at_once(fired[0], now):
+                self._begin(fired[0], now)
+            else:
                 for state in fired:
                     self._due(state, now)
         for lane in self._turns.due(now):
             self._start_next(lane, now)
             self._turns.stir(lane)
 
-    def _start_at_once(self, state: BlockState, now: int) -> bool:
-        """Starts the only block that has come due, where it has nobody to wait for; False: nothing has been done."""
-        if state.waiting or state.running or not self._may_start(state):
-            return False
-        if not self.lanes[state.lane].take_at_once(state, now):
-            return False
+    def start_promptly(self, now: int) -> None:
+        """Starts the block that has come due, if it is the only one and has nobody to wait for.
+
+        For whoever has more to do at that moment, none of which such a block looks at (see `prompt`).
+        """
+        arming = self._arming
+        if len(arming.fired) == 1 and arming.next_time > now:
+            state = arming.fired[0]
+            if state.prompt is None:
+                state.prompt = self._prompt(state.block)
+            if state.prompt and self._takes_at_once(state, now):
+                arming.take_fired()
+                self._begin(state, now)
+
+    def _takes_at_once(self, state: BlockState, now: int) -> bool:
+        """Whether a block that has come due counts as running from here on; if not, nothing has been done."""
+        return self._may_start(state) and self.lanes[state.lane].take_at_once(state, now)
+
+    def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()
         state.begun(now)
         self._start(state, now)
-        return True
 
     def _start_next(self, lane: Lane, now: int) -> None:
         state = lane.take(now)
@@ -261,10 +278,10 @@ class Scheduler:
             state.companions = tuple(lane.companions(lambda others: joins(state, others)))
             for one in state.companions:
                 one.begun(now)
+            state.begun(now)
+            self._start(state, now)
         else:
-            state.companions = ()
-        state.begun(now)
-        self._start(state, now)
+            self._begin(state, now)
 
     def finished(self, number: int, failure: Failure | None, now: int) -> None:
         """An exchange has ended, well if `failure` is None; blocks that wait for this come due.

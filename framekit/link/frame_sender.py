@@ -7,11 +7,17 @@ value; every other one takes the usual way. It knows no sequences.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from framekit.link.engine import Engine
     from framekit.link.events import Command
+
+
+class Fields(Protocol):
+    """What reads the fields of a frame as they are now."""
+
+    def read(self) -> dict[str, Any]: ...
 
 
 class FrameSender:
@@ -24,15 +30,16 @@ class FrameSender:
         self._constants = dict(info.known)
         self._plain = info.flat and not (info.numbers or info.computed or info.announces)
 
-    def at_once(self, fields: dict[str, Any]) -> bytes | None:
-        """The bytes of such a frame, if they may leave right now; `handed_over` has to be told then.
+    def at_once(self, fields: Fields) -> bytes | None:
+        """The bytes of a frame with the fields that are read, if they may leave right now; `handed_over` follows then.
 
-        None: it has to be sent by `send`. Raises ValueError for values that it cannot carry.
+        None: it has to be sent by `send`. Raises what reading raises, ValueError for values that it cannot carry.
         """
         engine = self._engine
         if not self._plain or engine.machine.monitor is not None or not engine.is_quiet:
             return None
-        return self._info.encode({**self._constants, **fields} if self._constants else fields, engine.scope)
+        found = fields.read()
+        return self._info.encode({**self._constants, **found} if self._constants else found, engine.scope)
 
     def handed_over(self, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
         """What `at_once` gave is on its way."""

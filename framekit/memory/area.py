@@ -16,6 +16,7 @@ from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
 from framekit.memory.watch import ALL_BITS, Changed, Watch, WatchTable
 
 _CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
+_PACK_WORD = struct.Struct("<H").pack
 _SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in _CODES.items()}
 
 
@@ -113,6 +114,8 @@ class Area:
 
     def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
         """Puts unsigned `values` of `unit` at number `start` on. Either all are written or none."""
+        if unit == "word" and len(values) == 1 and self._put_word(start, values[0], force):
+            return
         bits = unit_bits(unit)
         if start < 0 or (start + len(values)) * bits > self.size_bits:
             raise self._beyond(unit, start, len(values), self.size_bits // bits)
@@ -122,6 +125,21 @@ class Area:
             self._put_bits(start, len(values), pack_bits(values))
             return
         self._store(start * bits // 8, _encode(values, bits))
+
+    def _put_word(self, number: int, value: int, force: bool) -> bool:
+        """The usual write, without detours; False: something is wrong with it, nothing is written."""
+        if not 0 <= number < self.size_bits >> 4 or (self.access == "read" and not force):
+            return False
+        try:
+            data = _PACK_WORD(value)
+        except struct.error:
+            return False
+        watches = self._watches
+        if watches is not None and watches.masks[number]:
+            self._store_in_word(watches, 2 * number, data)
+        else:
+            self._data[2 * number : 2 * number + 2] = data
+        return True
 
     # --- bits, packed
 
@@ -206,7 +224,7 @@ class Area:
             changed <<= 8
         memory[offset : offset + len(data)] = data
         if changed & mask:
-            for watch in watches.of_word(offset >> 1):
+            for watch in watches.by_word[offset >> 1]:
                 if changed & watch.mask and watch.active:
                     watch.callback(self, offset >> 1, 1)
 

@@ -98,6 +98,11 @@ class SystemBits:
         for word in words:
             word.area.watch(word.number, 1, self._look_again, word.owned)
 
+    @property
+    def areas(self) -> set[str]:
+        """The names of the areas that such bits stand in."""
+        return {word.area.name for word in self._words.values()}
+
     def wait_for(self, wake: Collection[tuple[str, int]]) -> None:
         """From here on somebody waits for these bits and for no others; call `update` before."""
         self._wake = {(self._memory.area(name).name, bit) for name, bit in wake}

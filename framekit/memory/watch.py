@@ -50,37 +50,34 @@ class Watch:
 class WatchTable:
     """The watches of an area of `words` words.
 
-    `marks`: 1 for a word that is watched, else 0; `masks`: which bits of each word count for anybody.
+    `marks`: 1 for a word that is watched, else 0; `masks`: which bits of each word count for anybody; `by_word`: those
+    that watch a word, in order of registration.
     """
 
-    __slots__ = ("_by_word", "marks", "masks", "next_number")
+    __slots__ = ("by_word", "marks", "masks", "next_number")
 
     def __init__(self, words: int) -> None:
         self.next_number = itertools.count().__next__
         self.marks = bytearray(words)
         self.masks = array("H", bytes(2 * words))
-        self._by_word: dict[int, tuple[Watch, ...]] = {}
+        self.by_word: dict[int, tuple[Watch, ...]] = {}
 
     def add(self, watch: Watch) -> None:
         for word in range(watch.first_word, watch.first_word + watch.count):
-            self._listen(word, (*self._by_word.get(word, ()), watch))
+            self._listen(word, (*self.by_word.get(word, ()), watch))
 
     def remove(self, watch: Watch) -> None:
         for word in range(watch.first_word, watch.first_word + watch.count):
-            self._listen(word, tuple(other for other in self._by_word[word] if other is not watch))
+            self._listen(word, tuple(other for other in self.by_word[word] if other is not watch))
 
     def _listen(self, word: int, watches: tuple[Watch, ...]) -> None:
         """From now on these watch the word."""
         self.marks[word] = bool(watches)
         self.masks[word] = reduce(or_, (watch.mask for watch in watches), 0)
         if watches:
-            self._by_word[word] = watches
+            self.by_word[word] = watches
         else:
-            del self._by_word[word]
-
-    def of_word(self, word: int) -> tuple[Watch, ...]:
-        """Those that watch a word which is watched, in order of registration."""
-        return self._by_word[word]
+            del self.by_word[word]
 
     def changed(self, first: int, before: bytes, after: bytes) -> list[tuple[Watch, int, int]]:
         """In order of registration: watch, its first changed word, words from it to the last changed one.
@@ -92,7 +89,7 @@ class WatchTable:
             at = 2 * (word - first)
             changed = int.from_bytes(before[at : at + 2], "little") ^ int.from_bytes(after[at : at + 2], "little")
             if changed & self.masks[word]:
-                for watch in self._by_word[word]:
+                for watch in self.by_word[word]:
                     if changed & watch.mask:
                         start = found[watch][0] if watch in found else word
                         found[watch] = (start, word)

@@ -53,8 +53,10 @@ class Exchanges:
     def start(self, state: BlockState) -> None:
         """Begins the exchange of a block, and of those that come with it."""
         self._block_memory.started(state)
-        block = self._effective(state)
-        if block is None:
+        try:
+            block = self._block_memory.settings.effective(state.block)
+        except SettingError as error:
+            self._spoiled(state, error)
             others: list[BlockState] = list(state.companions)
             state.companions = ()
             for other in others:
@@ -81,8 +83,11 @@ class Exchanges:
         try:
             return self._block_memory.effective(state.block)
         except SettingError as error:
-            self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
+            self._spoiled(state, error)
             return None
+
+    def _spoiled(self, state: BlockState, error: SettingError) -> None:
+        self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
 
     def _ending(self, state: BlockState) -> Ended:
         return partial(self._finished, state.id)

@@ -12,7 +12,7 @@ from framekit.blocks.block_memory import status_of
 from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.memory_settings import put_values
-from framekit.blocks.model import Channel, Run
+from framekit.blocks.model import Block, Channel, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.triggers import awaited_bits
 from framekit.link.addresses import Address
@@ -58,7 +58,7 @@ class RunService:
         self.pulse = Pulse(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
         self.blocks = blocks = RunBlocks(
-            run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end
+            run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end, self._is_prompt
         )
         self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
         self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.pulse)
@@ -248,13 +248,21 @@ class RunService:
         self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
-        """Does what is due."""
+        """Does what is due: first what somebody waits for and nothing else has a say in."""
+        self.scheduler.start_promptly(now)
         self.system.update(now)
         self.editor.step()
         self.block_memory.tick(now)
         if self.jobs is not None:
             self.jobs.tick(now)
         self.scheduler.tick(now)
+
+    def _is_prompt(self, block: Block) -> bool:
+        """Whether what a block does depends on nothing that changes by itself: bits of the memory, jobs, conditions."""
+        if block.instruction not in ("send", "read", "write") or block.job is not None or block.unless is not None:
+            return False
+        places = [*block.places, *block.data.values(), *([] if block.station_from is None else [block.station_from])]
+        return not any(place.address.area in self.system.areas for place in places)
 
     def _next_time(self, now: int) -> int:
         """When something is due next."""

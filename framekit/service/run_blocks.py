@@ -37,7 +37,7 @@ class RunBlocks:
 
     def __init__(
         self, run: Run, clock: Clock, memory: DeviceMemory, resolve: Resolve, channels: Mapping[int, ChannelService],
-        wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None,
+        wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None, prompt: Callable[[Block], bool],
     ) -> None:  # fmt: skip
         self._clock = clock
         self._refresh = refresh
@@ -57,6 +57,7 @@ class RunBlocks:
             joins=self.exchanges.joins,
             sets=run.sets,
             died=self._died,
+            prompt=prompt,
         )
         for state in self.states.values():
             self.memory.add(state, protocol_of(run, state.block))
