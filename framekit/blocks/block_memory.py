@@ -39,9 +39,8 @@ class BlockMemory:
         return self.settings.effective(block)
 
     def started(self, state: BlockState) -> None:
-        """An exchange begins."""
-        if self.words.shows_starts:
-            self.words.show(state.key, state)
+        """An exchange begins; without `words.shows_starts` there is nothing to show of that."""
+        self.words.show(state.key, state)
 
     def changed(self, state: BlockState) -> None:
         """Something about a block is different, such as whether it is enabled."""

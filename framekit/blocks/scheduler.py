@@ -236,12 +236,8 @@ class Scheduler:
                 if missed and self._may_start(state):
                     state.counters.overruns += missed
         if self._arming.fired:
-            fired = self._arming.take_fired()
-            if len(fired) == 1 and self._takes_at_once(fired[0], now):
-                self._begin(fired[0], now)
-            else:
-                for state in fired:
-                    self._due(state, now)
+            for state in self._arming.take_fired():
+                self._due(state, now)
         for lane in self._turns.due(now):
             self._start_next(lane, now)
             self._turns.stir(lane)
@@ -251,18 +247,14 @@ class Scheduler:
 
         For whoever has more to do at that moment, none of which such a block looks at (see `prompt`).
         """
-        arming = self._arming
-        if len(arming.fired) == 1 and arming.next_time > now:
-            state = arming.fired[0]
+        fired = self._arming.fired
+        if len(fired) == 1 and self._arming.next_time > now:
+            state = fired[0]
             if state.prompt is None:
                 state.prompt = self._prompt(state.block)
-            if state.prompt and self._takes_at_once(state, now):
-                arming.take_fired()
+            if state.prompt and self._may_start(state) and self.lanes[state.lane].take_at_once(state, now):
+                fired.clear()
                 self._begin(state, now)
-
-    def _takes_at_once(self, state: BlockState, now: int) -> bool:
-        """Whether a block that has come due counts as running from here on; if not, nothing has been done."""
-        return self._may_start(state) and self.lanes[state.lane].take_at_once(state, now)
 
     def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()

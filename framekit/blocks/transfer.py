@@ -67,7 +67,7 @@ class BlockTransfers:
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[int, FrameFields] = {}
         self._senders: dict[str, FrameSender] = {}
-        self._ready: dict[int, tuple[Block, FrameSender, FrameFields]] = {}
+        self._ready: dict[tuple[int, int], tuple[Block, FrameSender, FrameFields]] = {}
         self._sending: list[Ended] = []
         self._commands: dict[str, CommandBlocks] = {}
 
@@ -261,12 +261,16 @@ class BlockTransfers:
 
         None: it has to be started. Whatever is wrong with it is found out then.
         """
-        ready = self._ready.get(block.id)
+        ready = self._ready.get((block.set, block.number))
         try:
             if ready is None or ready[0] is not block:
                 assert block.frame is not None
                 self.fields_of(block)
-                ready = self._ready[block.id] = block, self._sender_of(block.frame), self._fields[block.id]
+                ready = self._ready[block.set, block.number] = (
+                    block,
+                    self._sender_of(block.frame),
+                    self._fields[block.id],
+                )
             return ready[1].at_once(ready[2])
         except (DeviceMemoryError, *EVALUATION_ERRORS):
             return None
@@ -274,7 +278,7 @@ class BlockTransfers:
     def handed_over(self, block: Block, data: bytes, now: int, ended: Ended) -> None:
         """What `frame_at_once` gave is on its way; `ended` is called once."""
         self._sending.append(ended)
-        self._ready[block.id][1].handed_over(data, now, partial(self._sent, ended))
+        self._ready[block.set, block.number][1].handed_over(data, now, partial(self._sent, ended))
 
     def _sender_of(self, frame: str) -> FrameSender:
         if frame not in self._senders:

@@ -139,16 +139,16 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        params = self._params_for(block, repeats)
-        if block.instruction == "send" and not params and self._send_at_once(block, ended):
+        if block.instruction == "send" and not block.params and self._send_at_once(block, ended):
             return
+        params = self._params_for(block, repeats)
         told = self._overriding(params, ended) if params else ended
         self.driver.do(lambda now: self.transfers.start(block, now, told))
 
     def _send_at_once(self, block: Block, ended: Ended) -> bool:
         """Sends first and counts afterwards; False: something is in the way, nothing has been done."""
         driver = self.driver
-        data = self.transfers.frame_at_once(block) if driver.is_idle else None
+        data = None if driver.pending else self.transfers.frame_at_once(block)
         if data is None:
             return False
         has_left = driver.write_through(data)

@@ -53,8 +53,9 @@ class Moment(Protocol):
 class Driver:
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
-    `load` measures how busy the line is. `quick(data, now)`, while somebody has set it, may take what comes before the
-    engine does; it tells whether it has. `moment` is told of the beginning and the end of what the line brings.
+    `pending` is what the engine wants and is still to be done. `load` measures how busy the line is. `quick(data, now)`,
+    while somebody has set it, may take what comes before the engine does; it tells whether it has. `moment` is told of
+    the beginning and the end of what the line brings.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class Driver:
         self._started = False
         self.reopenings = 0
         self.load = LineLoad(port.settings, clock.now())
-        self._pending: deque[Command] = deque()
+        self.pending: deque[Command] = deque()
         self._alarm = clock.alarm(self._ring)
         self._send_timer: Handle | None = None
         self._reopen_timer: Handle | None = None
@@ -97,7 +98,7 @@ class Driver:
     def stop(self) -> None:
         """Closes the port and forgets what was to be sent."""
         self.stopped, self._started = True, False
-        self._pending.clear()
+        self.pending.clear()
         self._alarm.cancel()
         for timer in (self._send_timer, self._reopen_timer):
             if timer is not None:
@@ -164,7 +165,7 @@ class Driver:
     def closed(self, now: int, reason: str) -> None:
         """The port is gone: the engine is told, and the port is opened again after a while."""
         self.is_open = False
-        self._pending.clear()
+        self.pending.clear()
         if self.stopped:
             return
         again = f", trying again in {self._retry / 1e9:.1f} s" if self.port.opens_again else ""
@@ -186,21 +187,21 @@ class Driver:
     def carry_out(self, commands: list[Command]) -> None:
         """Does what the engine wants, in order, and looks when it wants to be called again."""
         if commands:
-            self._pending.extend(commands)
+            self.pending.extend(commands)
             self._next_commands()
         self._set_timer()
 
     def _next_commands(self) -> None:
         """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
-        while self._pending:
-            command = self._pending[0]
+        while self.pending:
+            command = self.pending[0]
             wait_until = getattr(command, "not_before", 0)
             if wait_until > self.clock.now():
                 if self._send_timer is not None:
                     self._send_timer.cancel()
                 self._send_timer = self.clock.call_at(wait_until, self._go_on)
                 return
-            self._pending.popleft()
+            self.pending.popleft()
             self._one(command)
 
     def _go_on(self) -> None:
@@ -208,11 +209,6 @@ class Driver:
         self._send_timer = None
         self._next_commands()
         self._set_timer()
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether nothing that the engine wants is still to be done."""
-        return not self._pending
 
     def write_through(self, data: bytes) -> bool:
         """Gives bytes to the port; True: they have left, and `sent` will not be told."""
@@ -223,7 +219,7 @@ class Driver:
         match command:
             case Send(data=data):
                 if self.write_through(data):
-                    self._pending.extend(self.engine.sent(self.clock.now()))
+                    self.pending.extend(self.engine.sent(self.clock.now()))
             case Break(duration=duration):
                 self.port.send_break(duration)
             case SetRts(on=on):

@@ -32,6 +32,7 @@ class Exchanges:
         self._block_memory = block_memory
         self._finished = finished
         self._alone: set[int] = set()
+        self._shows_starts = block_memory.words.shows_starts
 
     def reset(self) -> None:
         """Reads that were refused together may be tried together again."""
@@ -52,7 +53,8 @@ class Exchanges:
 
     def start(self, state: BlockState) -> None:
         """Begins the exchange of a block, and of those that come with it."""
-        self._block_memory.started(state)
+        if self._shows_starts:
+            self._block_memory.started(state)
         try:
             block = self._block_memory.settings.effective(state.block)
         except SettingError as error:
@@ -64,7 +66,7 @@ class Exchanges:
             return
         channel = self._channels[block.channel]
         if not state.companions:
-            channel.start_block(block, self._ending(state), repeats=not state.probing)
+            channel.start_block(block, partial(self._finished, state.id), repeats=not state.probing)
             return
         states = [state, *state.companions]
         reads: list[Read[tuple[Block, Ended]]] = []

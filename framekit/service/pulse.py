@@ -23,7 +23,7 @@ class Pulse:
         self.inside = False
         self._act = act
         self._next_time = next_time
-        self._ask_soon = clock.bell(self.end)
+        self._ask_soon = clock.bell(self._beat)
         self._alarm = clock.alarm(self._beat)
         self._woken = False
         self._running = False
@@ -45,7 +45,7 @@ class Pulse:
                 self._ask_soon()
 
     def end(self) -> None:
-        """The event has been dealt with, or soon has come."""
+        """The event has been dealt with."""
         self.inside = False
         if self._woken:
             self._beat()
@@ -60,6 +60,7 @@ class Pulse:
         self._alarm.set(due if due > now or due == NEVER else now)
 
     def _beat(self) -> None:
+        """As asked for; where an event came first, that has done it already, and this finds nothing due."""
         self._woken = True  # what comes due meanwhile is in the next time the timer is set for
         try:
             if self._running:
