@@ -53,8 +53,8 @@ class Moment(Protocol):
 class Driver:
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
-    `pending` is what the engine wants and is still to be done. `load` measures how busy the line is. `quick(data, now)`,
-    while somebody has set it, may take what comes before the engine does; it tells whether it has. `moment` is told of
+    `pending` is what the engine wants and is still to be done, `load` measures how busy the line is. While somebody has
+    set `quick(data, now)`, it may take what comes before the engine does; it tells whether it has. `moment` is told of
     the beginning and the end of what the line brings.
     """
 
