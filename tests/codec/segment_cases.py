@@ -132,6 +132,11 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- {data: d, size: n, convert: hex_to_ascii}", {"d": b"\xaa\x15"}, "30 32 41 41 31 35", {"n": 2}),
         Case("a count", "- {count: n, type: u8, of: list}\n- {repeat: list, times: n, of: u16}", {"list": [1, 2]},
              "02 00 01 00 02", {"n": 2}),
+        Case("a length over a list of values", "- {length: n, type: u8, of: [list]}\n"
+             "- {repeat: list, times: n // 2, of: u16}", {"list": [1, 2]}, "04 00 01 00 02", {"n": 4},
+             {"05 00 01 00 02": "length", "03 00 01": "length", "06 00 01 00 02": "short"}),
+        Case("in words, of values", "- {length: n, type: u8, of: [list], unit: words}\n"
+             "- {repeat: list, times: n, of: i16, order: little}", {"list": [-1, 2]}, "02 FF FF 02 00", {"n": 2}),
     ),
     "Repeats, records, choices": (
         Case("a list of records", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n"
@@ -143,6 +148,8 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"05 07 02 00 02 00 04": "length"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
+        Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"
+             "- {repeat: list, times: rest, of: i16}", {"a": 1, "list": [2, -2]}, "01 00 00 02 FF FE"),
         Case("a record", "- {include: pair, as: p}", {"p": {"a": 1, "b": 2}}, "01 02",
              top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
         Case("an include", "- include: pair", {"a": 1, "b": 2}, "01 02",

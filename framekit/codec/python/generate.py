@@ -224,6 +224,8 @@ class ModuleWriter:
         out.add("MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)")
         if "Examination" in self.module.functions:
             out.add("EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)")
+        for text, name in self.module.structs_of_lists.items():
+            out.add(f"{name} = {text}")
         for name, (text, about) in self.module.late.items():
             out.add(f"{name} = {text}  # {about}")
         for name, text in self.module.rule_tables.items():

@@ -56,6 +56,7 @@ class Module:
         self._under_way: set[str] = set()
         self.imports: set[str] = set()
         self.structs: dict[str, str] = {}
+        self.structs_of_lists: dict[str, str] = {}
         self.sets: dict[str, str] = {}
         self.tables: dict[str, tuple[str, str]] = {}
         self.late: dict[str, tuple[str, str]] = {}
@@ -97,6 +98,15 @@ class Module:
             wanted = (name,) if len(name) <= _LONGEST_FORMAT_NAME else hint
             self.structs[text] = self.names.constant(*wanted)
         return self.structs[text]
+
+    def list_structs(self, before: str, code: str, order: str, *hint: str) -> str:
+        """The module constant of structs by the number of values that follow what is `before` them."""
+        before, order = (order or ">") + before, order or ">"
+        key = f"{self.function('Structs')}({literal(before)}, {literal(code)})"
+        if key not in self.structs_of_lists:
+            name = f"{_ORDER_NAMES[order]}_{before[1:]}_{code}s".replace("__", "_")
+            self.structs_of_lists[key] = self.names.constant(*((name,) if len(name) <= _LONGEST_FORMAT_NAME else hint))
+        return self.structs_of_lists[key]
 
     def table(self, name: str) -> str | None:
         """The module constant of one of the definition's tables; None if there is no such table."""

@@ -13,7 +13,7 @@ from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, without_end
 from framekit.codec.python.runs import shown_name
 from framekit.codec.python.source import bytes_literal
-from framekit.definition.expression.emit import BIT_OR, PRODUCT
+from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Choose,
@@ -102,22 +102,25 @@ class Reader(BranchReader):
             one = f"{self.buffer}[{place} : {place} + {size}]"
             start, stop = first.text(self.buffer), last.text(self.buffer)
             return f"[{forms.parse(self.module, of, one)} for {place} in range({start}, {stop}, {size})]"
-        order = code[1] or ">"
         if count is None:
-            constant = self.module.struct(code[0], code[1])
-            return f"[value for (value,) in {constant}.iter_unpack({raw})]"
+            local = self.function.names.fresh("raw")
+            self.function.add(f"{local} = {raw}")
+            constant = self.module.list_structs("", *code, self.function.title, "values")
+            return f"list({constant}[len({local}){f' // {size}' if size > 1 else ''}].unpack({local}))"
+        start = first.text(self.buffer)
+        behind = "" if start == "0" else f", {first.offset if first.base == 'end' else start}"
         if count.isdigit():
             constant = self.module.struct(f"{count}{code[0]}", code[1])
-            return f"list({constant}.unpack({raw}))"
-        self.module.imports.add("import struct")
-        return f'list(struct.unpack(f"{order}{{{count}}}{code[0]}", {raw}))'
+            return f"list({constant}.unpack_from({self.buffer}{behind}))"
+        constant = self.module.list_structs("", *code, self.function.title, "values")
+        return f"list({constant}[{count}].unpack_from({self.buffer}{behind}))"
 
     def _count(self, item: Item, times: int | Expression | str) -> str:
         """Text of how often something is repeated; a name or a number."""
         if isinstance(times, int):
             return str(times)
         assert isinstance(times, Expression)
-        text = self.size_text(times, item.scope, PRODUCT + 1)
+        text = self.size_text(times, item.scope)
         if text.isidentifier():
             return text
         local = self.function.names.fresh("times")

@@ -7,15 +7,17 @@ from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import Given
 from framekit.codec.python.order import Task
 from framekit.codec.python.rules import is_needed
-from framekit.codec.python.shape import everything, flat, is_plain_name, value_names
+from framekit.codec.python.shape import everything, flat, is_name, is_plain_name, value_names
 from framekit.codec.python.source import quoted
 from framekit.codec.python.values import ValueWriter
-from framekit.definition.expression.emit import OR
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.emit import AND, BIT_OR, OR
+from framekit.definition.expression.syntax import Binary, Expression, Number
 from framekit.definition.model.segments import (
     Choose,
     Count,
+    FieldType,
     Inner,
+    Length,
     Optional,
     Record,
     Repeat,
@@ -96,17 +98,15 @@ class NestedValueWriter(ValueWriter):
             gives = (f"items of {name}", f"bytes of {name}")
             waits = self._outer_names(repeat) | {name}
             tasks.append(Task(gives, waits, lambda _: self.records(repeat, scope, given)))
-        if isinstance(repeat.times, Expression) and not self._has_count(repeat):
+        if isinstance(repeat.times, Expression) and not self._is_counted(repeat):
             waits = self.waits(repeat.times, repeat.when) | {name}
             tasks.append(Task((), waits, lambda _: self._check_times(repeat, scope, given)))
         return tasks
 
-    def _has_count(self, repeat: Repeat) -> bool:
-        """Whether a count follows the list by itself."""
-        return any(
-            isinstance(one, Count) and one.of == repeat.name and not one.plus and is_plain_name(repeat.times, one.name)
-            for one in self.by_name.values()
-        )
+    def _is_counted(self, repeat: Repeat) -> bool:
+        """Whether a count or a length follows the list by itself."""
+        here = [target.only for target in self.targets.values()]
+        return any(isinstance(one, (Count, Length)) and _is_told_by(repeat, one) for one in here)
 
     def _outer_names(self, segment: Segment) -> set[str]:
         """What is read inside a segment but is not given there."""
@@ -139,12 +139,11 @@ class NestedValueWriter(ValueWriter):
         """A list must have as many items as other values say."""
         assert isinstance(repeat.times, Expression)
         check, name = self.module.function("check_size"), filled_in(given.path + repeat.name)
-        line = f"{check}({name}, len({scope.entries[repeat.name].text}), {self.text(repeat.times, scope)})"
-        if repeat.when is None:
+        found = f"len({scope.entries[repeat.name].text})"
+        line = f"{check}({name}, {found}, {self.text(repeat.times, scope)})"
+        here = "" if repeat.when is None else f"{self.text(repeat.when, scope, AND)} and "
+        with self.out.block(f"if {here}{found} != {self.text(repeat.times, scope, BIT_OR)}:"):  # sooner than the call
             self.add(line)
-        else:
-            with self.out.block(f"if {self.text(repeat.when, scope)}:"):
-                self.add(line)
 
     def _record(self, record: Record, scope: Scope, given: Given) -> None:
         local = self.names.fresh(record.name)
@@ -167,3 +166,17 @@ class NestedValueWriter(ValueWriter):
 
     def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
         raise NotImplementedError
+
+
+def _is_told_by(repeat: Repeat, number: Count | Length) -> bool:
+    """Whether the number of items is nothing but this count, or this length of the list divided by an item's size."""
+    if number.plus or number.when is not None:
+        return False
+    if isinstance(number, Count):
+        return number.of == repeat.name and is_plain_name(repeat.times, number.name)
+    if number.of != (repeat.name,) or not isinstance(repeat.of, FieldType) or not isinstance(repeat.times, Expression):
+        return False
+    root, size = repeat.times.root, repeat.of.fixed_size
+    if isinstance(root, Binary) and root.operator == "//" and isinstance(root.right, Number):
+        return number.unit == 1 and is_name(root.left, number.name) and root.right.value == size
+    return number.unit == size and is_name(root, number.name)

@@ -22,6 +22,7 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Length,
+    Repeat,
     Segment,
     Skip,
 )
@@ -58,13 +59,25 @@ class PackingWriter(NestedValueWriter):
         order, first = "", placed[0][0]
         mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
         for count, (segment, scope) in enumerate(placed):
+            numbers = self._numbers_of(segment)
             wanted = None if isinstance(segment, (Check, Fill)) else forms.struct_order(without_when(segment))
+            if numbers is not None and count:
+                wanted = numbers[1]
             same_when = str(segment.when) == str(first.when) and (segment.when is None or scope is placed[0][1])
             marked = self.coverage.of((segment.name or "",)) != mark
             if wanted is None or not same_when or marked or (order and wanted and wanted != order):
                 return max(count, 1)
+            if numbers is not None:
+                return count + 1
             order = order or wanted
         return len(placed)
+
+    def _numbers_of(self, segment: Segment) -> tuple[str, str] | None:
+        """The `struct` code of a list of numbers, and its order; a list ends a run. None for all other segments."""
+        if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.name in self.wires:
+            return None
+        code = forms.struct_code(segment.of)
+        return None if code is None or code == ("B", "") or code[0].endswith("s") else code
 
     def run(self, placed: list[Placed]) -> str:
         """Text of the bytes of a run; it depends on the condition its segments stand under."""
@@ -72,9 +85,14 @@ class PackingWriter(NestedValueWriter):
         if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
             return self.single(segment, scope)
         arguments: list[Argument] = []
-        for one, inside in placed:
+        last, numbers = placed[-1], self._numbers_of(placed[-1][0])
+        for one, inside in placed if numbers is None else placed[:-1]:
             self._append(arguments, self._argument(one, inside))
-        text = self._packed([self._with_digits(argument) for argument in arguments])
+        arguments = [self._with_digits(argument) for argument in arguments]
+        if numbers is None:
+            text = self._packed(arguments)
+        else:
+            text = self._packed_with_list(arguments, numbers, last[1].entries[last[0].name or ""].text)
         return self.if_present(segment, scope, text, 'b""')
 
     def _append(self, arguments: list[Argument], new: Argument) -> None:
@@ -145,6 +163,14 @@ class PackingWriter(NestedValueWriter):
         order = next((argument.order for argument in arguments if argument.order), "")
         constant = self.module.struct("".join(argument.code for argument in arguments), order, self.title)
         return f"{constant}.pack({', '.join(argument.text for argument in arguments if argument.text)})"
+
+    def _packed_with_list(self, arguments: list[Argument], numbers: tuple[str, str], local: str) -> str:
+        """Text of the bytes of the arguments with a list of numbers behind them: one struct for both."""
+        order = next((argument.order for argument in arguments if argument.order), numbers[1])
+        before = "".join(argument.code for argument in arguments)
+        constant = self.module.list_structs(before, numbers[0], order, self.title, "values")
+        texts = ", ".join(argument.text for argument in arguments if argument.text)
+        return f"{constant}[len({local})].pack({texts}, *{local})"
 
     def wire(self, segment: Number, scope: Scope) -> str:
         """Text of the number or text that is written."""

@@ -254,8 +254,7 @@ class PieceWriter(PackingWriter):
         if code == ("B", ""):
             return f"bytes([*{local}])"
         if code is not None and not code[0].endswith("s"):
-            self.module.imports.add("import struct")
-            return f'struct.pack(f"{code[1] or ">"}{{len({local})}}{code[0]}", *{local})'
+            return f"{self.module.list_structs('', *code, self.title, 'values')}[len({local})].pack(*{local})"
         one = forms.build(self.module, of, "value", str(of.fixed_size))
         return f'b"".join([{one} for value in {local}])'
 

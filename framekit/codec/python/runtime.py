@@ -7,6 +7,7 @@ They may use each other (`NEEDS`), standard imports (`IMPORTS`) and the names ev
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from struct import Struct
 from typing import Any, NamedTuple
 
 from framekit.codec.errors import EncodeError, FrameError
@@ -76,6 +77,20 @@ class RangeTable(dict[Any, Any]):
             return self[key]
         except KeyError:
             return default
+
+
+class Structs(dict[int, Struct]):
+    """Structs for lists, by the number of values in them; those of long lists are made each time."""
+
+    def __init__(self, before: str, code: str) -> None:
+        self.before = before
+        self.code = code
+
+    def __missing__(self, count: int) -> Struct:
+        found = Struct(f"{self.before}{count}{self.code}")
+        if count <= 256:
+            self[count] = found
+        return found
 
 
 # ---- frames inside frames ----------------------------------------------------------------------------------
@@ -256,6 +271,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
 
 IMPORTS: dict[str, tuple[str, ...]] = {
     "Frame": ("from collections.abc import Callable", "from typing import NamedTuple"),
+    "Structs": ("from struct import Struct",),
     "readers_at_once": ("from collections.abc import Callable",),
 }
 """The import lines that a helper's source stands on."""

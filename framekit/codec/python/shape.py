@@ -321,7 +321,12 @@ def wrapped(wrap: Wrap, plain: bytes) -> bytes:
 
 def is_plain_name(expression: object, name: str) -> bool:
     """Whether a size or number is nothing but the value of that name."""
-    return isinstance(expression, Expression) and isinstance(expression.root, Name) and expression.root.name == name
+    return isinstance(expression, Expression) and is_name(expression.root, name)
+
+
+def is_name(node: object, name: str) -> bool:
+    """Whether a node of an expression is that name."""
+    return isinstance(node, Name) and node.name == name
 
 
 def follows_its_length(length: Length, target: Segment) -> bool:
