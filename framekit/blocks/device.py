@@ -81,11 +81,6 @@ class Device:
         return memory
 
 
-def load_device(name: str | Path, folder: Path) -> Device:
-    """The device in a file, the first one where it has several stations. Raises DefinitionError."""
-    return load_devices(name, folder)[0]
-
-
 def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None = None) -> tuple[Device, ...]:
     """The device in a file, or one that simply serves a protocol's memory; once for every station that it has.
 

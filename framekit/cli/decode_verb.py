@@ -27,7 +27,6 @@ from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.codec.stored import StoredCodec
-    from framekit.definition.model.protocol import Protocol
     from framekit.link.fitting import Fit
     from framekit.link.scope import Scope
 
@@ -58,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"framekit decode: {reason(faults, data)}", file=sys.stderr)
         return 1
     if arguments.json:
-        print_json(as_json(codec.protocol, fits))
+        print_json(as_json(codec, fits, data, names))
     else:
         print("\n\n".join(as_text(codec, fit, data, names) for fit in fits))
     return 0
@@ -104,15 +103,17 @@ def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> lis
     return candidates(protocol, frame, side)
 
 
-def as_json(protocol: Protocol, fits: list[Fit]) -> dict[str, Any]:
+def as_json(codec: StoredCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
     from framekit.codec.plain import PlainValues
 
-    plain = PlainValues(protocol)
+    plain = PlainValues(codec.protocol)
     shown: list[dict[str, Any]] = []
     for fit in fits:
         one: dict[str, Any] = {"frame": fit.frame, "fields": plain.to_plain(fit.frame, fit.fields)}
         if fit.refusal is not None:
             one["refused"] = fit.refusal
+        if warnings := codec.check_warnings(fit.frame, data, names):
+            one["warnings"] = warnings
         shown.append(one)
     return shown[0] | ({"others": shown[1:]} if len(shown) > 1 else {})
 
@@ -127,4 +128,5 @@ def as_text(codec: StoredCodec, fit: Fit, data: bytes, names: Mapping[str, Any])
         text = "" if value is None else f"{shown(value)}"
         rows.append((path, str(start), spaced(data[start:end]), text))
     refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)})"
-    return f"{fit.frame}{refused}\n" + table(rows, ("field", "offset", "bytes", "value"))
+    warned = "".join(f"\nwarning: {text}" for text in codec.check_warnings(fit.frame, data, names))
+    return f"{fit.frame}{refused}{warned}\n" + table(rows, ("field", "offset", "bytes", "value"))

@@ -7,13 +7,11 @@ definitions. Which link uses it, and what a context holds, is not known here.
 from __future__ import annotations
 
 from types import CodeType, ModuleType
-from typing import cast
 
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
 from framekit.definition import keeping
 from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Choose, Inner, Optional, Record, Repeat, Segment, Wrap
 
 __all__ = ["Codec", "Context", "Decode", "Encode", "Span", "code_of", "codec_from", "compile_protocol"]
 
@@ -24,10 +22,6 @@ class Codec(FrameFunctions):
     def __init__(self, protocol: Protocol, module: ModuleType) -> None:
         super().__init__(module)
         self.protocol = protocol
-
-    def inner_names(self, frame: str) -> tuple[str, ...]:
-        """The paths of the frames inside a frame: `pdu`, `status.body`, `items[].body`."""
-        return tuple(_inner_names(self.protocol.frames[frame].segments, ""))
 
 
 _compiled: dict[int, Codec] = {}
@@ -64,22 +58,3 @@ def _keep(codec: Codec) -> Codec:
     while len(_compiled) > MOST_KEPT:
         _compiled.pop(next(iter(_compiled)), None)
     return codec
-
-
-def _inner_names(segments: tuple[Segment, ...], path: str) -> list[str]:
-    found: list[str] = []
-    for segment in segments:
-        match segment:
-            case Inner(name=name):
-                found.append(path + name)
-            case Wrap(of=of) | Optional(of=of):
-                found.extend(_inner_names(of, path))
-            case Choose(cases=cases, otherwise=otherwise):
-                for _, case in cases:
-                    found.extend(_inner_names(case, path))
-                found.extend(_inner_names(otherwise or (), path))
-            case Record(name=name, of=of):
-                found.extend(_inner_names(of, f"{path}{name}."))
-            case Repeat(name=name, of=tuple() as of):
-                found.extend(_inner_names(cast(tuple[Segment, ...], of), f"{path}{name}[]."))
-    return found

@@ -31,11 +31,6 @@ def compile_value(value: Value, protocol: model.Protocol, codec: Codec, table: F
     return ValueCompiler(codec, (table or FrameTable(protocol, codec)).made).compile(value)
 
 
-def evaluate_value(value: Value, names: Names, codec: Codec) -> Any:
-    """The value at once, for values used only once; frames have just the fields that are written down."""
-    return ValueCompiler(codec, lambda frame, fields, _: FrameValue(frame, fields)).compile(value)(names)
-
-
 class ValueCompiler:
     """Compiles values; `make` makes the frame values of constructors."""
 

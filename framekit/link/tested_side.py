@@ -1,6 +1,6 @@
-"""The tested side of a conversation as definitions have it: a client for what is to be done, a server on a memory.
+"""Begins what the tested side of a conversation is to do: reads, writes, other services, or frames by themselves.
 
-The memory has the areas of the protocol; a case gives start values and reads them back by the protocol's addresses.
+Which memory stands behind it is not known here.
 """
 
 from __future__ import annotations
@@ -11,61 +11,13 @@ from typing import Any
 from framekit.codec.plain import PlainValues
 from framekit.definition.load.scalars import parse_number
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.vectors import Conversation
-from framekit.link.addresses import AddressGrammar
 from framekit.link.client import Client
-from framekit.link.conversation import Asked, SideUnderTest, station_of
+from framekit.link.conversation import Asked, station_of
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.frame_table import Codec
-from framekit.link.serving import MemoryServer
 from framekit.link.transfer import TransferResult
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
-
-
-def make_tested_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnderTest:
-    """Client, server and memory of a protocol. Raises ValueError for a case that cannot be set up."""
-    memory = ConversationMemory(protocol)
-    for address, values in case.memory.items():
-        memory.put(address, [parse_number(item) for item in (values if isinstance(values, list) else [values])])
-    return SideUnderTest(
-        server=MemoryServer(protocol, codec, memory.device) if protocol.services else None,
-        memory=memory,
-        ask=lambda engine: Client(protocol, codec, engine).ask,
-        start=Starter(protocol, codec).start,
-        read_memory=memory.values,
-    )
-
-
-class ConversationMemory:
-    """A device memory, by the addresses of the protocol. Every method raises ValueError for what is not there."""
-
-    def __init__(self, protocol: Protocol) -> None:
-        sizes: dict[str, tuple[str, int]] = {}
-        for area in protocol.areas.values():
-            if area.layout is None:
-                sizes.setdefault(area.memory, (area.unit, area.size))
-        self.device = DeviceMemory(Area(name, size=size, unit=unit) for name, (unit, size) in sizes.items())
-        self.grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
-        self._names = {name: area.memory for name, area in protocol.areas.items()}
-
-    def put(self, address: str, values: list[int]) -> None:
-        place = self.grammar.parse(address)
-        self.device.write(self._names[place.area], place.unit, place.start, values, force=True)
-
-    def values(self, address: str, count: int) -> list[int]:
-        place = self.grammar.parse(address)
-        return self.device.read(self._names[place.area], place.unit, place.start, count)
-
-    def read(self, address: str, size: int) -> bytes:
-        place = self.grammar.parse(address)
-        return self.device.read_bytes(self._names[place.area], place.first_bit // 8, size)
-
-    def write(self, address: str, data: bytes) -> None:
-        place = self.grammar.parse(address)
-        self.device.write_bytes(self._names[place.area], place.first_bit // 8, data, force=True)
 
 
 class Starter:

@@ -6,7 +6,7 @@ Used for state, for local variables of sequences and for tables. It knows no sco
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.definition.model.segments import Bits, Choose, Data, Field, Record, Repeat, Segment, Wrap
@@ -173,10 +173,6 @@ class StateTable(dict[Any, Any]):
         if not self._in_range(key):
             raise ValueError(f"{key!r} is not a key of a table {self.limits[0]}..{self.limits[1]}")
         dict.__setitem__(self, key, self.fit(value))
-
-    def free_keys(self) -> Iterator[int]:
-        """Keys without an entry of their own, lowest first."""
-        return (key for key in range(self.limits[0], self.limits[1] + 1) if not dict.__contains__(self, key))
 
 
 class RangeTable(dict[Any, Any]):

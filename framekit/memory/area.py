@@ -149,15 +149,6 @@ class Area:
             raise self._beyond("bit", start, 1, self.size_bits)
         return bool(self._data[start >> 3] >> (start & 7) & 1)
 
-    def write_bit(self, start: int, on: bool, *, force: bool = False) -> None:
-        """One bit."""
-        if not 0 <= start < self.size_bits:
-            raise self._beyond("bit", start, 1, self.size_bits)
-        self._allow(force)
-        mask = 1 << (start & 7)
-        old = self._data[start >> 3]
-        self._store(start >> 3, bytes([old | mask if on else old & ~mask]))
-
     def read_bits(self, start: int, count: int) -> bytes:
         """`count` bits packed into bytes, the first in bit 0 of the first byte, unused ones 0."""
         self._within("bit", 1, start, count)

@@ -33,12 +33,6 @@ class PtyMaster(io.FileIO):
         super().close()
 
 
-def open_pty() -> tuple[str, PtyMaster]:
-    """A pseudo-terminal: the path that a program opens as its port, and the file at the other end. Raises OSError."""
-    master = PtyMaster()
-    return master.path, master
-
-
 class PtyPair:
     """Two terminals wired to each other; `first` and `second` are their paths. Closed at the end of a `with`.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.device import load_device
+from framekit.blocks.device import load_devices
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import DefinitionError
 
@@ -19,13 +19,13 @@ def device(folder: Path, more: str = "", protocol: str = "modbus-rtu") -> Path:
 
 @pytest.mark.parametrize("more", ["", "params: {limit_write_words: 12}\nmemory: {set: {40001: 5}}\n"])
 def test_devices_without_rules_share_the_protocol(tmp_path: Path, more: str) -> None:
-    found = load_device(device(tmp_path, more), tmp_path)
+    found = load_devices(device(tmp_path, more), tmp_path)[0]
     assert found.protocol is load_protocol("modbus-rtu")
     assert found.name == "one"
 
 
 def test_a_device_with_rules_has_a_protocol_for_itself(tmp_path: Path) -> None:
-    found = load_device(device(tmp_path, "state: {counted: {scope: device, type: u32}}\n"), tmp_path)
+    found = load_devices(device(tmp_path, "state: {counted: {scope: device, type: u32}}\n"), tmp_path)[0]
     assert found.protocol is not load_protocol("modbus-rtu")
     assert "counted" in found.protocol.state and "counted" not in load_protocol("modbus-rtu").state
 
@@ -41,5 +41,5 @@ def test_a_device_with_rules_has_a_protocol_for_itself(tmp_path: Path) -> None:
 def test_a_protocol_that_is_none_is_told(tmp_path: Path, protocol: str, says: str) -> None:
     (tmp_path / "broken.yaml").write_text("protocol: broken\nframe: {}\n", encoding="utf-8")
     with pytest.raises(DefinitionError) as caught:
-        load_device(device(tmp_path, protocol=protocol), tmp_path)
+        load_devices(device(tmp_path, protocol=protocol), tmp_path)[0]
     assert says in str(caught.value)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.device import Device, load_device, load_devices
+from framekit.blocks.device import Device, load_devices
 from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.problems import DefinitionError
 from framekit.link.addresses import AddressError
@@ -17,7 +17,7 @@ FILE = "device: one\nprotocol: {protocol}\nrole: {role}\nstation: 1\nmemory: {me
 def device(folder: Path, memory: str, protocol: str = "df1", role: str = "full") -> Device:
     path = folder / "one.device.yaml"
     path.write_text(FILE.format(protocol=protocol, role=role, memory=memory))
-    return load_device(path, folder)
+    return load_devices(path, folder)[0]
 
 
 def test_an_area_is_as_large_as_said_or_not_there(tmp_path: Path) -> None:

@@ -95,6 +95,18 @@ def test_decode_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert decoded["fields"]["variables"][0]["name"] == "%MW100"
 
 
+def test_decode_tells_of_check_codes_that_only_warn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "lenient.yaml"
+    body = "[{field: value, type: u8}, {check: sum8, verify: warn}]"
+    file.write_text(f"protocol: lenient\nline: {{kind: stream}}\nframes: {{one: {{body: {body}}}}}\n", encoding="utf-8")
+    status, out, _ = call(capsys, "decode", str(file), "07 08")
+    assert status == 0 and out.splitlines()[:2] == ["one", "warning: check at byte 1: check, expected 07, found 08"]
+    assert json.loads(call(capsys, "decode", str(file), "--json", "07 08")[1]) == {
+        "frame": "one", "fields": {"value": 7}, "warnings": ["check at byte 1: check, expected 07, found 08"],
+    }  # fmt: skip
+    assert "warning" not in call(capsys, "decode", str(file), "07 07")[1]
+
+
 def test_decode_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = call(capsys, "decode", "third-party-plc", "06 52 44 32 34 03")
     assert status == 0

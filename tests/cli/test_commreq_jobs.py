@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import framekit
+from framekit.cli.commreq_run import CommandOutput
 from framekit.cli.main import main
 
 DEVICE = 'device: plc\nprotocol: srtp\nmemory: {sizes: {"%R1": 100}, set: {"%R50": [1, 2, 3, 4, 5, 6, 7, 8]}}\n'
@@ -73,8 +76,28 @@ def test_commands_follow_each_other_and_abort_what_is_endless(
     assert "%R200    1 1" in lines and sum(line.endswith("= 0x0001 success") for line in lines) == 3
 
 
-def test_an_endless_job_ends_with_its_time(server: framekit.Server) -> None:
-    assert commreq(server, "--for", "100ms", *transfer(2003, times=0, every=6000)) in (0, 3), "3: not yet answered"
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_an_endless_job_ends_with_its_time_or_when_somebody_stops_it(
+    server: framekit.Server, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, interrupted: bool
+) -> None:
+    """All is well then: its command has been answered, and the transfer that there was is shown."""
+    show = CommandOutput.show
+
+    def shown_and_stopped(*given: Any) -> None:
+        show(*given)
+        signal.raise_signal(signal.SIGINT)
+
+    limit = ["--for", "1s"]
+    if interrupted:
+        limit = []
+        monkeypatch.setattr(CommandOutput, "show", shown_and_stopped)
+    assert commreq(server, *limit, *transfer(2003, times=0, every=6000)) == 0
+    assert shown(capsys)[1:] == [
+        "does     reads %R50 (4 × word) into the own %R100",
+        "         as the job in slot 5, with 3.0.0.1, every 1 min, until it is aborted",
+        "%R100    1 2 3 4",
+        "status   %R1 = 0x0001 success",
+    ]
 
 
 def test_what_the_device_refuses(server: framekit.Server, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.device import load_device
+from framekit.blocks.device import load_devices
 from framekit.definition.times import LineFormat
 from framekit.service.device import DeviceService
 from framekit.transport.clock import AsyncioClock
@@ -113,7 +113,7 @@ def on_wires(folder: Path, test: Callable[[Wires, DeviceService], Coroutine[Any,
         wires = Wires(folder)
         wires.put_in()
         (folder / "bench.device.yaml").write_text(DEVICE, encoding="utf-8")
-        device = load_device(folder / "bench.device.yaml", folder)
+        device = load_devices(folder / "bench.device.yaml", folder)[0]
         clock, line = AsyncioClock(asyncio.get_running_loop()), LineFormat(115200, parity="E")
         service = DeviceService(device, SerialPort(str(wires.far), line, clock), clock, line)
         service.start()

@@ -164,18 +164,6 @@ def test_defaults_hold_what_frames_ask_for_and_nothing_else() -> None:
         codec.defaults["other"]
 
 
-def test_inner_names() -> None:
-    codec = compile_protocol(
-        small_protocol(
-            "[{repeat: items, times: 1, of: [{inner: one, of: g}]}, {include: pair, as: p}]",
-            "groups: {g: {from: client}}",
-            "layouts: {pair: [{field: x, type: u8}, {inner: two, of: g}]}",
-            "frames:\n  a: {group: g, body: [{const: 07}]}",
-        )
-    )
-    assert codec.inner_names("f") == ("items[].one", "p.two")
-
-
 def test_layouts_are_codecs_of_their_own() -> None:
     protocol = small_protocol("[{field: x, type: u8}, {data: d, size: rest}]")
     frame = protocol.frames["f"]

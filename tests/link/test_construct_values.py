@@ -10,7 +10,7 @@ from link.service_loop import codec_of
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import NOWHERE
-from framekit.link.construct_values import EACH, compile_value, evaluate_value
+from framekit.link.construct_values import EACH, compile_value
 from framekit.link.evaluate import Names
 from framekit.link.invert import NotReadableError, inverse_of, is_constant
 from framekit.link.values import FrameValue
@@ -29,12 +29,6 @@ def test_a_frame_knows_its_constants_and_the_numbers_behind_names() -> None:
     value = FrameOf("point", {"kind": expression("'relay'"), "number": expression("n + 1")}, NOWHERE)
     made = worked_out(value, n=4)
     assert isinstance(made, FrameValue) and made.fields == {"kind": 3, "number": 5, "function": 6}
-
-
-def test_a_frame_of_the_moment_has_what_is_written_down() -> None:
-    _, codec = codec_of("rack.yaml")
-    made = evaluate_value(FrameOf("point", {"number": expression("n")}, NOWHERE), Names({"n": 4}), codec)
-    assert made.frame == "point" and made.fields == {"number": 4}
 
 
 def test_layouts_are_made_and_read() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.device import load_device
+from framekit.blocks.device import load_devices
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
@@ -172,7 +172,7 @@ def peer(tmp_path: Path) -> Iterator[tuple[Df1BaseClient, DeviceService]]:
     (tmp_path / "peer.device.yaml").write_text(DEVICE)
     clock = VirtualClock()
     line = SimulatedLine(clock, parse_format("8N1", 19200))
-    device = DeviceService(load_device(tmp_path / "peer.device.yaml", tmp_path), line.port("device"), clock, None)
+    device = DeviceService(load_devices(tmp_path / "peer.device.yaml", tmp_path)[0], line.port("device"), clock, None)
     device.start()
     client = Df1BaseClient(src=0, dst=1, seq_sleep_time=0)
     client._plc = Wire(line, clock)

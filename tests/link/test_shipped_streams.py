@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.link_world import MS, cut_at, feed
 
+from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.load.vectors import load_vectors
@@ -21,7 +22,7 @@ from framekit.link.frame_vectors import default_line
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.serving import MemoryServer
-from framekit.link.tested_side import ConversationMemory
+from framekit.memory.memory import DeviceMemory
 
 FRAMES = Path(__file__).parents[2] / "frames"
 VECTORS = sorted(file.name.split(".")[0] for file in FRAMES.glob("*.vectors.yaml"))
@@ -78,7 +79,7 @@ EVENTS = ("bytes", "time", "exchange", "break", "lost")
 def test_an_engine_survives_everything_that_may_happen(name: str, data: st.DataObject) -> None:
     protocol, codec, _ = loaded(name)
     role = data.draw(st.sampled_from([*protocol.roles, None]))
-    server = MemoryServer(protocol, codec, ConversationMemory(protocol).device) if protocol.services else None
+    server = MemoryServer(protocol, codec, DeviceMemory(memory_of(protocol)[0])) if protocol.services else None
     engine = Engine(protocol, codec, role, own=1 if protocol.station.type == "number" else None, server=server)
     now, started, ended = 0, 0, 0
     engine.opened(now)

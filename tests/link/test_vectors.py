@@ -15,7 +15,7 @@ from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
 from framekit.definition.problems import DefinitionError
 from framekit.link.conversation import SideUnderTest, run_conversation
 from framekit.link.frame_vectors import run_frame_vector
-from framekit.link.tested_side import make_tested_side
+from framekit.service.vectors import make_side
 
 FRAMES = Path(__file__).parents[2] / "frames"
 SHIPPED = sorted(FRAMES.glob("*.vectors.yaml"))
@@ -101,7 +101,7 @@ def test_a_shipped_case_holds(name: str, case: FrameVector | Conversation) -> No
     if isinstance(case, FrameVector):
         assert run_frame_vector(case, protocol, codec) == []
     else:
-        assert run_conversation(case, protocol, codec, make_tested_side) == []
+        assert run_conversation(case, protocol, codec, make_side) == []
 
 
 _LOADED: dict[str, Any] = {}
@@ -192,7 +192,7 @@ def test_conversations(tmp_path: Path, script: list[str], more: str, words: str)
         f"    script:\n{lines}\n    {more}\n"
     )
     (case,) = read(tmp_path, text).conversations
-    problems = run_conversation(case, protocol, codec, make_tested_side)
+    problems = run_conversation(case, protocol, codec, make_side)
     assert problems == [] if not words else len(problems) >= 1 and words in problems[0], problems
 
 
@@ -239,7 +239,7 @@ def test_conversations_on_a_connection(tmp_path: Path, script: list[str], more: 
         f"    script:\n{lines}\n    {more}\n"
     )
     (case,) = read(tmp_path, text).conversations
-    problems = run_conversation(case, protocol, codec, make_tested_side)
+    problems = run_conversation(case, protocol, codec, make_side)
     assert problems == [] if not words else len(problems) >= 1 and words in problems[0], problems
 
 

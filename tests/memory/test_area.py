@@ -71,7 +71,7 @@ def test_places_are_counted_as_the_field_counts_them() -> None:
     area.write("word", 1, [0x1234])
     assert area.read("byte", 2, 2) == [0x34, 0x12]
     area.write_bytes(0, bytes(16))
-    area.write_bit(17, True)
+    area.write_bits(17, 1, b"\x01")
     assert area.read("word", 1) == [0x0002]
     assert area.read_bit(17) and not area.read_bit(16)
     area.write("dword", 2, [0xAABBCCDD])
@@ -105,7 +105,7 @@ def test_area_of_bits_keeps_to_its_size() -> None:
     with pytest.raises(MemoryRangeError):
         coils.read_bit(13)
     with pytest.raises(MemoryRangeError):
-        coils.write_bit(-1, True)
+        coils.write_bits(-1, 1, b"\x01")
 
 
 @pytest.mark.parametrize(
@@ -146,14 +146,14 @@ def test_only_the_owner_writes_a_read_only_area() -> None:
         lambda: area.write("word", 0, [1]),
         lambda: area.write("bit", 0, [1]),
         lambda: area.write_bytes(0, b"\1"),
-        lambda: area.write_bit(0, True),
+        lambda: area.write_bits(0, 1, b"\x01"),
         lambda: area.write_bits(0, 1, b"\1"),
     ):
         with pytest.raises(AccessError, match="area F can only be read"):
             write()
     assert area.read_bytes(0, 8) == bytes(8)
     area.write("word", 0, [1], force=True)
-    area.write_bit(17, True, force=True)
+    area.write_bits(17, 1, b"\x01", force=True)
     area.write_bits(32, 2, b"\3", force=True)
     area.write_bytes(6, b"\4", force=True)
     assert area.read("word", 0, 4) == [1, 2, 3, 4]

@@ -85,7 +85,7 @@ def test_the_data_are_in_when_a_watch_is_called() -> None:
     seen = []
     memory.watch("relays", 3, 1, lambda area, word, count: seen.append((area.name, area.read("word", word), count)))
     memory.write("M", "bit", 3 * 16 + 5, [1])
-    memory.area("M").write_bit(3 * 16 + 5, True)
+    memory.area("M").write_bits(3 * 16 + 5, 1, b"\x01")
     memory.area("M").write_bits(3 * 16, 6, b"\x21")
     assert seen == [("M", [0x20], 1), ("M", [0x21], 1)]
 

@@ -13,12 +13,18 @@ from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.open_port import open_port
 from framekit.transport.port import Port
-from framekit.transport.pty_pair import PtyPair
+from framekit.transport.pty_pair import PtyMaster, PtyPair
 from framekit.transport.simulated import SimulatedLine
 from framekit.transport.tcp_port import AcceptedPort, listen
 
 LONGEST = 20
 """Seconds after which a test that waits for an event is broken off."""
+
+
+def open_pty() -> tuple[str, PtyMaster]:
+    """A pseudo-terminal: the path that a program opens as its port, and the file at the other end."""
+    master = PtyMaster()
+    return master.path, master
 
 
 class Waiting:

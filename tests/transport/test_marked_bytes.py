@@ -10,14 +10,13 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from transport.real_world import Waiting, opened, run
+from transport.real_world import Waiting, open_pty, opened, run
 
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport import serial_descriptor
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.marked_bytes import DamageCounts, Marks, damage_counts, mark_damage
-from framekit.transport.pty_pair import open_pty
 from framekit.transport.serial_port import SerialPort
 
 

@@ -6,7 +6,7 @@ import asyncio
 import os
 
 import pytest
-from transport.real_world import Waiting, opened, run
+from transport.real_world import Waiting, open_pty, opened, run
 
 from framekit.definition.line_settings import LineSettings
 from framekit.definition.times import LineFormat
@@ -15,7 +15,7 @@ from framekit.transport import serial_port, tcp_port
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.open_port import host_and_port, open_port
 from framekit.transport.port import Port
-from framekit.transport.pty_pair import PtyPair, open_pty
+from framekit.transport.pty_pair import PtyPair
 from framekit.transport.serial_connection import open_device
 from framekit.transport.serial_port import SerialPort
 from framekit.transport.simulated import SimulatedLine
