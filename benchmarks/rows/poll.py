@@ -82,8 +82,8 @@ class ReadingBlocks:
     def __init__(self, port: int, folder: Path) -> None:
         file = folder / "poll.run.yaml"
         blocks = "".join(
-            f'  {number}: {{read: "40001", count: 10, channel: 1, into: D00{number}00, when: block {3 - number} done}}\n'
-            for number in (1, 2)
+            f'  {one}: {{read: "40001", count: 10, channel: 1, into: D00{one}00, when: block {3 - one} done}}\n'
+            for one in (1, 2)
         )
         file.write_text(
             "run: poll\nmemory: masterlogic\nchannels:\n"
@@ -135,7 +135,8 @@ async def clients(port: int, measure: Callable[[dict[str, Polls]], Awaitable[Non
             assert reply.registers == VALUES
 
         async def framekit_poll() -> None:
-            left, last = POLLS, ()
+            left = POLLS
+            last: tuple[int, ...] = ()
 
             def take(values: tuple[int, ...]) -> None:
                 nonlocal left, last

@@ -29,16 +29,22 @@ class Poll:
         self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
         on_error: OnError | None,
     ) -> None:  # fmt: skip
-        self.reads = self.failures = 0
+        self.failures = 0
+        self._reads = 0
         self._how = how
         self._on_values = on_values
         self._on_error = on_error
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._polling = Polling(
             service, address, station=station, unit=how.unit, count=how.units, every=round(every * 1e9),
-            on_result=self._result, on_numbers=self._numbers if how.view is None else None,
+            on_result=self._result, on_numbers=on_values if how.view is None else None, on_raised=self._fail,
         )  # fmt: skip
         self._polling.start()
+
+    @property
+    def reads(self) -> int:
+        """How many have ended well."""
+        return self._reads + self._polling.quick_reads
 
     @property
     def is_running(self) -> bool:
@@ -69,7 +75,7 @@ class Poll:
             self._fail(another)
 
     def _numbers(self, values: tuple[Any, ...]) -> None:
-        self.reads += 1
+        self._reads += 1
         try:
             self._on_values(values)
         except Exception as error:  # whatever it is, it belongs to whoever waits for the end

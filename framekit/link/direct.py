@@ -7,7 +7,7 @@ whatever is not that plain is left to them (see `direct_lane`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from framekit.definition.times import NEVER
@@ -70,9 +70,9 @@ class DirectRequest:
         self.station, self.outside_session = exchange.station, exchange.outside_session
         self._guards = tuple(self._conditions())
         self._within = NEVER if plan.within is None else int(plan.within(self.names))
+        self.fixed_within = None if plan.within_changes else self._within
         self._settings = tuple(
-            (scope.setter(name), compute, self.names if reads & self.names.keys() else scope)
-            for name, compute, reads in plan.settings
+            (scope.setter(name), compute, self._read_in(reads)) for name, compute, reads in plan.settings
         )
         self._is_fresh = False
         self._prepare_frame()
@@ -86,12 +86,18 @@ class DirectRequest:
             elif bool(condition.holds(self.names)) is not condition.wanted:
                 raise NotPlainError
 
+    def _read_in(self, names: Collection[str]) -> Names:
+        """Where these names are found with the fewest steps."""
+        return self.scope if self.names.keys().isdisjoint(names) else self.names
+
     def _prepare_frame(self) -> None:
         plan = self.plan
         self._made: FrameValue = plan.send(self.names)
         self.info = info = self._table.infos[self._made.frame]
-        self._changing = tuple((name, compute) for name, compute, changes in plan.fields if changes)
-        self._changes = changing = {name for name, _ in self._changing}
+        self._changing = tuple(
+            (name, compute, self._read_in(reads)) for name, compute, changes, reads in plan.fields if changes
+        )
+        self._changes = changing = {name for name, *_ in self._changing}
         of_others = info.computed or changing & info.numbers.keys() or changing & {name for _, name, _ in info.shape}
         if info.announces or (changing and of_others):
             raise NotPlainError
@@ -134,22 +140,22 @@ class DirectRequest:
         if self._data is not None:
             return self._data
         fields, patch = self.fields, self._patch
-        for name, compute in self._changing:
-            fields[name] = value = compute(names)
+        for name, compute, where in self._changing:
+            fields[name] = value = compute(where)
             if patch is not None and (data := patch(value)) is not None:
                 return data
         return self.info.encode(fields, names)
 
     def within(self) -> int:
         """How long the reply may take (ns)."""
-        if self.plan.within_changes and self.plan.within is not None:
+        if self.fixed_within is None and self.plan.within is not None:
             return int(self.plan.within(self.names))
         return self._within
 
     def sent_value(self, data: bytes) -> FrameValue:
         """The frame that these bytes are, as a sequence that sends it has it."""
         value = self._made.copy()
-        for name, _ in self._changing:
+        for name, *_ in self._changing:
             value.fields[name] = self.fields[name]
         self._table.mark_sent(value, data, self.names)
         return value

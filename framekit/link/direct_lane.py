@@ -131,7 +131,7 @@ class DirectLane:
             scope.now = now
         try:
             data = request.begin()
-            self._within = request.within()
+            self._within = request.within() if request.fixed_within is None else request.fixed_within
         except EVALUATION_ERRORS:
             return None
         if data is not None:
@@ -196,9 +196,10 @@ class DirectLane:
         ask = self._ask
         if ask is None or type(data) is not bytes or not self.receiver.is_idle:
             return None
-        if self._take_same(ask, data, now):
-            assert ask.request.same is not None
-            return partial(ask.brought, ask.request.same, data)
+        same = self._same_in(ask.request, data)
+        if same is not None:
+            self._taken(data, now)
+            return partial(ask.brought, same, data)
         found = ask.request.take(data, self._data, self._context)
         if found is None:
             return None
@@ -207,27 +208,27 @@ class DirectLane:
         self.machine.show_received(value, data, now)
         return partial(ask.done, outcome)
 
-    def _take_same(self, ask: DirectAsk, data: bytes, now: int) -> bool:
-        same = ask.request.same
-        if same is None or self.machine.monitor is not None or self._settings != self.machine.scope.settings:
-            return False
-        if not same.fits(data, self._data):
-            return False
-        self._taken(data, now)
-        return True
+    def _same_in(self, request: DirectRequest, data: bytes) -> SameReply | None:
+        """The reply that was learned, if these bytes are that; where somebody watches, it is read with care."""
+        same, machine = request.same, self.machine
+        if same is None or machine.monitor is not None or self._settings != machine.scope.settings:
+            return None
+        return same if same.fits(data, self._data) else None
 
     def take_same(self, ask: DirectAsk, data: bytes, now: int) -> SameReply | None:
         """Takes bytes that are the reply learned, if `ask` is what waits for them and nothing else has happened.
 
         None: nothing has been done; they are for `receive`.
         """
-        if self._ask is not ask or self._calm is not ask.request or self.deadline < now:
+        request = ask.request
+        if self._ask is not ask or self._calm is not request or self.deadline < now:
             return None
-        if not self._take_same(ask, data, now):
-            return None
-        machine = self.machine
-        machine.scope.now = machine.output.last_received = now
-        return ask.request.same
+        same = self._same_in(request, data)
+        if same is not None:
+            machine = self.machine
+            machine.scope.now = machine.output.last_received = now
+            self._taken(data, now)
+        return same
 
     def _taken(self, data: bytes, now: int) -> None:
         self._ask, self.deadline = None, NEVER

@@ -41,9 +41,9 @@ class DirectPlan:
 
     `conditions` have to be as they are wanted for that step to be the first one done. `settings` are protocol variables
     that it sets, each with the names that its value reads. `fields` are those of the frame it makes to send, each with
-    whether it may be another one every time; there are none when it sends one that is made already. `endings`: the
-    rows that end the exchange well, with what they set; `rows` are all of the step, as they are written. `hands_over`:
-    the only result is a reply that a row has put into a variable, as it came or as it stood in what came.
+    whether it may be another one every time, and what it reads; none when it sends one that is made already.
+    `endings`: the rows that end the exchange well, with what they set; `rows` are all of the step, as they are written.
+    `hands_over`: the only result is a reply that a row has put into a variable, as it came or as it stood in what came.
     """
 
     sequence: CompiledSequence
@@ -51,7 +51,7 @@ class DirectPlan:
     conditions: tuple[Condition, ...]
     settings: tuple[tuple[str, Compute, frozenset[str]], ...]
     send: Compute
-    fields: tuple[tuple[str, Compute, bool], ...]
+    fields: tuple[tuple[str, Compute, bool, frozenset[str]], ...]
     endings: Mapping[CompiledRow, Settings]
     rows: tuple[Row, ...]
     hands_over: bool
@@ -91,7 +91,9 @@ def plan_of(sequence: CompiledSequence, protocol: Protocol, table: FrameTable, s
         conditions=tuple(_conditions(model.steps[:index], step, scope)),
         settings=tuple((target.name, compiled_value(value), _reads(value)) for target, value in step.set),
         send=compiled_value(step.send),
-        fields=tuple((name, compiled_value(value), changes(value, scope)) for name, value in fields.items()),
+        fields=tuple(
+            (name, compiled_value(value), changes(value, scope), _reads(value)) for name, value in fields.items()
+        ),
         endings=endings,
         rows=tuple(step.receive or ()),
         hands_over=_hands_over(model, step),

@@ -91,8 +91,11 @@ class Receiver(PlainLooking):
         """So many bytes came, the last of them at `now`, and were a good frame for somebody else."""
         if self._given:
             self._use()
-        self._now = now
-        self.stream.pass_by(size, now)
+        stream = self.stream
+        if stream.buffer:
+            stream.tidy()
+        stream.base += size
+        stream.last = self._now = now
 
     # ---- frames out ---------------------------------------------------------------------------------------
 

@@ -58,13 +58,6 @@ class Stream:
             self.faults.append((start + fault.index, fault.fault))
         self.last = now
 
-    def pass_by(self, size: int, now: int) -> None:
-        """Bytes that somebody else has used already; there must be none here."""
-        if self.buffer:
-            self.tidy()
-        self.base += size
-        self.last = now
-
     def tidy(self) -> None:
         """Forgets the used part of the buffer when that pays."""
         position, size = self.position, len(self.buffer)

@@ -27,18 +27,21 @@ class Polling:
     """Reads `count` elements of `unit` from `address` on until `stop`; each begins `every` ns after the one before.
 
     0: as soon as the last reply is there. `on_result` is told every end of a read. `on_numbers`, where it is given,
-    gets the numbers of replies whose bytes are nothing else. Both may call `stop`, and must not raise.
+    gets the numbers of replies whose bytes are nothing else; what it raises goes to `on_raised`. All may call `stop`.
+    `quick_reads` counts them.
     """
 
     def __init__(
         self, service: ClientService, address: str, *, station: Any, unit: str | None, count: int, every: int,
-        on_result: OnResult, on_numbers: OnNumbers | None = None,
+        on_result: OnResult, on_numbers: OnNumbers | None, on_raised: Callable[[Exception], None],
     ) -> None:  # fmt: skip
         self._service = service
         self._asks_for = {"address": address, "station": station, "unit": unit, "count": count}
         self._every = every
         self._on_result = on_result
         self._on_numbers = on_numbers
+        self._on_raised = on_raised
+        self.quick_reads = 0
         self._lane = service.engine.direct
         self._driver, self._clock = service.driver, service.clock
         self._ask: DirectRead | None = None
@@ -117,7 +120,11 @@ class Polling:
         if self._from_wire is None or self._on_numbers is None:
             ask.brought(same, data)
             return True
-        self._on_numbers(self._from_wire(data, same.start))
+        self.quick_reads += 1
+        try:
+            self._on_numbers(self._from_wire(data, same.start))
+        except Exception as error:  # whatever it is, the line has nothing to do with it
+            self._on_raised(error)
         if self._every:
             self._go_on(0)
         elif self.is_running:
