@@ -13,6 +13,7 @@ from typing import Protocol
 from framekit.blocks.error_codes import ErrorCode, error_code, status_word
 from framekit.blocks.model import BLOCKS_IN_SET
 from framekit.link.codes import code_text
+from framekit.link.transfer import TransferResult
 
 EXPLAINED = ("cannot_store", "cannot_send", "bad_setting")
 """Outcomes that say little without their cause."""
@@ -139,3 +140,11 @@ ITEMS: Mapping[str, Callable[[Countable], int]] = MappingProxyType(
 
 PULSES = ("done", "failed")
 """Bits that go on at a normal and at an abnormal completion, and off again by themselves."""
+
+
+def failure_of(result: TransferResult) -> Failure | None:
+    """What went wrong with a transfer; None when it went well."""
+    if result.ok:
+        return None
+    outcome = result.outcome or "failed"
+    return Failure(outcome=outcome, cause=result.cause, device_code=result.code, meaning=result.meaning)

@@ -11,7 +11,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from framekit.blocks.block_status import Failure
+from framekit.blocks.block_status import Failure, failure_of
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.blocks.fields import FramePart, parts_of, to_memory
 from framekit.blocks.frame_fields import FrameFields
@@ -19,6 +19,7 @@ from framekit.blocks.merging import Read, joined
 from framekit.blocks.model import Block
 from framekit.blocks.operations import ParamsOf
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
+from framekit.blocks.repeated_read import RepeatedRead
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol, StationType
@@ -67,6 +68,7 @@ class BlockTransfers:
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[int, FrameFields] = {}
         self._senders: dict[str, FrameSender] = {}
+        self._reads: dict[tuple[int, int], RepeatedRead] = {}
         self._ready: dict[tuple[int, int], tuple[Block, FrameSender, FrameFields]] = {}
         self._sending: list[Ended] = []
         self._commands: dict[str, CommandBlocks] = {}
@@ -97,9 +99,7 @@ class BlockTransfers:
                 return self.client.read_variables(
                     block.targets, station=station, unit=block.unit, now=now, on_done=done
                 )
-            return self.client.read(
-                block.targets[0], station=station, unit=block.unit, count=block.count, now=now, on_done=done
-            )
+            return self._reading_of(block, station).begin(now, ended)
         if block.instruction == "write":
             values = self.values_of(block)
             if len(block.targets) > 1:
@@ -109,6 +109,25 @@ class BlockTransfers:
             return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
         assert block.service is not None
         return self.client.call(block.service, dict(block.arguments), station=station, now=now, on_done=done)
+
+    def _reading_of(self, block: Block, station: Any) -> RepeatedRead:
+        """The read of a block; as long as neither the block nor the station is another one, the same."""
+        assert self.client is not None
+        key = block.set, block.number
+        found = self._reads.get(key)
+        if found is None or found.block is not block or found.station != station or found.is_under_way:
+            found = self._reads[key] = RepeatedRead(block, station, self.client, self.engine.direct, self.memory)
+        return found
+
+    def read_again(self, block: Block, now: int, ended: Ended) -> bytes | None:
+        """What a READ block sends, if it may leave right now, and nothing about the block is different.
+
+        None: it has to be started. After bytes the engine's lane is to be told that they have left.
+        """
+        found = self._reads.get((block.set, block.number))
+        if found is None or found.block is not block or block.station_from is not None or not self.engine.is_quiet:
+            return None
+        return found.again(now, ended)
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
         """One read for several blocks of one station; each gets its own part, and its own end."""
@@ -313,11 +332,3 @@ class BlockTransfers:
                 bits, data = to_memory(parts[name], place, value, block.sizes.get(name))
                 pieces.append((place, bits, data))
         store_pieces(self.memory, pieces)
-
-
-def failure_of(result: TransferResult) -> Failure | None:
-    """What went wrong with a transfer; None when it went well."""
-    if result.ok:
-        return None
-    outcome = result.outcome or "failed"
-    return Failure(outcome=outcome, cause=result.cause, device_code=result.code, meaning=result.meaning)

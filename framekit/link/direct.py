@@ -61,6 +61,7 @@ class DirectRequest:
     def __init__(self, plan: DirectPlan, table: FrameTable, scope: Scope, exchange: Exchange) -> None:
         self.plan = plan
         self.scope = scope
+        self.settings = scope.settings
         self._table = table
         dealing = Dealing(scope, exchange, True)
         self._request = dealing.request

@@ -47,7 +47,7 @@ class DirectAsk(Protocol):
 class DirectLane:
     """At most one exchange under way. `deadline`: when its time is over (ns).
 
-    `_calm`: the last request, as long as nothing but it and its reply has happened, with the settings of then.
+    `_calm`: the last request, as long as nothing but it and its reply has happened since everything was looked at.
     """
 
     def __init__(
@@ -61,7 +61,6 @@ class DirectLane:
         self._context = context
         self._ask: DirectAsk | None = None
         self._calm: DirectRequest | None = None
-        self._settings = 0
         self._item = Item(None)
         self._data = b""
         self._started = 0
@@ -114,12 +113,12 @@ class DirectLane:
             fields = request.sent_value(data).complete()
             machine.show("frame", "out", data, request.info.name, fields, repeated=False)
         self._item = item = Item(None, data, info=request.info)
-        self._calm, self._settings = request, machine.scope.settings
+        self._calm = request
         machine.output.put(item)
         return True
 
     def again(self, ask: DirectAsk, now: int) -> bytes | None:
-        """As `begin`, for the request that was the last one: what the port is to be given at once.
+        """As `begin`, where nothing but such exchanges has happened: what the port is to be given at once.
 
         None: something else has happened since, or is to be done before; nothing is sent.
         """
@@ -137,7 +136,8 @@ class DirectLane:
         if data is not None:
             self._ask, self._data, self._has_left = ask, data, False
             self._started, self.deadline = now, NEVER
-            self._item.data = data
+            self._calm = request
+            self._item.data, self._item.info = data, request.info
             output.outgoing = self._item
         return data
 
@@ -150,12 +150,13 @@ class DirectLane:
         self.deadline = after(now, self._within)
 
     def _is_calm(self, request: DirectRequest) -> bool:
-        """Whether this request was the last one, and nothing but its reply has happened since."""
+        """Whether nothing has happened since the last exchange but its reply, and this one needs nothing before it."""
+        machine = self.machine
         return (
-            self._calm is request
-            and self._ask is None
+            self._ask is None
             and self._has_left
-            and self._settings == self.machine.scope.settings
+            and (self._calm is request or (self._calm is not None and machine.session.session is None))
+            and request.settings == machine.scope.settings
         )
 
     def disturb(self) -> None:
@@ -211,7 +212,7 @@ class DirectLane:
     def _same_in(self, request: DirectRequest, data: bytes) -> SameReply | None:
         """The reply that was learned, if these bytes are that; where somebody watches, it is read with care."""
         same, machine = request.same, self.machine
-        if same is None or machine.monitor is not None or self._settings != machine.scope.settings:
+        if same is None or machine.monitor is not None or request.settings != machine.scope.settings:
             return None
         return same if same.fits(data, self._data) else None
 

@@ -48,24 +48,35 @@ class PlainReply:
         found = reply.fields.get(field)
         return self.of(found, reply, outcome.raw, outcome.buffer) if type(found) is bytes else None
 
+    def memory(self, found: bytes) -> bytes | None:
+        """Data in memory's form; None for what has to be judged with care."""
+        try:
+            return self._packer.to_memory(found, self._start, self._size)
+        except PackingError:
+            return None
+
     def of(self, found: bytes, reply: FrameValue, raw: bytes, buffer: bytes) -> TransferResult | None:
         """What data of this reply are; None for data that have to be judged with care."""
-        try:
-            data = self._packer.to_memory(found, self._start, self._size)
-        except PackingError:
+        data = self.memory(found)
+        if data is None:
             return None
         values = list(self._values(data))
         return TransferResult(True, values, data, exchanges=1, reply=reply, raw=raw, buffer=buffer)
 
 
 class DirectRead:
-    """One read. `follow` is told the exchange that it becomes when it cannot take the short way to its end."""
+    """One read. `follow` is told the exchange that it becomes when it cannot take the short way to its end.
 
-    __slots__ = ("_judge", "_on_done", "_ready", "follow", "request")
+    `on_data`, where somebody has set it, gets the data of a reply that was learned, in memory's form, and nothing else
+    is told then.
+    """
+
+    __slots__ = ("_judge", "_on_done", "_ready", "follow", "on_data", "request")
 
     def __init__(self, ready: ReadyRead, request: DirectRequest, judge: Judge, on_done: Done) -> None:
         self.request = request
         self.follow: Callable[[Exchange], None] | None = None
+        self.on_data: Callable[[bytes], None] | None = None
         self._ready = ready
         self._judge = judge
         self._on_done = on_done
@@ -85,6 +96,10 @@ class DirectRead:
     def brought(self, same: SameReply, raw: bytes) -> None:
         """The exchange has ended with the reply that it had before, whatever its data."""
         found = raw[same.start : same.end]
+        data = None if self.on_data is None or self._ready.plain is None else self._ready.plain.memory(found)
+        if data is not None and self.on_data is not None:
+            self.on_data(data)
+            return
         reply, plain = same.value(found, raw, self.request.fields), self._ready.plain
         result = None if plain is None else plain.of(found, reply, raw, b"")
         if result is None:

@@ -139,7 +139,12 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        if block.instruction == "send" and not block.params and self._send_at_once(block, ended):
+        if not block.params and (
+            (block.instruction == "send" and self._send_at_once(block, ended))
+            or (
+                block.instruction == "read" and repeats and not self.channel.stations and self._read_again(block, ended)
+            )
+        ):
             return
         params = self._params_for(block, repeats)
         told = self._overriding(params, ended) if params else ended
@@ -158,6 +163,17 @@ class ChannelService:
             driver.sent(now)
         else:
             driver.carry_out([])
+        return True
+
+    def _read_again(self, block: Block, ended: Ended) -> bool:
+        """As the last time; False: something is in the way, nothing has been done."""
+        driver, now = self.driver, self._clock.now()
+        data = None if driver.pending else self.transfers.read_again(block, now, ended)
+        if data is None:
+            return False
+        if driver.write_through(data):
+            self.engine.direct.left_at_once(now)
+        driver.look_at_time()
         return True
 
     def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:

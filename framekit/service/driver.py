@@ -145,13 +145,13 @@ class Driver:
         if moment is not None:
             moment.inside = True
         try:
-            if self.quick is not None and not faults and self.quick(data, now):
-                self._set_timer()
-            else:
-                self.carry_out(self.engine.receive(data, now, faults))
+            if self.quick is None or faults or not self.quick(data, now):
+                self.pending.extend(self.engine.receive(data, now, faults))
+                self._next_commands()
         finally:
             if moment is not None:
                 moment.end()
+        self.look_at_time()
 
     def line_break(self, now: int) -> None:
         self.carry_out(self.engine.line_break(now))
@@ -189,7 +189,7 @@ class Driver:
         if commands:
             self.pending.extend(commands)
             self._next_commands()
-        self._set_timer()
+        self.look_at_time()
 
     def _next_commands(self) -> None:
         """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
@@ -208,7 +208,7 @@ class Driver:
         """The time of the next command has come; once it has left, the engine may have a time of its own."""
         self._send_timer = None
         self._next_commands()
-        self._set_timer()
+        self.look_at_time()
 
     def write_through(self, data: bytes) -> bool:
         """Gives bytes to the port; True: they have left, and `sent` will not be told."""
@@ -230,7 +230,8 @@ class Driver:
 
     # ---- time ---------------------------------------------------------------------------------------------
 
-    def _set_timer(self) -> None:
+    def look_at_time(self) -> None:
+        """The engine may want to be called at another time."""
         self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _ring(self) -> None:

@@ -32,6 +32,7 @@ class Exchanges:
         self._block_memory = block_memory
         self._finished = finished
         self._alone: set[int] = set()
+        self._stations: dict[int, tuple[Block, Hashable]] = {}
         self._shows_starts = block_memory.words.shows_starts
 
     def reset(self) -> None:
@@ -43,11 +44,17 @@ class Exchanges:
         if state.block.instruction not in STATIONED:
             return None
         try:
-            block = self._block_memory.effective(state.block)
+            block = self._block_memory.settings.effective(state.block)
         except SettingError:
             return None
+        known = self._stations.get(state.id)
+        if known is not None and known[0] is block:
+            return known[1]
         station = self._channels[block.channel].station_of(block)
-        return station if isinstance(station, Hashable) else None
+        found = station if isinstance(station, Hashable) else None
+        if block is state.block and block.station_from is None:
+            self._stations[state.id] = block, found
+        return found
 
     # ---- starting -----------------------------------------------------------------------------------------
 

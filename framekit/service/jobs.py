@@ -11,7 +11,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Container, Mapping
 
-from framekit.blocks.block_status import Failure
+from framekit.blocks.block_status import Failure, failure_of
 from framekit.blocks.command_words import CommandFaultError, StatusPlaceError
 from framekit.blocks.jobs.order import Command, Order, Record
 from framekit.blocks.jobs.records import RecordReader
@@ -20,7 +20,6 @@ from framekit.blocks.jobs.slot import Attempt
 from framekit.blocks.jobs.table import JobTable
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import read_piece, store_pieces
-from framekit.blocks.transfer import failure_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
