@@ -177,8 +177,7 @@ class Candidates:
     def told(self, info: FrameInfo, raw: bytes, place: int, explain: Callable[[], Fault]) -> BadFrame:
         """A bad frame at buffer index `place`, not before the current one."""
         stream = self._stream
-        started = stream.time_of(place)
-        ended = stream.time_of(place + len(raw) - 1) if raw else started
+        started, ended = stream.times_of(place, place + len(raw) if raw else place + 1)
         return BadFrame(info.name, raw, stream.offset + place - stream.position, started, ended, explain)
 
 

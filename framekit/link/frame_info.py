@@ -14,6 +14,7 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
+    Check,
     Choose,
     Const,
     Field,
@@ -46,6 +47,9 @@ class FrameCodec(Protocol):
     def examine(self) -> Callable[..., Any]: ...
 
 
+UNCERTAIN = -(1 << 62)
+"""Below everything that `measure` says."""
+
 Shape = tuple[tuple[str, str, Any], ...]
 """Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
 
@@ -54,14 +58,15 @@ class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
-    `inner`: the field with the only frame inside. `constant`: its bytes, if it is nothing else. `intact`: a quick look
-    at its check code, where there is one. `take`: measures and decodes at once what is surely good, and is none where
-    it is not sure. `make`: a value of decoded fields, bytes and refusal, with values of the
-    frames inside; the table of all frames sets it. `carries`: frames that may be put into this one when `insert` holds.
+    `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `constant`: its bytes, if
+    it is nothing else. `intact`: a quick look at its check code, where there is one. `take`: measures and decodes at
+    once what is surely good, and is none where it is not sure. `make`: a value of decoded fields, bytes and refusal,
+    with values of the frames inside; the table of all frames sets it. `carries`: frames that may be put into this one
+    when `insert` holds.
     """
 
     __slots__ = (
-        "_examine", "_may_refuse", "_proof", "announces", "carries", "computed", "constant", "decode", "echo",
+        "_examine", "_may_refuse", "_proof", "announces", "behind", "carries", "computed", "constant", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
         "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "take",
     )  # fmt: skip
@@ -76,6 +81,7 @@ class FrameInfo:
         self.flat = not self.shape
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
         self.guesses = codec.extent is not None and self.inner is not None
+        self.behind = _behind_inner(frame.segments)
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.take = codec.take
         self.refuse = frame.refuse
@@ -102,6 +108,16 @@ class FrameInfo:
         except AttributeError:
             self._proof: Intact | None = None if self.intact is None or self._may_refuse() else self.intact
             return self._proof
+
+    def checked(self, data: bytes, place: int, size: int, names: Mapping[str, Any]) -> int:
+        """What `measure` says, if `extent` has said `size`; UNCERTAIN where it says another size.
+
+        A frame inside whose own end is not there yet has been measured as it is.
+        """
+        if not self.guesses or size < -self.behind:
+            return size
+        sure = self.measure(data, place, len(data), names, 0)
+        return sure if sure <= 0 or sure == size else UNCERTAIN
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that fails its `proof`."""
@@ -151,6 +167,18 @@ def _constant(segments: tuple[Segment, ...]) -> bytes | None:
     data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
     plain = all(isinstance(segment, Const) and segment.when is None for segment in segments)
     return data if plain and data else None
+
+
+def _behind_inner(segments: tuple[Segment, ...]) -> int:
+    """The bytes behind the last frame inside; more than any frame has if these are not plain."""
+    size = 0
+    for segment in reversed(segments):
+        if isinstance(segment, Inner):
+            return size
+        if not isinstance(segment, Check) or segment.when is not None:
+            break
+        size += segment.size
+    return -UNCERTAIN
 
 
 def first_byte(segments: tuple[Segment, ...]) -> int | None:

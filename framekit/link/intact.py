@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from framekit.codec.checks import function_of
+from framekit.codec.checks import function_of, residue_of
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Check, Wrap
 from framekit.definition.model.visit import parts_of
@@ -29,6 +29,9 @@ def intact_of(frame: Frame) -> Intact | None:
     ):
         return None
     code, size, order = function_of(last.method), last.size, last.order
+    residue = residue_of(last.method, size, order)
+    if residue is not None:
+        return lambda raw: code(raw) == residue
     room = (1 << 8 * size) - 1
 
     def intact(raw: bytes) -> bool:

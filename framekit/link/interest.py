@@ -20,33 +20,42 @@ from framekit.link.values import FrameValue
 Level = tuple[FrameInfo, ...]
 
 
-Take = tuple[
-    bytes | None, Callable[..., tuple[bytes, dict[str, Any]] | None] | None, Callable[..., int],
-    Callable[..., dict[str, Any]], Callable[..., FrameValue], str | None, Callable[[bytes], Any] | None,
+Quick = tuple[Callable[..., tuple[bytes, dict[str, Any]] | None], Callable[..., FrameValue]]
+"""What takes a frame out of the buffer, and what makes a value of it."""
+
+Slow = tuple[
+    Callable[..., int], Callable[..., dict[str, Any]], Callable[..., FrameValue], str | None,
+    Callable[[bytes], Any] | None,
 ]  # fmt: skip
-"""What taking a frame needs, in one look: its bytes if it is nothing else, its `take`, `extent`, `decode` and `make`,
-the field whose frame has to be a known one, what finds others inside it. What has a `take` needs only that.
+"""How a frame is found that has to be measured first: its `extent`, `decode` and `make`, the field whose frame has to
+be a known one, what finds others inside it.
 """
 
 
 class Left:
     """The expected candidates that two bytes leave.
 
-    `alone`: the only one; `take` is for that. `sure`: every other candidate, the others included, begins with other
-    constants than there are, so that it is surely none.
+    `alone`: the only one; for that, what taking it needs, in one look: `constant` if it is nothing else, `quick`, or
+    `slow`. `sure`: every other candidate, the others included, begins with other constants than there are, so that it
+    is surely none. `is_none`: nothing begins here.
     """
 
-    __slots__ = ("alone", "infos", "sure", "take")
+    __slots__ = ("alone", "constant", "infos", "is_none", "quick", "slow", "sure")
 
     def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None) -> None:
         self.infos = infos
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
-        self.take: Take | None = None
+        self.is_none = sure and not infos
+        self.constant: bytes | None = None
+        self.quick: Quick | None = None
+        self.slow: Slow | None = None
         if self.alone is not None and (inside is None or sure):
             info = self.alone
-            self.take = (
-                info.constant, info.take, info.extent, info.decode, info.make, info.inner if info.guesses else None,
+            self.constant = info.constant
+            self.quick = None if info.take is None else (info.take, info.make)
+            self.slow = (
+                info.extent, info.decode, info.make, info.inner if info.guesses else None,
                 None if inside is None else inside.search_in(info),
             )  # fmt: skip
 

@@ -28,11 +28,11 @@ class NoiseRun:
 
     def collect(self, stream: Stream, start: int, end: int, skipped: bool) -> None:
         """Takes `buffer[start:end]` of the stream; the stream's position is not moved."""
+        started, self._last = stream.times_of(start, end)
         if not self.data:
-            self.skipped = skipped
-            self._offset, self._started = stream.offset + start - stream.position, stream.time_of(start)
+            self.skipped, self._started = skipped, started
+            self._offset = stream.offset + start - stream.position
         self.data += stream.buffer[start:end]
-        self._last = stream.time_of(end - 1)
 
     def take(self) -> Noise:
         """The run as it stands; it begins anew."""

@@ -60,8 +60,10 @@ class Pauses:
     def note(self, now: int, count: int) -> None:
         """Marks a pause before `count` bytes the last of which comes at `now`."""
         stream = self._stream
-        quiet, gap = self.limits()
         pause = now - stream.last - self._line.chars(count)
+        if pause <= 0:
+            return
+        quiet, gap = self.limits()
         place = stream.base + len(stream.buffer)
         if pause > quiet:
             stream.silences.append(place)

@@ -18,7 +18,8 @@ from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.interest import Interest
 from framekit.link.plain import PlainLooking
 from framekit.link.recovery import Again
-from framekit.link.rough import WANTING
+from framekit.link.rough import NOTHING, UNSURE, WANTING
+from framekit.link.stream import MOVE_AT
 from framekit.link.verdicts import Complete, Good
 
 
@@ -55,8 +56,9 @@ class Receiver(PlainLooking):
         self._now = now
         self._looks_later = False
         stream = self.stream
-        stream.tidy()
-        if stream.buffer or self._noise or self._skipping:
+        if stream.position >= len(stream.buffer) or stream.position > MOVE_AT:
+            stream.tidy()
+        if stream.buffer or self._noise.data or self._skipping:
             self.pauses.note(now, len(data))
         stream.add(data, now, faults)
 
@@ -130,7 +132,7 @@ class Receiver(PlainLooking):
         if interest is None:
             return found
         data = bytes(self.stream.buffer)
-        while self._rows(interest, found, data) != WANTING:
+        while (ended := self._rows(interest, found, data)) == UNSURE:
             one: list[Arrival] = []
             self._looks_later = self._plain(interest, one)
             if self._looks_later and not one:
@@ -145,7 +147,9 @@ class Receiver(PlainLooking):
                     self._use()
             if len(data) != len(self.stream.buffer):  # something has been taken out of the middle, or all dropped
                 data = bytes(self.stream.buffer)
-        self._looks_later = True
+        if ended == NOTHING:
+            self._nothing_waits()
+        self._looks_later = ended == WANTING
         return found
 
     def _nothing_waits(self) -> None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from framekit.link.arrivals import Arrival, BadFrame
+from framekit.link.arrivals import Arrival, BadFrame, Fault, Noise
 from framekit.link.candidates import fault_of
-from framekit.link.evaluate import EVALUATION_ERRORS
+from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_info import FrameInfo
 from framekit.link.interest import Interest
 from framekit.link.looking import Looking
@@ -22,8 +22,15 @@ UNSURE = -1
 WANTING = -2
 """Instead of a place: more bytes are wanted there before anything can be said."""
 
+NOTHING = -3
+"""Instead of a place: nothing is left."""
+
 GOING_ON = ("next_start", "after_frame")
 """How to go on after a bad frame without waiting for anything."""
+
+
+new_tuple = tuple.__new__
+"""Makes a named tuple in a quarter of the time that calling its class takes."""
 
 
 class RoughLooking(Looking):
@@ -37,64 +44,63 @@ class RoughLooking(Looking):
         """
         stream, noise, starting, inside = self.stream, self._noise, interest.starting, self._inside
         first = place = stream.position
-        end = min(len(data), place + LONGEST - len(noise.data))
+        total, names = len(data), self._names
+        end = min(total, place + LONGEST - len(noise.data))
         bad_until = self._bad_until - stream.base
         skipped = noise.skipped if noise.data else place < bad_until
-        wanted: FrameInfo | None = None
+        simple = interest.starts is None and self._rules.symbols is None
+        known = wanted = proof = None
         try:
             while place < end:
                 start = starting[data[place]] or interest.start(data[place])
                 left = start.left.get(data[place + start.at], start.others) if start.at else start.others
                 info = left.alone
+                if info is not known:
+                    known, proof = info, None if info is None else info.proof
                 if not left.sure or (info is None and left.infos):
                     break
-                if info is not None:
-                    if inside is not None and not inside.nothing_from(info, data, place):
-                        break
-                    size = self._rough_size(info, data, place, size, place < bad_until)
+                if info is None:
+                    size = 0
+                elif inside is not None and not inside.nothing_from(info, data, place):
+                    break
+                else:
+                    size = size or info.extent(data, place, total, names)
+                    if size > 0:
+                        if proof is None:
+                            break
+                        if proof(data[place : place + size]):
+                            break
+                        if place < bad_until:
+                            size = 0  # a bad frame or none: here both are passed over
+                if size and info is not None:
+                    size = info.checked(data, place, size, names)
                     if size < 0:
                         wanted = info if size > self._quiet else None
                         break
                     if size > 0:
-                        self._collect_run(found, first, place, skipped, True)
+                        self._end_run(found, data, first, place, skipped)
                         found.append(self._misread(info, data, place, size))
                         bad_until = first = place + size
                         self._bad_until = stream.base + bad_until
                         if self._rules.resync == "after_frame":
                             place, size = first, 0
                             continue
-                        first = place
+                        first, skipped = place, True
                 if skipped is not (place < bad_until):
-                    self._collect_run(found, first, place, skipped, True)
-                    first, skipped = place, place < bad_until
-                behind = self._behind_noise(interest, data, place, bad_until)
+                    self._end_run(found, data, first, place, skipped)
+                    first, skipped = place, not skipped
+                behind = place + 1 if simple else self._behind_noise(interest, data, place, bad_until)
                 if behind < 0:
                     break
                 place, size = behind, 0
         except EVALUATION_ERRORS:
             wanted = None
-        self._collect_run(found, first, place, skipped, False)
+        if place > first:
+            noise.collect(stream, first, place, skipped)
         if place != stream.position:
             stream.position = place
             self._moved()
         return place if wanted is None else self._wanting(wanted, size)
-
-    def _rough_size(self, info: FrameInfo, data: bytes, place: int, size: int, skipped: bool) -> int:
-        """Of a bad frame its size, 0 if it is none that is told; less than 0 as `measure`, QUIET where it is not sure.
-
-        In what a bad frame left (`skipped`) others are none that are told.
-        """
-        size = size or info.extent(data, place, len(data), self._names)
-        if size > 0:
-            proof = info.proof
-            if proof is None or proof(data[place : place + size]):
-                return self._quiet
-            if skipped:
-                return 0
-        if size and info.guesses:
-            sure = info.measure(data, place, len(data), self._names, 0)
-            return sure if sure <= 0 or sure == size else self._quiet
-        return size
 
     def _behind_noise(self, interest: Interest, data: bytes, place: int, bad_until: int) -> int:
         """How far nothing begins if nothing begins at `place`; UNSURE where that takes another byte."""
@@ -110,18 +116,23 @@ class RoughLooking(Looking):
             behind = behind if escape < 0 else escape
         return bad_until if place < bad_until < behind else behind
 
-    def _collect_run(self, found: list[Arrival], start: int, end: int, skipped: bool, ends: bool) -> None:
-        """Adds bytes to the run of noise, which `ends` there or goes on."""
-        noise = self._noise
+    def _end_run(self, found: list[Arrival], data: bytes, start: int, end: int, skipped: bool) -> None:
+        """The run of noise ends: what was known of it, and `data[start:end]`."""
+        stream, noise = self.stream, self._noise
+        if not noise.data:
+            if end > start:
+                offset = stream.offset - stream.position + start
+                started, ended = stream.times_of(start, end)
+                found.append(new_tuple(Noise, (data[start:end], offset, started, ended, skipped)))
+            return
         if end > start:
-            noise.collect(self.stream, start, end, skipped)
-        if ends and noise.data:
-            found.append(noise.take())
+            noise.collect(stream, start, end, skipped)
+        found.append(noise.take())
 
     def _misread(self, info: FrameInfo, data: bytes, place: int, size: int) -> BadFrame:
         """A bad frame, as its check code says: what is wrong is found out when somebody asks."""
         raw = data[place : place + size]
-        return self._candidates.told(info, raw, place, partial(fault_of, info.misread(raw, self._names)))
+        return self._candidates.told(info, raw, place, partial(_fault, info, raw, self._names))
 
     def _wanting(self, info: FrameInfo, size: int) -> int:
         """A frame has begun, as its only candidate says by `size`."""
@@ -131,3 +142,7 @@ class RoughLooking(Looking):
         before = said.get(info.name)
         said[info.name] = Unfinished(False, had, before.had if type(before) is Unfinished else 0, had - size)
         return WANTING
+
+
+def _fault(info: FrameInfo, raw: bytes, names: Names) -> Fault:
+    return fault_of(info.misread(raw, names))

@@ -10,40 +10,40 @@ from bisect import bisect_right
 from framekit.link.arrivals import Arrival, FrameArrived
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.interest import Interest, Left
-from framekit.link.rough import GOING_ON, UNSURE, WANTING, RoughLooking
-
-new_tuple = tuple.__new__
-"""Makes a named tuple in a quarter of the time that calling its class takes."""
+from framekit.link.noise import LONGEST
+from framekit.link.rough import GOING_ON, NOTHING, UNSURE, WANTING, RoughLooking, new_tuple
 
 
 class RowLooking(RoughLooking):
     """The part of a receiver that takes many frames a turn."""
 
     def _rows(self, interest: Interest, found: list[Arrival], data: bytes) -> int:
-        """Adds what there is to `found` as long as it is sure; then UNSURE, or WANTING if there is no more of it.
+        """Adds what there is to `found` as long as it is sure; then UNSURE, or NOTHING or WANTING if that is all.
 
         `data` are the bytes of the stream's buffer. All frames count as used.
         """
         if self._is_strange():
             return UNSURE
-        stream = self.stream
+        stream, total = self.stream, len(data)
         rough = not stream.silences and self._rules.resync in GOING_ON
         known = UNSURE
         while True:
-            place, size, left = self._row(interest, found, data)
+            place, size, left = self._row(interest, found, data, rough)
             if place != stream.position:
                 stream.position = place
                 if self._candidates.said or self._inside is not None:
                     self._moved()
-            if size < 0 and left is not None and self._is_begun(left, data, size):
+            if place >= total:
+                return UNSURE if self._noise.data else NOTHING
+            if self._is_begun(interest, left, data, size):
                 return WANTING
-            if not rough or place <= known or place >= len(data):
+            if not rough or place <= known:
                 return UNSURE
             known = self._rough(interest, found, data, size)
             if known < 0:
                 return known
 
-    def _row(self, interest: Interest, found: list[Arrival], data: bytes) -> tuple[int, int, Left | None]:
+    def _row(self, interest: Interest, found: list[Arrival], data: bytes, rough: bool) -> tuple[int, int, Left | None]:
         """Adds the good frames that stand in a row, and noise before them; gives the place behind them.
 
         And what `extent` said there, if that is less than 0, of the only candidate that is left. Locals and a long
@@ -54,61 +54,86 @@ class RowLooking(RoughLooking):
         add, ends, times, base = found.append, stream.ends, stream.times, stream.base
         piece = bisect_right(ends, base + place) - 1
         until = at = 0
-        behind_noise = bool(noise.data)
+        behind_noise, lost = bool(noise.data), end
+        rough = rough and place >= self._bad_until - base and not (behind_noise and noise.skipped)
+        longest = LONGEST - len(noise.data)
         try:
             while place < end:
                 start = starting[data[place]] or interest.start(data[place])
                 left = start.left.get(data[place + start.at], start.others) if start.at else start.others
-                if left.take is None:
-                    break
-                constant, take, extent, decode, make, inner, search = left.take
-                if take is not None:
+                if left.quick is not None:
+                    take, make = left.quick
                     taken = take(data, place, end, names)
                     if taken is None:
-                        return place, extent(data, place, end, names), left
+                        break
                     raw, fields = taken
                     behind = place + len(raw)
-                elif constant is not None and data.startswith(constant, place):
-                    raw, fields = constant, {}
+                elif left.slow is None:
+                    behind = self._behind_noise(interest, data, place, 0) if rough and left.is_none else UNSURE
+                    if behind < 0 or behind - min(lost, place) >= longest:
+                        break
+                    lost, place = min(lost, place), behind
+                    continue
+                elif left.constant is not None and data.startswith(left.constant, place):
+                    raw, fields, make = left.constant, {}, left.slow[2]
                     behind = place + len(raw)
                 else:
+                    extent, decode, make, inner, search = left.slow
                     size = extent(data, place, end, names)
                     if size <= 0:
                         return place, size, left
                     behind = place + size
                     raw = data[place:behind]
-                    if behind_noise and (left.alone is None or (left.alone.proof and not left.alone.proof(raw))):
+                    if behind_noise and left.alone is not None and left.alone.proof and not left.alone.proof(raw):
                         break  # so close behind noise it is no frame most of the time, and raising costs much
                     fields = decode(raw, names)
                     if (inner is not None and "unknown" in fields[inner]) or (search is not None and search(raw)):
                         break
-                while place >= until:
-                    piece += 1
-                    until, at = ends[piece] - base, times[piece]
-                started = at
-                while behind > until:
-                    piece += 1
-                    until, at = ends[piece] - base, times[piece]
-                if behind_noise:
-                    add(noise.take())
-                    behind_noise = False
+                if behind <= until:
+                    started = at
+                else:
+                    while place >= until:
+                        piece += 1
+                        until, at = ends[piece] - base, times[piece]
+                    started = at
+                    while behind > until:
+                        piece += 1
+                        until, at = ends[piece] - base, times[piece]
+                if behind_noise or lost < place:
+                    self._end_run(found, data, min(lost, place), place, False)
+                    behind_noise, lost = False, end
                 add(new_tuple(FrameArrived, (make, fields, raw, offset + place, started, at, False)))
                 place = behind
+            else:
+                return place, 0, None
+            if left.alone is not None and left.quick is not None:
+                return place, left.alone.extent(data, place, end, names), left
         except EVALUATION_ERRORS:
             return place, 0, None
+        finally:
+            if lost < place:
+                noise.collect(stream, lost, place, False)
         return place, 0, None
 
-    def _is_begun(self, left: Left, data: bytes, size: int) -> bool:
-        """Whether surely a frame has begun whose `extent` says `size`, so that more bytes are wanted."""
-        info, place = left.alone, self.stream.position
-        if info is None or size <= self._quiet:
-            return False
-        if self._inside is not None and not (left.sure and self._inside.nothing_from(info, data, place)):
-            return False
-        if not info.guesses:
-            return True
+    def _is_begun(self, interest: Interest, left: Left | None, data: bytes, size: int) -> bool:
+        """Whether surely a frame has begun and wants more bytes.
+
+        `size`: less than 0, if `extent` has said so of the only one that is `left`.
+        """
+        place, names, quiet = self.stream.position, self._names, self._quiet
         try:
-            return self._quiet < info.measure(data, place, len(data), self._names, 0) < 0
+            if left is not None and left.alone is not None:
+                info = left.alone
+                if size >= 0 or (self._inside is not None and not left.sure):
+                    return False
+                if self._inside is not None and not self._inside.nothing_from(info, data, place):
+                    return False
+                return size > quiet and quiet < info.checked(data, place, size, names) < 0
+            infos = interest.at(data[place])[0]
+            if self._inside is not None or interest.left(data, place) is not None:
+                return False
+            sizes = [info.measure(data, place, len(data), names, 0) for info in infos]
+            return bool(sizes) and max(sizes) <= 0 and any(quiet < size < 0 for size in sizes)
         except EVALUATION_ERRORS:
             return False
 

@@ -87,6 +87,14 @@ class Stream:
         times = self.times
         return times[0] if len(times) == 1 else times[bisect_right(self.ends, self.base + index)]
 
+    def times_of(self, start: int, end: int) -> tuple[int, int]:
+        """When the first and the last byte of `buffer[start:end]` came; there has to be one."""
+        ends, times = self.ends, self.times
+        first = bisect_right(ends, self.base + start)
+        if self.base + end <= ends[first]:
+            return times[first], times[first]
+        return times[first], times[bisect_right(ends, self.base + end - 1)]
+
     @property
     def is_uneven(self) -> bool:
         """Whether something has been taken out behind the position, so that offsets there do not count on evenly."""

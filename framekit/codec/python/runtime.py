@@ -142,8 +142,15 @@ def readers_of(found: Any) -> Any:
 
 
 def measure_of(found: Any) -> Any:
-    """What measures a row of frames if it is one."""
+    """What measures a row of frames if it is one or none."""
+    if found == ():
+        return no_frame
     return found[0].measure if type(found) is tuple and len(found) == 1 else None
+
+
+def no_frame(data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
+    """What measures where no frame may stand."""
+    return 0
 
 
 def take_of(found: Any) -> Any:
@@ -264,7 +271,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "extent_first": ("measure_first",),
     "fits": ("Frame",),
     "encode_one": ("Choice", "Frame"),
-    "Choice": ("Frame", "measure_of", "readers_of", "take_of"),
+    "Choice": ("Frame", "measure_of", "no_frame", "readers_of", "take_of"),
     "readers_at_once": ("Choice",),
 }
 """The names of this module that a helper uses itself."""
