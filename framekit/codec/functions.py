@@ -6,7 +6,7 @@ protocol it belongs to, is not known here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -15,6 +15,7 @@ from framekit.codec.errors import FrameError
 Context = Mapping[str, Any]
 Encode = Callable[..., bytes]
 Decode = Callable[..., dict[str, Any]]
+Take = Callable[..., tuple[bytes, dict[str, Any]] | None]
 Span = tuple[str, int, int, Any]
 
 
@@ -28,6 +29,7 @@ def module_of(protocol: str, code: CodeType) -> ModuleType:
 class FrameFunctions:
     """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for those who call often.
 
+    `together`: by a frame's name the place of a byte, and by that byte what takes it together with the frame inside it.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).
     """
 
@@ -37,6 +39,7 @@ class FrameFunctions:
         self.frames: Mapping[str, Any] = names["FRAMES"]
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]
+        self.together: Mapping[str, tuple[int, Sequence[Take | None]]] = names.get("TOGETHER", {})
         self.QUIET: int = names["QUIET"]
         self.LOST: int = names["LOST"]
         self.encoders: dict[str, Encode] = {name: frame.encode for name, frame in self.frames.items()}

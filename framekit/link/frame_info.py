@@ -5,7 +5,7 @@ Made once from the definition and the codec. It knows no other frame but by name
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from framekit.codec.errors import FrameError, Misread
@@ -42,13 +42,19 @@ class FrameCodec(Protocol):
     @property
     def extent(self) -> Callable[..., int] | None: ...
     @property
-    def take(self) -> Callable[..., tuple[bytes, dict[str, Any]] | None] | None: ...
+    def take(self) -> Take | None: ...
     @property
     def examine(self) -> Callable[..., Any]: ...
 
 
 UNCERTAIN = -(1 << 62)
 """Below everything that `measure` says."""
+
+Take = Callable[..., tuple[bytes, dict[str, Any]] | None]
+"""What measures and decodes a frame at once; None says that it is not sure of it."""
+
+Together = tuple[int, Sequence[Take | None]]
+"""The place of a byte, and by that byte what takes a frame together with the one inside it."""
 
 Shape = tuple[tuple[str, str, Any], ...]
 """Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
@@ -60,15 +66,15 @@ class FrameInfo:
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `constant`: its bytes, if
     it is nothing else. `intact`: a quick look at its check code, where there is one. `take`: measures and decodes at
-    once what is surely good, and is none where it is not sure. `make`: a value of decoded fields, bytes and refusal,
-    with values of the frames inside; the table of all frames sets it. `carries`: frames that may be put into this one
-    when `insert` holds.
+    once what is surely good, and is none where it is not sure; `together`: as `take`, the frame inside as well. `make`:
+    a value of decoded fields, bytes and refusal, with values of the frames inside; the table of all frames sets these
+    two. `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
         "_examine", "_may_refuse", "_proof", "announces", "behind", "carries", "computed", "constant", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "take",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "take", "together",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
@@ -84,6 +90,7 @@ class FrameInfo:
         self.behind = _behind_inner(frame.segments)
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.take = codec.take
+        self.together: Together | None = None
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
         self.constant = _constant(frame.segments)

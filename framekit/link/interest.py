@@ -12,7 +12,7 @@ from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
-from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_info import FrameInfo, Take
 from framekit.link.frame_table import FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.values import FrameValue
@@ -20,7 +20,7 @@ from framekit.link.values import FrameValue
 Level = tuple[FrameInfo, ...]
 
 
-Quick = tuple[Callable[..., tuple[bytes, dict[str, Any]] | None], Callable[..., FrameValue]]
+Quick = tuple[Take, Callable[..., FrameValue]]
 """What takes a frame out of the buffer, and what makes a value of it."""
 
 Slow = tuple[
@@ -42,7 +42,7 @@ class Left:
 
     __slots__ = ("alone", "constant", "infos", "is_none", "quick", "slow", "sure")
 
-    def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None) -> None:
+    def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None, take: Take | None = None) -> None:
         self.infos = infos
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
@@ -53,7 +53,8 @@ class Left:
         if self.alone is not None and (inside is None or sure):
             info = self.alone
             self.constant = info.constant
-            self.quick = None if info.take is None else (info.take, info.make)
+            take = take or info.take
+            self.quick = None if take is None else (take, info.make)
             self.slow = (
                 info.extent, info.decode, info.make, info.inner if info.guesses else None,
                 None if inside is None else inside.search_in(info),
@@ -134,8 +135,15 @@ class Interest:
         return start.left.get(buffer[place], start.others) if place < len(buffer) else None
 
     def _told_apart(self, infos: Level, rest: Level) -> Start:
-        """By the place with the fewest candidates left, whatever byte stands there."""
+        """By the place with the fewest candidates left, whatever byte stands there.
+
+        A single one is told apart by what stands inside it.
+        """
         best = Start(0, {}, self._left(infos, not rest))
+        if len(infos) == 1 and infos[0].together is not None:
+            place, takes = infos[0].together
+            by_byte = {byte: Left(infos, not rest, self._inside, take) for byte, take in enumerate(takes) if take}
+            return Start(place, by_byte, best.others)
         most = len(infos)
         allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):

@@ -25,7 +25,7 @@ from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
-from framekit.codec.python.take import write_takes
+from framekit.codec.python.take import Together, write_takes
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Length, Repeat, Segment
@@ -60,13 +60,14 @@ class ModuleWriter:
         self.examine_part: list[Source] = []
         self.extents: set[str] = set()
         self.takes: dict[str, Source] = {}
+        self.together: Together = {}
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
             self.identifiers[name] = self._identifier(name)
             self._frame(name, frame)
         if not self.standalone and self.protocol.kind == "protocol":  # receivers use them, and nobody else
-            self.takes = write_takes(self.module, self.protocol, self.identifiers)
+            self.takes, self.together = write_takes(self.module, self.protocol, self.identifiers)
             self.frames_part.extend(self.takes.values())
         for name, layout in self.protocol.layouts.items():
             if self._stands_alone(layout):
@@ -247,6 +248,9 @@ class ModuleWriter:
             out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
         for name, text in self.module.joined.items():
             out.add(f"{name} = {text}")
+        if self.together:
+            entries = ", ".join(f"{quoted(name)}: ({place}, {table})" for name, (place, table) in self.together.items())
+            out.add(f"TOGETHER = {{{entries}}}")
         return out
 
 

@@ -17,7 +17,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.nested import Reader
 from framekit.codec.python.places import Fields
 from framekit.codec.python.reader import Item
-from framekit.codec.python.shape import Shapes, Sizes, everything, named, names_read, value_names
+from framekit.codec.python.shape import Shapes, Sizes, Target, everything, named, names_read, value_names
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
@@ -165,23 +165,33 @@ def _counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment
     return segment
 
 
+class Apart:
+    """Where names and values of a pair's segments belong: those of the frame inside apart."""
+
+    def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
+        self._inside = {id(segment) for segment in pair.inside}
+        named = Fields(function.names.fresh(pair.inner.name), (fields, pair.inner.name))
+        inside = Fields(function.names.fresh(pair.inside_name), (named, pair.inside_name))
+        self._where = Scope(), inside
+
+    def where(self, segment: Segment, scope: Scope, fields: Fields) -> tuple[Scope, Fields]:
+        """The scope and the values of a segment; `scope` and `fields` are those of the frame around."""
+        return self._where if id(segment) in self._inside else (scope, fields)
+
+
 class _PairReader(Reader):
-    """Reads the two as one, with names and values of the frame inside apart."""
+    """Reads the two as one."""
 
     def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
         super().__init__(function, "data", "at")
-        self.inside = {id(segment) for segment in pair.inside}
-        self.inner_scope = Scope()
-        named = Fields(function.names.fresh(pair.inner.name), (fields, pair.inner.name))
-        self.inner_fields = Fields(function.names.fresh(pair.inside_name), (named, pair.inside_name))
+        self.apart = Apart(function, pair, fields)
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
-        found: list[Item] = []
-        for segment in segments:
-            here = id(segment) in self.inside
-            where = (self.inner_scope, self.inner_fields) if here else (scope, fields)
-            found.extend(super().items((segment,), *where))
-        return found
+        return [
+            item
+            for segment in segments
+            for item in super(_PairReader, self).items((segment,), *self.apart.where(segment, scope, fields))
+        ]
 
 
 def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Source], tuple[str, int] | None]:
@@ -195,24 +205,38 @@ def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Sou
     return sources, (module.at_once(identifier, place[0].frames, readers), place[1])
 
 
+def function_of(module: Module, title: str, pair: Pair) -> Function:
+    """The function that is to read a pair."""
+    function = Function(module, title, pair.segments)
+    if isinstance(pair.inner.size, Expression):
+        function.tracked |= set(_parts(pair))
+    return function
+
+
+def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
+    """The frame inside has to take what the one around it says."""
+    if isinstance(pair.inner.size, Expression):
+        size = function.writer(scope).text(pair.inner.size, BIT_OR)
+        function.misfit_if(f"{size} != {function.room(_parts(pair), plain=False)}")
+
+
+def _parts(pair: Pair) -> dict[str, Target]:
+    return named(segment for segment in pair.inside if not isinstance(segment, (Require, Value)))
+
+
 def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
     """The source of a function that gives what `decode_…` of the frame does, if the frame inside is that of the pair.
 
     Raises whatever comes up if it is not.
     """
-    function = Function(module, title, pair.segments)
-    parts = named(segment for segment in pair.inside if not isinstance(segment, (Require, Value)))
-    if isinstance(pair.inner.size, Expression):
-        function.tracked |= set(parts)
+    function = function_of(module, title, pair)
     fields, scope = Fields(function.names.fresh("fields")), Scope()
     reader = _PairReader(function, pair, fields)
     reader.read(pair.segments, scope, fields)
     reader.close()
     for action in function.late:
         action()
-    if isinstance(pair.inner.size, Expression):
-        size = function.writer(scope).text(pair.inner.size, BIT_OR)
-        function.misfit_if(f"{size} != {function.room(parts, plain=False)}")
+    compare_size(function, pair, scope)
     if frame.most is not None:
         limit(function, frame.most, pair.segments)
     function.flush()

@@ -64,7 +64,6 @@ class Module:
         self.context: set[str] = set()
         self.rule_tables: dict[str, str] = {}
         self.choices: dict[tuple[str, ...], str] = {}
-        self.taken: dict[str, None] = {}
         self.joined: dict[str, str] = {}
         self.extra: list[Source] = []
         self._bcd = ""

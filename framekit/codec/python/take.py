@@ -8,50 +8,67 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.describe import write_docstring
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import MISFIT, Function
+from framekit.codec.python.joined import Apart, Pair, compare_size, function_of, pairs_of, place_of
 from framekit.codec.python.measure import MOST
 from framekit.codec.python.module import Module
-from framekit.codec.python.nested import Reader
-from framekit.codec.python.places import Fields, Place, between, index
+from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item
-from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Source, bytes_literal
-from framekit.definition.expression.syntax import Expression
+from framekit.codec.python.take_reader import BEGIN, NotInARow, PairTakeReader, TakeReader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check, Const, Inner, Optional, Wrap
+from framekit.definition.model.segments import Const, Inner, Segment
 from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import DefinitionError
 
-BEGIN = Place("begin", 0)
+Together = dict[str, tuple[int, str]]
+"""Of a frame that is taken together with the one inside it: the place of a byte, the table of what takes them by it."""
 
 
-class NotInARow(Exception):  # noqa: N818 - a way out, no error
-    """The frame cannot be read from front to back."""
-
-
-def write_takes(module: Module, protocol: Protocol, identifiers: Mapping[str, str]) -> dict[str, Source]:
+def write_takes(
+    module: Module, protocol: Protocol, identifiers: Mapping[str, str]
+) -> tuple[dict[str, Source], Together]:
     """The sources of `take_…` by identifiers: of all frames that are looked for on the line and can be read so.
 
-    And of those inside them, as far as they are read from the same buffer.
+    And of those inside them, as far as they are read from the same buffer, and of both at once.
     """
     found: dict[str, Source] = {}
+    together: dict[str, tuple[int, str]] = {}
     inside = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
-    on_line = [name for name, frame in protocol.frames.items() if not frame.inner and name not in inside]
-    for name in on_line:
-        writer = TakeWriter(module, identifiers[name], protocol.frames[name])
-        if writer.can_be_taken:
-            found[identifiers[name]] = writer.function_on_line()
+    asked: dict[str, None] = {}
+    for name, frame in protocol.frames.items():
+        writer = TakeWriter(module, identifiers[name], frame)
+        if frame.inner or name in inside or not writer.can_be_taken:
+            continue
+        found[identifiers[name]] = writer.function_on_line()
+        place, pairs = place_of(module.shapes, frame), _pairs(module, identifiers[name], frame)
+        if place is not None and pairs:
+            found.update({pair.identifier: pair.function_on_line() for pair in pairs.values()})
+            readers = {inner: f"take_{pair.identifier}" for inner, pair in pairs.items()}
+            together[name] = place[1], module.at_once(f"take_{identifiers[name]}", place[0].frames, readers)
+        asked.update({inner: None for inner in writer.reader.asked if inner not in pairs})
     done: set[str] = set()
-    while left := [name for name in module.taken if name not in done]:
+    while left := [name for name in asked if name not in done]:
         for name in left:
             writer = TakeWriter(module, identifiers[name], protocol.frames[name])
             if writer.can_be_taken:
                 found[identifiers[name]] = writer.inner_function()
+                asked.update(writer.reader.asked)
         done.update(left)
+    return found, together
+
+
+def _pairs(module: Module, identifier: str, frame: Frame) -> dict[str, PairTakeWriter]:
+    """What takes a frame and the plain one inside it at once, by the name of that."""
+    found = {}
+    for pair in pairs_of(module.shapes, frame):
+        known = module.names.fresh(f"take_{identifier}_with_{pair.inside_name}").removeprefix("take_")
+        writer = PairTakeWriter(module, known, frame, pair)
+        if writer.can_be_taken:
+            found[pair.inside_name] = writer
     return found
 
 
@@ -60,17 +77,27 @@ class TakeWriter:
 
     def __init__(self, module: Module, identifier: str, frame: Frame) -> None:
         self.module, self.identifier, self.frame = module, identifier, frame
-        self.segments = segments = module.shapes.segments(frame)
-        self.function = Function(module, identifier, segments)
+        self.function, self.segments = self._function()
         self.function.names.fresh(BEGIN.base)
         self.fields = Fields(self.function.names.fresh("fields"))
-        self.reader = TakeReader(self.function)
-        self.can_be_taken = frame.surplus is None and not all(isinstance(segment, Const) for segment in segments)
+        self.reader = self._reader()
+        is_constant = all(isinstance(segment, Const) for segment in self.segments)
+        self.can_be_taken = frame.surplus is None and not is_constant
         try:
             if self.can_be_taken:
                 self._read()
         except (NotInARow, DefinitionError):
             self.can_be_taken = False
+
+    def _function(self) -> tuple[Function, tuple[Segment, ...]]:
+        segments = self.module.shapes.segments(self.frame)
+        return Function(self.module, self.identifier, segments), segments
+
+    def _reader(self) -> TakeReader:
+        return TakeReader(self.function)
+
+    def _compare(self, scope: Scope) -> None:
+        """What else has to hold when everything is read."""
 
     def _read(self) -> None:
         reader, function, scope = self.reader, self.function, Scope()
@@ -85,6 +112,7 @@ class TakeWriter:
             item.fields.attach()
         for action in function.late:
             action()
+        self._compare(scope)
         place = reader.place.text("data")
         function.conditions.insert(0, f"{place} > end")
         longest, most = function.shapes.all(self.segments).most, self.frame.most or MOST
@@ -148,94 +176,18 @@ class TakeWriter:
         return out
 
 
-class TakeReader(Reader):
-    """Reads a frame in the middle of a buffer, whose end is where everything has been read.
+class PairTakeWriter(TakeWriter):
+    """Writes what takes a frame and the plain one inside it at once."""
 
-    `is_ended`: the local `stop` is the place where the body ends. `raw_until`: what the local `raw` holds already.
-    """
+    def __init__(self, module: Module, identifier: str, frame: Frame, pair: Pair) -> None:
+        self.pair = pair
+        super().__init__(module, identifier, frame)
 
-    def __init__(self, function: Function) -> None:
-        super().__init__(function, "data", "at", BEGIN)
-        self.is_ended = False
-        self.raw_until: Place | None = None
+    def _function(self) -> tuple[Function, tuple[Segment, ...]]:
+        return function_of(self.module, self.identifier, self.pair), self.pair.segments
 
-    def keep(self, place: Place) -> Place:
-        return place if place.base in ("begin", "stop") else super().keep(place)
+    def _reader(self) -> TakeReader:
+        return PairTakeReader(self.function, Apart(self.function, self.pair, self.fields))
 
-    # ---- where things end ---------------------------------------------------------------------------------
-
-    def knows_behind(self, after: tuple[Item, ...]) -> bool:
-        return self.is_ended and all(self._fixed_size(item) is not None for item in after)
-
-    def region_end(self, after: tuple[Item, ...]) -> Place:
-        if not self.knows_behind(after):
-            raise NotInARow
-        return Place("stop", -sum(self._fixed_size(item) or 0 for item in after))
-
-    def _region_limit(self, after: tuple[Item, ...]) -> str:
-        end = self.region_end(after)
-        if end.offset:
-            raise NotInARow
-        return end.base
-
-    def _fixed_size(self, item: Item) -> int | None:
-        return None if item.segment.when is not None else self.shapes.present(item.segment).fixed
-
-    def optional(self, item: Item, optional: Optional, after: tuple[Item, ...]) -> None:
-        raise NotInARow
-
-    # ---- what is read another way -------------------------------------------------------------------------
-
-    def judge_residue(self, check: Check, residue: int, last: bool) -> None:
-        """Over the frame's own bytes, which are wanted anyway."""
-        if self.raw_until is None and not self.function.in_branch:
-            self.raw_until = self.place.plus(check.size)
-            self.function.add(f"raw = {between(self.buffer, BEGIN, self.raw_until)}")
-            self.compare_residue(check, "raw", residue)
-        else:
-            super().judge_residue(check, residue, last=False)
-
-    def _undouble(self, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
-        """The region ends at the first escape byte that is not doubled; nothing else may stand in it."""
-        if fixed is not None:
-            if wrap.inside:
-                raise NotInARow
-            super()._undouble(item, wrap, fixed, after, plain)
-            return
-        function, escape = self.function, f"{wrap.escape or 0:#04x}"
-        single, double = (bytes_literal(bytes((wrap.escape or 0,)) * count) for count in (1, 2))
-        first = self.keep(self.place)
-        self.advance(f"{self.buffer}.index({single}, {first.text(self.buffer)})")
-        with function.out.block(f"while {self.buffer}[{self.at} + 1] == {escape}:"):
-            function.add(f"{self.at} = {self.buffer}.index({single}, {self.at} + 2)")
-        function.stands(wrap, self.buffer, first, self.place)
-        function.flush()
-        function.add(f"{plain} = {between(self.buffer, first, self.place)}")
-        with function.out.block(f"if {single} in {plain}:"):
-            function.add(f"{plain} = {plain}.replace({double}, {single})")
-
-    def _inner(self, item: Item, inner: Inner, after: tuple[Item, ...]) -> None:
-        """A frame that has to be looked at to know where the one around it ends, or whether there is one."""
-        known = self.shapes.present(inner).fixed is not None or self.knows_behind(after)
-        begins = any(leading(self.shapes, self.shapes.segments(self.shapes.frames[name])) for name in inner.frames)
-        if isinstance(inner.size, Expression) or (known and not begins):
-            super()._inner(item, inner, after)
-            return
-        if inner.size == "rest":
-            raise NotInARow
-        function, tree = self.function, tree_of(self.shapes, in_order(self.shapes, inner.frames))
-        local = function.local(inner.name, item.scope)
-        name, take, fields = (function.names.fresh(one) for one in ("name", "take", f"{inner.name}_fields"))
-        choice = self.module.choice(inner.frames, function.title, inner.name)
-        deciding = index(self.buffer, self.place.plus(tree.at if isinstance(tree, Switch) else 0))
-        first = self.keep(self.place)
-        function.flush_using(self.at)
-        function.add(f"{name}, {take} = {choice}.takes[{deciding}]")
-        function.add(f"{self.at}, {fields} = {take}({self.buffer}, {first.text(self.buffer)}, end, ctx)")
-        self.place = Place(self.at, 0)
-        function.stands(inner, self.buffer, first, self.place)
-        function.add(f"{local} = {{{name}: {fields}}}")
-        item.scope.entries[inner.name] = Entry(local, "inner")
-        function.names_of_values[inner.name] = local
-        item.fields.add(inner.name, local)
-        self.module.taken.update(dict.fromkeys(inner.frames))
+    def _compare(self, scope: Scope) -> None:
+        compare_size(self.function, self.pair, scope)
