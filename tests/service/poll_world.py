@@ -77,6 +77,7 @@ class Told:
     def __init__(self) -> None:
         self.values: list[tuple[int, ...]] = []
         self.failures: list[TransferResult] = []
+        self.raised: list[Exception] = []
         self.short = 0
 
     def result(self, result: TransferResult) -> None:
@@ -108,7 +109,7 @@ class Asking:
         told = Told() if told is None else told
         polling = Polling(
             self.service, address, station=station, unit=unit, count=count, every=every, on_result=told.result,
-            on_numbers=told.numbers,
+            on_numbers=told.numbers, on_raised=told.raised.append,
         )  # fmt: skip
         polling.start()
         return polling, told

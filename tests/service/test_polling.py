@@ -433,6 +433,24 @@ def test_what_cannot_be_asked_is_not_begun() -> None:
     assert len(told.values) == 3 and told.short == 1, "the one that failed to begin holds nothing back"
 
 
+@pytest.mark.parametrize("every", [0, 100 * MS])
+def test_what_a_callback_raises_does_not_reach_the_line(every: int) -> None:
+    class Raises(Told):
+        def numbers(self, values: tuple[int, ...]) -> None:
+            super().numbers(values)
+            raise LookupError(values)
+
+    world = ByHand("modbus-tcp")
+    polling, told = world.poll("40001", 1, station=1, every=every, told=Raises())
+    for number in range(5):
+        world.put(number)
+        world.answer()
+        world.clock.run_for(every)
+    assert [error.args for error in told.raised] == [((number,),) for number in (2, 3, 4)]
+    assert told.values == [(number,) for number in range(5)]
+    assert polling.quick_reads == told.short == 3
+
+
 # ---- others at the same time --------------------------------------------------------------------------------------
 
 
