@@ -14,11 +14,12 @@ from framekit.api.errors import LineClosedError, RequestError, raise_for
 from framekit.api.poll import OnError, OnValues, Poll
 from framekit.api.results import Answer, Reading
 from framekit.api.settings import LineSettings, ProtocolGiven, checked_params, line_settings, protocol_of
-from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, values_given
+from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, typed_each, values_given
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.blocks.load_channel import needs_own
 from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
+from framekit.link.addresses import Address, AddressError
 from framekit.link.observe import Seen
 from framekit.link.ready import MOST_KEPT
 from framekit.link.transfer import TransferResult
@@ -46,7 +47,7 @@ class AsyncClient(AsyncLine):
 
     @overload
     async def read(
-        self, address: str, count: int = ..., *, station: Any = ..., type: IntType | None = ...,
+        self, address: str, count: int = ..., *, station: Any = ..., type: IntType,
         order: Order | None = ..., params: Mapping[str, Any] | None = ...,
     ) -> Reading[int]: ...  # fmt: skip
     @overload
@@ -61,7 +62,7 @@ class AsyncClient(AsyncLine):
     ) -> Reading[str]: ...  # fmt: skip
     @overload
     async def read(
-        self, address: str, count: int = ..., *, station: Any = ..., type: str,
+        self, address: str, count: int = ..., *, station: Any = ..., type: str | None = ...,
         order: Order | None = ..., params: Mapping[str, Any] | None = ...,
     ) -> Reading[Any]: ...  # fmt: skip
     async def read(
@@ -70,8 +71,9 @@ class AsyncClient(AsyncLine):
     ) -> Reading[Any]:  # fmt: skip
         """`count` values from an address on; of a string, so many characters.
 
-        `type`: a unit of memory (`bit byte word dword lword`; default: the address's own), or `int16`, `uint32`,
-        `float32`, `string` …; `order`: where their bytes stand. `params`: other values of parameters, for this call.
+        `type`: a unit of memory (`bit byte word dword lword`), or `int16`, `uint32`, `float32`, `string` …; default:
+        what the protocol says such a place holds, else the address's own unit. `order`: where their bytes stand.
+        `params`: other values of parameters, for this call.
         Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
         """
         self._working()
@@ -83,6 +85,13 @@ class AsyncClient(AsyncLine):
             )
         )
         return self._reading(how, result, (address,), to)
+
+    def place(self, address: str) -> Address:
+        """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
+        try:
+            return self._working().client.grammar.parse(address)
+        except AddressError as error:
+            raise RequestError(str(error)) from None
 
     def _how(self, address: str, type: str | None, order: Order | None, count: int) -> Typed:
         """As `typed`, once for reads that are repeated."""
@@ -130,13 +139,14 @@ class AsyncClient(AsyncLine):
         to = self.settings.station_for(station)
         if type == "string" or not addresses:
             raise RequestError("read_many reads one number of each address – texts are read one by one")
-        how = typed(service.client.grammar, addresses[0], type, order, len(addresses))
+        how = typed_each(service.client.grammar, addresses, type, order)
         result = await self._transfer(
             lambda client, now, done: client.read_variables(
                 addresses, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
             )
         )
-        return self._reading(how, result, tuple(addresses), to)
+        values = tuple(how.values(result.values))
+        return Reading(values, how.type, tuple(addresses), to, result.data, result.raw)
 
     @staticmethod
     def _reading(how: Typed, result: TransferResult, addresses: tuple[str, ...], station: Any) -> Reading[Any]:
@@ -176,7 +186,7 @@ class AsyncClient(AsyncLine):
         if type == "string" or not values:
             raise RequestError("write_many writes one number to each address – texts are written one by one")
         addresses = list(values)
-        how = typed(service.client.grammar, addresses[0], type, order, len(addresses))
+        how = typed_each(service.client.grammar, addresses, type, order)
         numbers = how.numbers(list(values.values()))
         await self._transfer(
             lambda client, now, done: client.write_variables(

@@ -20,6 +20,7 @@ from framekit.api.settings import ProtocolGiven, line_settings
 from framekit.api.typed import FloatType, IntType, Order, TextType, Value
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.definition.model.protocol import Protocol
+from framekit.link.addresses import Address
 from framekit.link.observe import Seen
 from framekit.memory.memory import DeviceMemory
 
@@ -65,6 +66,10 @@ class Client:
         """The definition that is spoken."""
         return self._client.protocol
 
+    def place(self, address: str) -> Address:
+        """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
+        return self._client.place(address)
+
     def _wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
         try:
             return self._thread.wait(coroutine)
@@ -75,7 +80,7 @@ class Client:
 
     @overload
     def read(
-        self, address: str, count: int = ..., *, station: Any = ..., type: IntType | None = ...,
+        self, address: str, count: int = ..., *, station: Any = ..., type: IntType,
         order: Order | None = ..., params: Mapping[str, Any] | None = ...,
     ) -> Reading[int]: ...  # fmt: skip
     @overload
@@ -90,7 +95,7 @@ class Client:
     ) -> Reading[str]: ...  # fmt: skip
     @overload
     def read(
-        self, address: str, count: int = ..., *, station: Any = ..., type: str,
+        self, address: str, count: int = ..., *, station: Any = ..., type: str | None = ...,
         order: Order | None = ..., params: Mapping[str, Any] | None = ...,
     ) -> Reading[Any]: ...  # fmt: skip
     def read(

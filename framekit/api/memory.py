@@ -72,8 +72,8 @@ class Memory:
 
         self._carry_out(write)
 
-    def __getitem__(self, address: str) -> int:
-        return int(self.read(address)[0])
+    def __getitem__(self, address: str) -> Any:
+        return self.read(address)[0]
 
     def __setitem__(self, address: str, value: Value | Sequence[Value]) -> None:
         self.write(address, value)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from framekit.api.errors import RequestError
 from framekit.definition.model.services import UNIT_BITS
 from framekit.link.addresses import AddressGrammar
-from framekit.link.packing import values_of
+from framekit.link.packing import memory_of, values_of
 from framekit.memory.errors import MemoryValueError
 from framekit.memory.numbers import unit_bits
 from framekit.memory.views import NumberView, Order, TextView, view_of
@@ -65,9 +65,10 @@ class Typed:
 
 
 def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
-    """How values of a type (None: the address's own unit) at an address travel. Raises RequestError."""
+    """How values of a type (None: what the address usually holds) at an address travel. Raises RequestError."""
     try:
-        place = grammar.parse(address).unit
+        where = grammar.parse(address)
+        place, type_ = where.unit, type_ or where.type
         if type_ is None or _is_unit(type_):
             if order is not None:
                 raise ValueError(f"order= is for numbers and text – give a type, such as uint32, not {type_ or 'none'}")
@@ -82,6 +83,39 @@ def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str |
             )
         return Typed(type_, view, view.unit(place), view.units(count, place), count, place)
     return Typed(type_, view, view.unit, count, count, place)
+
+
+@dataclass(frozen=True, slots=True)
+class TypedEach:
+    """How one number at each of several addresses travels: in `unit`, or (None) each in that of its place."""
+
+    each: tuple[Typed, ...]
+
+    @property
+    def unit(self) -> str | None:
+        units = {how.unit for how in self.each}
+        return units.pop() if len(units) == 1 else None
+
+    @property
+    def type(self) -> str:
+        """The type, or all there are."""
+        return ", ".join(dict.fromkeys(how.type for how in self.each))
+
+    def values(self, numbers: Sequence[int]) -> list[Any]:
+        """The values in what a transfer brought."""
+        return [
+            number if how.view is None else how.values(memory_of([number], how.unit or how.place), [number])[0]
+            for how, number in zip(self.each, numbers, strict=True)
+        ]
+
+    def numbers(self, values: Sequence[Value]) -> list[int]:
+        """What a transfer carries for the values. Raises RequestError for values that do not fit."""
+        return [how.numbers([value])[0] for how, value in zip(self.each, values, strict=True)]
+
+
+def typed_each(grammar: AddressGrammar, addresses: Sequence[str], type_: str | None, order: str | None) -> TypedEach:
+    """As `typed`, for one number of each address."""
+    return TypedEach(tuple(typed(grammar, address, type_, order, 1) for address in addresses))
 
 
 def values_given(values: Value | Sequence[Value]) -> list[Value]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from framekit.blocks.attempts import Attempts
 from framekit.blocks.model import Channel, Place
 from framekit.blocks.own_places import address_at
+from framekit.blocks.typed_numbers import number_for
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
@@ -43,13 +44,15 @@ class TransferLoader:
             )
         grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
         units: list[str] = []
+        types: list[str | None] = []
         for node in nodes:
             with reader.going_on():
                 address = address_at(reader, grammar, node.at, reader.text(node), unit, count if len(nodes) == 1 else 1)
                 units.append(unit or address.unit)
+                types.append(address.type if unit is None else None)
                 if instruction == "write" and protocol.areas[address.area].access == "read":
                     reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
-        places, values = self._own_side(instruction, keys, len(nodes), count)
+        places, values = self._own_side(instruction, keys, types or [None], len(nodes), count)
         if len(units) == len(nodes):
             self._room(keys.get("into" if instruction == "read" else "from"), places, units, count)
         return {
@@ -78,8 +81,13 @@ class TransferLoader:
             self.reader.note(node.at, f"a count of {count} moves nothing", "give 1 or more")
         return max(1, count or 1)
 
+    def _numbers(self, nodes: Sequence[Node], types: list[str | None], wanted: int) -> tuple[int, ...]:
+        """What the elements get: one number stands for all of them. Raises Broken."""
+        given = list(nodes) * wanted if len(nodes) == 1 else nodes
+        return tuple(number_for(self.reader, node, types[min(at, len(types) - 1)]) for at, node in enumerate(given))
+
     def _own_side(
-        self, instruction: str, keys: Mapping, targets: int, count: int
+        self, instruction: str, keys: Mapping, types: list[str | None], targets: int, count: int
     ) -> tuple[tuple[Place, ...], tuple[int, ...] | None]:
         """The own places, one for each address, or the constants to write."""
         reader = self.reader
@@ -94,7 +102,7 @@ class TransferLoader:
         values = (
             None
             if given is None
-            else self.attempts.to(lambda: tuple(reader.number(one) for one in reader.items(given)))
+            else self.attempts.to(lambda: self._numbers(reader.items(given), types, max(targets, count)))
         )
         if node is None and given is None and wrong is None:
             what = f"the block does not say where its data {does}"
@@ -106,8 +114,6 @@ class TransferLoader:
         elif values is not None and len(values) not in (1, max(targets, count)):
             wanted = max(targets, count)
             reader.note(keys.at, f"{len(values)} values stand for {wanted} places", f"give one value, or {wanted}")
-        elif values is not None and len(values) == 1:
-            values *= max(targets, count)
         own = len(reader.items(node))
         if own and own != targets:
             what = f"{targets} addresses of the other side stand against {own} own ones"

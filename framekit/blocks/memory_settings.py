@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from framekit.blocks.memory_sizes import areas_with
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import ProtocolAddresses
+from framekit.blocks.typed_numbers import number_for
 from framekit.definition.expression.syntax import Call, Text, walk
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.procedure import Action
@@ -84,7 +85,7 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
             address = grammar.parse(text)
         except AddressError as error:
             raise reader.broken(entry.key.at, *_parted(error)) from None
-        values = tuple(reader.number(item) for item in reader.items(entry.value))
+        values = tuple(number_for(reader, item, address.type) for item in reader.items(entry.value))
         try:
             grammar.check(address, max(1, len(values)))
         except AddressError as error:

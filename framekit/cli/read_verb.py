@@ -109,7 +109,7 @@ def output(arguments: argparse.Namespace, readings: list[Reading[Any]]) -> None:
 
 
 def _shown(value: Any, type_: str) -> str:
-    return f"{value:.7g}" if type_ == "float32" else str(value)
+    return f"{value:.7g}" if isinstance(value, float) and "float32" in type_ else str(value)
 
 
 def _plain(station: Any) -> Any:

@@ -23,8 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     def write(client: Client) -> None:
-        values = [value_of(text, arguments.type) for text in arguments.values]
-        refuse_signs(client, arguments.address, values, arguments.type)
+        place = client.place(arguments.address)
+        values = [value_of(text, arguments.type or place.type) for text in arguments.values]
+        refuse_signs(place.unit, values, arguments.type or place.type)
         client.write(arguments.address, values, type=arguments.type, order=arguments.order, count=arguments.count)
         if arguments.json:
             print_json({"address": arguments.address, "written": len(values)})
@@ -32,23 +33,18 @@ def run(arguments: argparse.Namespace) -> int:
     return carry_out(arguments, write)
 
 
-def refuse_signs(client: Client, address: str, values: list[Value], type_: str | None) -> None:
+def refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
     """Elements of a memory have no sign: a negative number needs a type that says how it stands in them.
 
     Raises RequestError.
     """
     from framekit.api.errors import RequestError
     from framekit.definition.model.services import UNIT_BITS
-    from framekit.link.addresses import AddressError, AddressGrammar
 
     negative = next((value for value in values if isinstance(value, (int, float)) and value < 0), None)
     if negative is None or (type_ is not None and type_ not in UNIT_BITS):
         return
-    protocol = client.protocol
-    try:
-        unit = type_ or AddressGrammar(protocol.addresses, protocol.areas, protocol.tables).parse(address).unit
-    except AddressError as error:
-        raise RequestError(str(error)) from None
+    unit = type_ or place
     bits = UNIT_BITS.get(unit, 0)
     hint = f" – for a number with sign write --type int{bits}" if bits in (8, 16, 32, 64) else ""
     raise RequestError(f"{negative} does not fit into a {unit}: 0 to {(1 << bits) - 1 if bits else '…'}{hint}")

@@ -31,13 +31,17 @@ class AddressError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Element `start` of `area`, counted from 0 in `unit`. `parts` are the other things the text says, by name."""
+    """Element `start` of `area`, counted from 0 in `unit`. `parts` are the other things the text says, by name.
+
+    `type`: the type of number that such a place usually holds; None: one without sign.
+    """
 
     area: str
     unit: str
     start: int
     text: str = ""
     parts: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    type: str | None = None
 
     @property
     def unit_bits(self) -> int:
@@ -101,7 +105,8 @@ class AddressGrammar:
             raise KeyError(area)
         unit = found.pop("unit", None) or form.form.unit or self.areas[area].unit
         unit_bits(unit)
-        return Address(area, unit, found.pop("start"), text, found)
+        type_ = form.form.type or (self.areas[area].type if unit == self.areas[area].unit else None)
+        return Address(area, unit, found.pop("start"), text, found, type_)
 
     def _unknown(self, text: str) -> str:
         if text in self.areas:
@@ -172,7 +177,7 @@ class AddressGrammar:
         start, over = divmod(address.first_bit, width)
         if over:
             raise AddressError(f"{address} is not at the start of a {unit}")
-        return replace(address, unit=unit, start=start)
+        return replace(address, unit=unit, start=start, type=None)
 
     def advance(self, address: Address, elements: int) -> Address:
         """The place `elements` further on, with the text of that; what else the address says stays."""

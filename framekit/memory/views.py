@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from framekit.codec.support import swap
+from framekit.definition.model.services import NUMBER_BITS
 from framekit.definition.problems import did_you_mean
 from framekit.memory.errors import MemoryValueError
 from framekit.memory.numbers import as_float, as_signed, from_float, from_signed
@@ -21,12 +22,8 @@ Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 ORDERS: tuple[str, ...] = get_args(Order)
 _UNITS = {8: "byte", 16: "word", 32: "dword", 64: "lword"}
 _FORMATS = {"byte": "B", "word": "H", "dword": "I", "lword": "Q"}
-_TYPES: dict[str, tuple[int, str]] = {
-    **{f"int{bits}": (bits, "signed") for bits in _UNITS},
-    **{f"uint{bits}": (bits, "unsigned") for bits in _UNITS},
-    "float32": (32, "float"),
-    "float64": (64, "float"),
-}
+_KINDS = {"i": "signed", "u": "unsigned", "f": "float"}
+_TYPES = {name: (bits, _KINDS[name[0]]) for name, bits in NUMBER_BITS.items()}
 VIEWS: tuple[str, ...] = (*_TYPES, "string")
 """The names of the types."""
 

@@ -1,12 +1,15 @@
-"""Where text may be read and written: not in elements that have a form of their own."""
+"""What places hold: numbers of a type where the protocol says so; no text in elements that have a form of their own."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 
 import framekit
 from framekit.api.errors import RequestError
 from framekit.api.typed import typed
+from framekit.blocks.load import load_run
 from framekit.codec.codec import compile_protocol
 from framekit.link.service_rows import ServiceRows
 
@@ -17,3 +20,49 @@ def test_text_does_not_go_into_structures() -> None:
     assert typed(grammar, "N7:0", "string", None, 5).units == 3
     with pytest.raises(RequestError, match="ST9:0 is an element of 84 bytes with a form of its own"):
         typed(grammar, "ST9:0", "string", None, 5)
+
+
+DEVICE = "device: one\nprotocol: df1\nrole: full\nstation: 1\n"
+RUN = """
+run: fractions
+memory: masterlogic
+channels:
+  1: {port: "sim:one.device.yaml", protocol: df1, role: full, station: 1}
+blocks:
+  0: {write: "F8:0", values: [1.5], count: 2, every: 1 s}
+  1: {write: ["F8:2", "N7:0"], values: [-2, 3], every: 1 s}
+  2: {write: "F8:3", values: [0x3F800000], type: dword, every: 1 s}
+"""
+
+
+def test_places_are_read_and_written_as_what_they_hold(tmp_path: Path) -> None:
+    file = tmp_path / "one.device.yaml"
+    file.write_text(DEVICE, encoding="utf-8")
+    with framekit.connect("df1", f"sim:{file}", role="full", station=1) as client:
+        client.write("F8:0", [1.5, -2])
+        client.write_many({"F8:2": 0.25, "N7:0": 7})
+        assert client.read("F8:0", 3) == [1.5, -2.0, 0.25]
+        mixed = client.read_many(["N7:0", "F8:0", "B3:0/1"])
+        assert (mixed, mixed.type) == ([7, 1.5, 0], "word, float32, bit")
+        assert client.read_many(["F8:0", "F8:1"], type="dword") == [0x3FC00000, 0xC0000000]
+        assert client.place("F8:0").type == "float32"
+        with pytest.raises(RequestError, match="'F8:' is not an address"):
+            client.place("F8:")
+        with pytest.raises(RequestError, match="order= is for numbers and text"):
+            client.read_many(["F8:0", "N7:0"], order="ABCD")
+
+
+def test_constants_of_blocks_are_of_the_type_of_their_place(tmp_path: Path) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    file = tmp_path / "fractions.run.yaml"
+    file.write_text(RUN, encoding="utf-8")
+    assert [block.values for block in load_run(file).blocks] == [
+        (0x3FC00000, 0x3FC00000), (0xC0000000, 3), (0x3F800000,),
+    ]  # fmt: skip
+
+
+def test_the_memory_of_a_server_goes_by_it_too() -> None:
+    with framekit.serve("df1", "tcp://127.0.0.1:0", role="full", station=1) as server:
+        server.memory["F8:0"] = 1.5
+        assert server.memory["F8:0"] == 1.5
+        assert server.memory.read("F8:0", type="dword") == [0x3FC00000]

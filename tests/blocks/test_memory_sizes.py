@@ -34,6 +34,17 @@ def test_an_area_is_as_large_as_said_or_not_there(tmp_path: Path) -> None:
     assert made.areas_without_memory() == []
 
 
+def test_start_values_are_of_the_type_of_their_place(tmp_path: Path) -> None:
+    made = device(tmp_path, '{set: {"F8:0": [1.5, -2, 0x3F800000], "PD13:0.SP": 0.5, "N7:0": -2}}')
+    memory = made.create_memory()
+    assert memory.read("file8", "dword", 0, 3) == [0x3FC00000, 0xC0000000, 0x3F800000]
+    assert memory.read("file7", "word", 0, 1) == [0xFFFE]
+    with pytest.raises(DefinitionError, match=r"'1\.5' is not a whole number"):
+        device(tmp_path, '{set: {"N7:0": 1.5}}')
+    with pytest.raises(DefinitionError, match="'nan' is no float32"):
+        device(tmp_path, '{set: {"F8:0": nan}}')
+
+
 def test_places_are_judged_by_the_sizes(tmp_path: Path) -> None:
     grammar = device(tmp_path, '{sizes: {"N7:0": 2000, "N10:0": 3}}').grammar
     assert grammar.parse("N7:1999").start == 1999

@@ -122,6 +122,26 @@ def test_nobody_answers(bench: tuple[str, framekit.Memory], capsys: pytest.Captu
     assert (status, json.loads(out)["error"]) == (3, "no_reply")
 
 
+def test_the_address_says_what_it_holds(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    device = tmp_path / "one.device.yaml"
+    device.write_text(
+        'device: one\nprotocol: df1\nrole: full\nstation: 1\nmemory: {set: {"F8:0": [1.5, -2], "N7:0": 0xFFFF}}\n',
+        encoding="utf-8",
+    )
+    line = ("df1", "--port", f"sim:{device}", "--role", "full", "--station", "1")
+    assert call(capsys, "read", *line, "F8:0", "-n", "2") == (0, "F8:0  1.5 -2\n", "")
+    assert call(capsys, "read", *line, "F8:0", "--type", "dword") == (0, f"F8:0  {0x3FC00000}\n", "")
+    assert call(capsys, "read", *line, "F8:0", "N7:0") == (0, "F8:0  1.5\nN7:0  65535\n", "")
+    assert call(capsys, "read", *line, "N7:0", "F8:1", "--type", "int16")[0] == 0
+    status, out, _ = call(capsys, "read", *line, "F8:0", "N7:0", "--json")
+    shown = json.loads(out)
+    assert (status, shown["type"], shown["values"]) == (0, "float32, word", [1.5, 65535])
+    status, _, err = call(capsys, "write", *line, "--frames", "F8:1", "0.5")
+    assert status == 0 and "8A 01 00 00 00 00 3F 10 03" in err
+    assert call(capsys, "write", *line, "F8:1", "much")[::2] == (2, "framekit write: 'much' is no float32\n")
+    assert "'0.5' is no whole number" in call(capsys, "write", *line, "N7:1", "0.5")[2]
+
+
 @pytest.mark.parametrize(("there", "asker", "station"), [("slave", "master", 2), ("full", "full", 1)])
 def test_nobody_acknowledges(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, there: str, asker: str, station: int

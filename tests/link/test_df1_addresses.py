@@ -208,6 +208,13 @@ def test_floats_have_the_high_word_first_by_word_range_commands() -> None:
     assert swapped.commands() == ["0F AA 04 08 8A 01 00 7A 44 00 00"]
 
 
+def test_places_know_what_they_hold() -> None:
+    grammar = Pair("plc5").client.grammar
+    types = {text: grammar.parse(text).type for text in ("F8:1", "F8:1/3", "N7:0", "PD13:1.SP", "PD13:1")}
+    assert types == {"F8:1": "float32", "F8:1/3": None, "N7:0": None, "PD13:1.SP": "float32", "PD13:1": None}
+    assert grammar.parse("F8:1", "word").type is None
+
+
 @pytest.mark.parametrize(
     ("processor", "says"),
     [

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 
 from framekit.definition.expression.syntax import Attribute, Name, names_in, walk
-from framekit.definition.model.services import UNIT_BITS, AddressForm, Area, Maybe, Part
+from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, AddressForm, Area, Maybe, Part
 from framekit.definition.model.values import Table
 from framekit.definition.problems import Problem, did_you_mean
 
@@ -29,6 +29,7 @@ def check_forms(
         for part in parts:
             yield from _part(form, part, areas, columns)
         yield from _unit(form, parts, areas, tables)
+        yield from _type(form)
         yield from _names(form, parts, columns, tables)
 
 
@@ -97,6 +98,16 @@ def _unit(
         if not isinstance(unit, str) or (unit not in units and not _UNIT.fullmatch(unit)):
             what = f"{unit!r} stands for '{key}' in the table '{form.units_table}' and is no unit"
             yield Problem(form.at, what, did_you_mean(str(unit), units))
+
+
+def _type(form: AddressForm) -> Iterator[Problem]:
+    if form.type is None:
+        return
+    if form.unit is None:
+        what = f'the form "{form.text}" has a type and no unit of its own'
+        yield Problem(form.at, what, "say unit: too, or give the area the type")
+    elif UNIT_BITS.get(form.unit) != NUMBER_BITS.get(form.type):
+        yield Problem(form.at, f"a {form.type} is no {form.unit}", "give a type of that width")
 
 
 def _names(

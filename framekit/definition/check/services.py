@@ -10,7 +10,7 @@ from framekit.definition.check.segments import constant_number
 from framekit.definition.expression.syntax import Text, names_in
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import UNIT_BITS, ServiceRow
+from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, ServiceRow
 from framekit.definition.model.sizes import field_names
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
@@ -148,6 +148,9 @@ def _areas(protocol: Protocol) -> Iterator[Problem]:
     for area in protocol.areas.values():
         if area.size < 1:
             yield Problem(area.at, f"area '{area.name}' has no places", "give size: 1 or more")
+        if area.type is not None and NUMBER_BITS.get(area.type, area.element_bits) != area.element_bits:
+            what = f"a {area.type} is no {area.unit}, which an element of area '{area.name}' is"
+            yield Problem(area.at, what, "give a type of that width")
         for unit in area.codes:
             if is_unit(unit) and unit not in UNIT_BITS and unit != area.unit:
                 what = f"'{unit}' in the codes of area '{area.name}' is not a unit"

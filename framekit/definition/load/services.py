@@ -26,7 +26,7 @@ from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import did_you_mean
 
 UNIT_WORDS = (*UNIT_BITS, "own")
-AREA_KEYS = {"unit", "size", "access", "code", "memory", "layout", "about"}
+AREA_KEYS = {"unit", "size", "access", "code", "memory", "layout", "type", "about"}
 
 
 def load_area(reader: Reader, entry: Entry) -> Area:
@@ -54,6 +54,7 @@ def load_area(reader: Reader, entry: Entry) -> Area:
             if column.key.text not in AREA_KEYS
         },
         at=entry.key.at,
+        type=reader.maybe(reader.text, keys.get("type")),
     )
 
 

@@ -13,6 +13,10 @@ from framekit.definition.model.values import Constant, FrameOf, Value
 from framekit.definition.problems import Position
 
 UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
+NUMBER_BITS = {
+    **{f"{kind}{bits}": bits for kind in ("int", "uint") for bits in (8, 16, 32, 64)}, "float32": 32, "float64": 64,
+}  # fmt: skip
+"""The types of numbers that elements may hold, and their widths."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +24,7 @@ class Area:
     """A memory area of a device. `codes`: unit → name on the wire, the first unit is the default one.
 
     `element_bits` is the width of the default unit; `columns` are the definition's own; `layout` makes a read-only area
-    of that layout; `memory` is the area of the device's memory.
+    of that layout; `memory` is the area of the device's memory; `type` is what an element usually holds.
     """
 
     name: str
@@ -33,6 +37,7 @@ class Area:
     layout: str | None
     columns: Mapping[str, Constant]
     at: Position
+    type: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +71,10 @@ class Maybe:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressForm:
-    """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table."""
+    """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table.
+
+    `type`: what a place that is written so usually holds.
+    """
 
     text: str
     parts: tuple[Literally | Part | Maybe, ...]
@@ -76,6 +84,7 @@ class AddressForm:
     results: Mapping[str, Expression]
     wire: bool
     at: Position
+    type: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
