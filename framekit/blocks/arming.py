@@ -19,14 +19,17 @@ from framekit.memory.memory import DeviceMemory
 
 
 class Arming:
-    """Arms blocks. `fired` are those that have come due since somebody took them; `wake` is called for the first."""
+    """Arms blocks. `fired` are those that have come due since somebody took them; `wake` is called for the first.
+
+    `timers`: a heap of times when blocks are due next.
+    """
 
     def __init__(self, memory: DeviceMemory, resolve: Resolve, wake: Callable[[], None]) -> None:
         self.memory = memory
         self.resolve = resolve
         self.fired: list[BlockState] = []
         self._wake = wake
-        self._timers: list[tuple[int, int, Cycle | None, BlockState, int]] = []
+        self.timers: list[tuple[int, int, Cycle | None, BlockState, int]] = []
         self._order = itertools.count()
         self._after: dict[tuple[int, bool], list[BlockState]] = {}
 
@@ -64,7 +67,7 @@ class Arming:
 
     def clear(self) -> None:
         """Nothing comes due any more of what was to."""
-        self._timers.clear()
+        self.timers.clear()
         self.fired.clear()
 
     # ---- what happens -------------------------------------------------------------------------------------
@@ -91,16 +94,16 @@ class Arming:
         self._at(when, None, state)
 
     def _at(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
-        heapq.heappush(self._timers, (when, next(self._order), cycle, state, state.round))
+        heapq.heappush(self.timers, (when, next(self._order), cycle, state, state.round))
 
     @property
     def next_time(self) -> int:
         """When a block is due by its time next."""
-        return self._timers[0][0] if self._timers else NEVER
+        return self.timers[0][0] if self.timers else NEVER
 
     def due(self, now: int) -> Iterator[tuple[BlockState, int, int]]:
         """Blocks whose time has come: when that was, and how many times more it has come since then."""
-        timers = self._timers
+        timers = self.timers
         while timers and timers[0][0] <= now:
             due, _, cycle, state, round_ = heapq.heappop(timers)
             if round_ == state.round:

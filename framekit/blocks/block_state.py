@@ -6,25 +6,30 @@ Who changes it, and when, is the scheduler's business.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.counters import Counters
-from framekit.blocks.model import Block
+from framekit.blocks.model import STATIONED, Block
 from framekit.blocks.triggers import MemoryTriggers
+
+Prompt = Callable[[], bool]
+"""A quick start of a block; whether it has started."""
 
 
 class BlockState:
     """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
 
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
-    counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: whether it may start before
-    anything else is looked at, once somebody has asked. `key`: its set, and its number there.
+    counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: its quick
+    start, False where it has none, None before somebody has asked. `key`: its set, and its number there.
     """
 
     __slots__ = (
-        "block", "companions", "counters", "dead", "enabled", "id", "key", "lane", "last_end", "last_failure",
-        "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at", "starts_left",
+        "block", "companions", "counters", "dead", "enabled", "has_station", "id", "key", "lane", "last_end",
+        "last_failure", "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at", "starts_left",
         "waiting",
     )  # fmt: skip
 
@@ -32,6 +37,7 @@ class BlockState:
         self.block = block
         self.id = block.id
         self.key = block.set, block.number
+        self.has_station = block.instruction in STATIONED
         self.lane = block.lane
         self.counters = Counters()
         self.enabled = block.enabled
@@ -45,7 +51,7 @@ class BlockState:
         self.last_end: int | None = None
         self.companions: tuple[BlockState, ...] = ()
         self.probing = False
-        self.prompt: bool | None = None
+        self.prompt: Prompt | Literal[False] | None = None
         self.dead = False
         self.round = 0
 

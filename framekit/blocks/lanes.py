@@ -139,7 +139,7 @@ class Lane:
         """As `push` and `take`, where nothing else waits and nothing is wrong; False: nothing has been done."""
         if self.running or self.waiting or self._failing or not self.open or self.held or now < self.free_from:
             return False
-        station, last = self.station_of(state), self._last
+        station, last = self.station_of(state) if state.has_station else None, self._last
         if last is not None and station != last[0] and not self._silent_for(station, now):
             return False
         self._probed = False

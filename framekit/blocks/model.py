@@ -22,6 +22,9 @@ from framekit.definition.times import LineFormat
 from framekit.link.addresses import Address
 from framekit.memory.profile import MemoryProfile
 
+STATIONED = ("read", "write", "call")
+"""Instructions of blocks that talk to one station; the others have none."""
+
 BLOCKS_IN_SET = 64
 SETS = 8
 """A module has so many parameter sets of so many blocks (Snet module guide, chapter 6)."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 
 from framekit.blocks.arming import Arming
-from framekit.blocks.block_state import BlockState
+from framekit.blocks.block_state import BlockState, Prompt
 from framekit.blocks.block_status import Failure
 from framekit.blocks.conditions import Resolve
 from framekit.blocks.lanes import Lane, LaneRules
@@ -35,8 +35,8 @@ class Scheduler:
     `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
     been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
     `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
-    `died(channel, station, dead)` hears of stations that are given up or back, `prompt` tells which blocks look at
-    nothing that the owner brings up to date before `tick`.
+    `died(channel, station, dead)` hears of stations that are given up or back, `prompt` gives a quick start, which
+    may fail, to blocks without conditions that look at nothing that the owner brings up to date before `tick`.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Scheduler:
         joins: Joins | None = None,
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
-        prompt: Callable[[Block], bool] = lambda block: False,
+        prompt: Callable[[BlockState], Prompt | None] = lambda state: None,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
@@ -245,16 +245,23 @@ class Scheduler:
     def start_promptly(self, now: int) -> None:
         """Starts the block that has come due, if it is the only one and has nobody to wait for.
 
-        For whoever has more to do at that moment, none of which such a block looks at (see `prompt`).
+        For whoever has more to do at that moment, none of which such a block looks at (see `prompt`). What others do
+        in calls is written out here, since it stands between a trigger and the first byte.
         """
-        fired = self._arming.fired
-        if len(fired) == 1 and self._arming.next_time > now:
-            state = fired[0]
-            if state.prompt is None:
-                state.prompt = self._prompt(state.block)
-            if state.prompt and self._may_start(state) and self.lanes[state.lane].take_at_once(state, now):
-                fired.clear()
-                self._begin(state, now)
+        fired, timers = self._arming.fired, self._arming.timers
+        if len(fired) != 1 or (timers and timers[0][0] <= now):
+            return
+        state = fired[0]
+        if state.prompt is None:
+            state.prompt = self._prompt(state) or False
+        if not (state.prompt and state.enabled and self._active and state.starts_left != 0):
+            return
+        if self.sets.get(state.key[0], True) and self.lanes[state.lane].take_at_once(state, now):
+            fired.clear()
+            state.companions = ()
+            state.begun(now)
+            if not state.prompt():
+                self._start(state, now)
 
     def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()

@@ -69,7 +69,6 @@ class BlockTransfers:
         self._fields: dict[int, FrameFields] = {}
         self._senders: dict[str, FrameSender] = {}
         self._reads: dict[tuple[int, int], RepeatedRead] = {}
-        self._ready: dict[tuple[int, int], tuple[Block, FrameSender, FrameFields]] = {}
         self._sending: list[Ended] = []
         self._commands: dict[str, CommandBlocks] = {}
 
@@ -271,40 +270,26 @@ class BlockTransfers:
         assert block.frame is not None
 
         fields = self.fields_of(block)
-        commands = self._sender_of(block.frame).send(fields, now, partial(self._sent, ended))
+        commands = self._sender_of(block.frame).send(fields, now, partial(self.has_sent, ended))
         self._sending.append(ended)
         return commands
 
-    def frame_at_once(self, block: Block) -> bytes | None:
-        """The bytes that a SEND block sends, if they may leave right now; then `handed_over` has to be called.
+    def prepared_frame(self, block: Block) -> tuple[FrameSender, FrameFields]:
+        """What sends the frame of a SEND block, and what reads its fields. Raises as `fields_of`."""
+        assert block.frame is not None
+        return self._sender_of(block.frame), FrameFields(block, self._parts_of(block.frame), self.memory)
 
-        None: it has to be started. Whatever is wrong with it is found out then.
-        """
-        ready = self._ready.get((block.set, block.number))
-        try:
-            if ready is None or ready[0] is not block:
-                assert block.frame is not None
-                self.fields_of(block)
-                ready = self._ready[block.set, block.number] = (
-                    block,
-                    self._sender_of(block.frame),
-                    self._fields[block.id],
-                )
-            return ready[1].at_once(ready[2])
-        except (DeviceMemoryError, *EVALUATION_ERRORS):
-            return None
-
-    def handed_over(self, block: Block, data: bytes, now: int, ended: Ended) -> None:
-        """What `frame_at_once` gave is on its way; `ended` is called once."""
+    def is_sending(self, ended: Ended) -> None:
+        """Somebody sends a block's frame by what is prepared; `has_sent` follows unless the connection is lost."""
         self._sending.append(ended)
-        self._ready[block.set, block.number][1].handed_over(data, now, partial(self._sent, ended))
 
     def _sender_of(self, frame: str) -> FrameSender:
         if frame not in self._senders:
             self._senders[frame] = FrameSender(self.engine, frame)
         return self._senders[frame]
 
-    def _sent(self, ended: Ended) -> None:
+    def has_sent(self, ended: Ended) -> None:
+        """The frame of a block has left."""
         if ended in self._sending:
             self._sending.remove(ended)
             ended(None)

@@ -114,32 +114,24 @@ class Area:
 
     def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
         """Puts unsigned `values` of `unit` at number `start` on. Either all are written or none."""
-        if unit == "word" and len(values) == 1 and self._put_word(start, values[0], force):
-            return
+        may = force or self.access != "read"
+        if may and unit == "word" and len(values) == 1 and 0 <= start < self.size_bits >> 4:
+            try:  # the usual write, without detours
+                data = _PACK_WORD(values[0])
+            except struct.error:
+                pass
+            else:
+                self._put_word(start, data)
+                return
         bits = unit_bits(unit)
         if start < 0 or (start + len(values)) * bits > self.size_bits:
             raise self._beyond(unit, start, len(values), self.size_bits // bits)
-        if self.access == "read" and not force:
+        if not may:
             raise self._read_only()
         if bits == 1:
             self._put_bits(start, len(values), pack_bits(values))
             return
         self._store(start * bits // 8, _encode(values, bits))
-
-    def _put_word(self, number: int, value: int, force: bool) -> bool:
-        """The usual write, without detours; False: something is wrong with it, nothing is written."""
-        if not 0 <= number < self.size_bits >> 4 or (self.access == "read" and not force):
-            return False
-        try:
-            data = _PACK_WORD(value)
-        except struct.error:
-            return False
-        watches = self._watches
-        if watches is not None and watches.masks[number]:
-            self._store_in_word(watches, 2 * number, data)
-        else:
-            self._data[2 * number : 2 * number + 2] = data
-        return True
 
     # --- bits, packed
 
@@ -189,7 +181,10 @@ class Area:
         if watches is None or not data:
             self._data[offset:end] = data
         elif offset >> 1 == (end - 1) >> 1:
-            self._store_in_word(watches, offset, data)
+            if len(data) == 2:
+                self._put_word(offset >> 1, data)
+            else:
+                self._put_byte(watches, offset, data)
         elif watches.marks.find(1, offset >> 1, (end + 1) >> 1) < 0:
             self._data[offset:end] = data
         else:
@@ -202,22 +197,25 @@ class Area:
                     if watch.active:
                         watch.callback(self, word, count)
 
-    def _store_in_word(self, watches: WatchTable, offset: int, data: bytes) -> None:
-        """The usual write, a word or half of one: whether anybody listens has to be found out at no cost."""
-        memory, mask = self._data, watches.masks[offset >> 1]
-        if not mask:
-            memory[offset : offset + len(data)] = data
-            return
-        changed = memory[offset] ^ data[0]
-        if len(data) == 2:
-            changed |= (memory[offset + 1] ^ data[1]) << 8
-        elif offset & 1:
-            changed <<= 8
-        memory[offset : offset + len(data)] = data
-        if changed & mask:
-            for watch in watches.by_word[offset >> 1]:
-                if changed & watch.mask and watch.active:
-                    watch.callback(self, offset >> 1, 1)
+    def _put_word(self, word: int, data: bytes) -> None:
+        memory, watches, at = self._data, self._watches, 2 * word
+        mask = 0 if watches is None else watches.masks[word]
+        changed = mask and mask & (memory[at] ^ data[0] | (memory[at + 1] ^ data[1]) << 8)
+        memory[at : at + 2] = data
+        if changed and watches is not None:
+            self._tell(watches, word, changed)
+
+    def _put_byte(self, watches: WatchTable, offset: int, data: bytes) -> None:
+        changed = (self._data[offset] ^ data[0]) << 8 * (offset & 1) & watches.masks[offset >> 1]
+        self._data[offset] = data[0]
+        if changed:
+            self._tell(watches, offset >> 1, changed)
+
+    def _tell(self, watches: WatchTable, word: int, changed: int) -> None:
+        """Those who watch one of the bits that have changed in a word hear of it."""
+        for watch in watches.by_word[word]:
+            if changed & watch.mask and watch.active:
+                watch.callback(self, word, 1)
 
     def _put_bits(self, start: int, count: int, data: bytes) -> None:
         if not count:

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from framekit.blocks.block_status import Failure
 from framekit.blocks.merging import Read
-from framekit.blocks.model import Block, Channel
+from framekit.blocks.model import STATIONED, Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.link.client import Client
@@ -21,9 +21,6 @@ from framekit.service.driver import Driver, Moment
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
-
-STATIONED = ("read", "write", "call")
-"""Instructions of blocks that talk to one station; the others have none."""
 
 REPEATS = "retries"
 """The parameter that says how often an exchange is repeated, where a protocol has it."""
@@ -139,31 +136,12 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        if not block.params and (
-            (block.instruction == "send" and self._send_at_once(block, ended))
-            or (
-                block.instruction == "read" and repeats and not self.channel.stations and self._read_again(block, ended)
-            )
-        ):
+        is_plain = repeats and not block.params and not self.channel.stations
+        if is_plain and block.instruction == "read" and self._read_again(block, ended):
             return
         params = self._params_for(block, repeats)
         told = self._overriding(params, ended) if params else ended
         self.driver.do(lambda now: self.transfers.start(block, now, told))
-
-    def _send_at_once(self, block: Block, ended: Ended) -> bool:
-        """Sends first and counts afterwards; False: something is in the way, nothing has been done."""
-        driver = self.driver
-        data = None if driver.pending else self.transfers.frame_at_once(block)
-        if data is None:
-            return False
-        has_left = driver.write_through(data)
-        now = self._clock.now()
-        self.transfers.handed_over(block, data, now, ended)
-        if has_left:
-            driver.sent(now)
-        else:
-            driver.carry_out([])
-        return True
 
     def _read_again(self, block: Block, ended: Ended) -> bool:
         """As the last time; False: something is in the way, nothing has been done."""

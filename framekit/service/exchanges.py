@@ -10,13 +10,16 @@ from functools import partial
 
 from framekit.blocks.block_memory import BlockMemory
 from framekit.blocks.block_settings import SettingError
-from framekit.blocks.block_state import BlockState
+from framekit.blocks.block_state import BlockState, Prompt
 from framekit.blocks.block_status import Failure
 from framekit.blocks.lanes import LaneRules
 from framekit.blocks.merging import Read, neighbours
-from framekit.blocks.model import Block, Channel
+from framekit.blocks.model import STATIONED, Block, Channel
 from framekit.blocks.transfer import Ended
-from framekit.service.channel import STATIONED, ChannelService
+from framekit.memory.errors import DeviceMemoryError
+from framekit.service.channel import ChannelService
+from framekit.service.prompt_send import PromptSend
+from framekit.transport.clock import Clock
 
 
 class Exchanges:
@@ -87,6 +90,17 @@ class Exchanges:
         if reads:
             channel.start_joined(reads)
 
+    def prompt(self, state: BlockState, clock: Clock) -> Prompt:
+        """The quick start of a block: a frame may leave before anything is counted, all others start as usual."""
+        block = state.block
+        if block.instruction != "send" or block.params or self._shows_starts:
+            return _not_at_once
+        settings, ended = self._block_memory.settings, partial(self._finished, state.id)
+        try:
+            return PromptSend(block, self._channels, settings, clock, ended)
+        except (DeviceMemoryError, ValueError):
+            return _not_at_once  # what is wrong is told then
+
     def _effective(self, state: BlockState) -> Block | None:
         """The block with its settings; one that they spoil has ended."""
         try:
@@ -147,6 +161,10 @@ class Exchanges:
             return None
         read = channel.transfers.read_of(block, _nobody)
         return None if read is None else Read(state, read.address, read.count)
+
+
+def _not_at_once() -> bool:
+    return False
 
 
 def _nobody(failure: Failure | None) -> None:

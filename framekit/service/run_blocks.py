@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable, Mapping
 
 from framekit.blocks.block_memory import BlockMemory, status_of
 from framekit.blocks.block_settings import SettingError
-from framekit.blocks.block_state import BlockState
+from framekit.blocks.block_state import BlockState, Prompt
 from framekit.blocks.block_status import BlockStatus, Failure
 from framekit.blocks.conditions import Resolve
 from framekit.blocks.model import Block, Run
@@ -32,15 +32,18 @@ OnEnd = Callable[[BlockStatus, bool], None]
 class RunBlocks:
     """`channels` are those of the run; `wake` asks for a tick, `refresh` brings the memory's own bits up to date.
 
+    `is_prompt` tells which blocks depend on nothing that changes by itself.
     `jobs` carries out the commands of blocks that have no channel, where the run has jobs.
     """
 
     def __init__(
         self, run: Run, clock: Clock, memory: DeviceMemory, resolve: Resolve, channels: Mapping[int, ChannelService],
-        wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None, prompt: Callable[[Block], bool],
+        wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None,
+        is_prompt: Callable[[Block], bool],
     ) -> None:  # fmt: skip
         self._clock = clock
         self._refresh = refresh
+        self._is_prompt = is_prompt
         self.on_end = on_end
         self.jobs: JobService | None = None
         self.memory = BlockMemory(memory, run.memory, run.status)
@@ -57,7 +60,7 @@ class RunBlocks:
             joins=self.exchanges.joins,
             sets=run.sets,
             died=self._died,
-            prompt=prompt,
+            prompt=self._prompt,
         )
         for state in self.states.values():
             self.memory.add(state, protocol_of(run, state.block))
@@ -80,6 +83,9 @@ class RunBlocks:
         else:
             self.memory.started(state)
             self.jobs.take(state.block.job)
+
+    def _prompt(self, state: BlockState) -> Prompt | None:
+        return self.exchanges.prompt(state, self._clock) if self._is_prompt(state.block) else None
 
     def finished(self, number: int, failure: Failure | None) -> None:
         """The exchange of a block, or its command, has ended."""
