@@ -29,8 +29,8 @@ class BlockState:
 
     __slots__ = (
         "block", "companions", "counters", "dead", "enabled", "has_station", "id", "key", "lane", "last_end",
-        "last_failure", "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at", "starts_left",
-        "waiting",
+        "last_failure", "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at",
+        "starts_left", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
