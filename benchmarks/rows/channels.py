@@ -49,7 +49,7 @@ async def _measure(port: int, rounds: int) -> list[Row]:
             return (time.process_time() - begin) / (CHANNELS * POLLS)
 
         def done(work: Callable[[], object]) -> Callable[[], float]:
-            return lambda: asyncio.run_coroutine_threadsafe(work(), loop).result()  # type: ignore[arg-type,return-value]
+            return lambda: asyncio.run_coroutine_threadsafe(work(), loop).result()  # type: ignore[arg-type]
 
         times = await asyncio.to_thread(interleave, {"64 at once": done(at_once), "one": done(one)}, rounds)
     return [slower("a poll of 64 at once", "one × 64", times["64 at once"], times["one"], Target("at most", 1.0))]
