@@ -15,7 +15,7 @@ from framekit.codec.errors import FrameError
 Context = Mapping[str, Any]
 Encode = Callable[..., bytes]
 Decode = Callable[..., dict[str, Any]]
-Take = Callable[..., tuple[bytes, dict[str, Any]] | None]
+Take = Callable[..., tuple[bytes, dict[str, Any]] | tuple[()] | None]
 Span = tuple[str, int, int, Any]
 
 

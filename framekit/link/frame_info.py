@@ -50,8 +50,8 @@ class FrameCodec(Protocol):
 UNCERTAIN = -(1 << 62)
 """Below everything that `measure` says."""
 
-Take = Callable[..., tuple[bytes, dict[str, Any]] | None]
-"""What measures and decodes a frame at once; None says that it is not sure of it."""
+Take = Callable[..., tuple[bytes, dict[str, Any]] | tuple[()] | None]
+"""What measures and decodes a frame at once; () says that it has begun and wants more bytes, None is not sure."""
 
 Together = tuple[int, Sequence[Take | None]]
 """The place of a byte, and by that byte what takes a frame together with the one inside it."""

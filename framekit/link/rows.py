@@ -13,6 +13,9 @@ from framekit.link.interest import Interest, Left
 from framekit.link.noise import LONGEST
 from framekit.link.rough import GOING_ON, NOTHING, UNSURE, WANTING, RoughLooking, new_tuple
 
+BEGUN = 1
+"""Instead of what `extent` said: a frame has surely begun, and wants more bytes."""
+
 
 class RowLooking(RoughLooking):
     """The part of a receiver that takes many frames a turn."""
@@ -35,7 +38,7 @@ class RowLooking(RoughLooking):
                     self._moved()
             if place >= total:
                 return UNSURE if self._noise.data else NOTHING
-            if self._is_begun(interest, left, data, size):
+            if size == BEGUN or self._is_begun(interest, left, data, size):
                 return WANTING
             if not rough or place <= known:
                 return UNSURE
@@ -64,8 +67,10 @@ class RowLooking(RoughLooking):
                 if left.quick is not None:
                     take, make = left.quick
                     taken = take(data, place, end, names)
-                    if taken is None:
-                        break
+                    if not taken:
+                        if taken is None:
+                            break
+                        return place, BEGUN, None
                     raw, fields = taken
                     behind = place + len(raw)
                 elif left.slow is None:

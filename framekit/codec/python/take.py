@@ -11,16 +11,17 @@ from collections.abc import Mapping
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import MISFIT, Function
-from framekit.codec.python.joined import Apart, Pair, compare_size, function_of, pairs_of, place_of
-from framekit.codec.python.measure import MOST
+from framekit.codec.python.joined import Apart, Pair, compare_size, function_of, pairs_of, place_of, sole_names
+from framekit.codec.python.measuring import needed_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item
+from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Source, bytes_literal
 from framekit.codec.python.take_reader import BEGIN, NotInARow, PairTakeReader, TakeReader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Const, Inner, Segment
+from framekit.definition.model.segments import Const, Field, Inner, Segment, Skip
 from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import DefinitionError
 
@@ -53,7 +54,7 @@ def write_takes(
     done: set[str] = set()
     while left := [name for name in asked if name not in done]:
         for name in left:
-            writer = TakeWriter(module, identifiers[name], protocol.frames[name])
+            writer = TakeWriter(module, identifiers[name], protocol.frames[name], is_inner=True)
             if writer.can_be_taken:
                 found[identifiers[name]] = writer.inner_function()
                 asked.update(writer.reader.asked)
@@ -75,8 +76,8 @@ def _pairs(module: Module, identifier: str, frame: Frame) -> dict[str, PairTakeW
 class TakeWriter:
     """Writes one taking function."""
 
-    def __init__(self, module: Module, identifier: str, frame: Frame) -> None:
-        self.module, self.identifier, self.frame = module, identifier, frame
+    def __init__(self, module: Module, identifier: str, frame: Frame, is_inner: bool = False) -> None:
+        self.module, self.identifier, self.frame, self.is_inner = module, identifier, frame, is_inner
         self.function, self.segments = self._function()
         self.function.names.fresh(BEGIN.base)
         self.fields = Fields(self.function.names.fresh("fields"))
@@ -94,7 +95,7 @@ class TakeWriter:
         return Function(self.module, self.identifier, segments), segments
 
     def _reader(self) -> TakeReader:
-        return TakeReader(self.function)
+        return TakeReader(self.function, self.frame, self.is_inner)
 
     def _compare(self, scope: Scope) -> None:
         """What else has to hold when everything is read."""
@@ -114,10 +115,22 @@ class TakeWriter:
             action()
         self._compare(scope)
         place = reader.place.text("data")
-        function.conditions.insert(0, f"{place} > end")
-        longest, most = function.shapes.all(self.segments).most, self.frame.most or MOST
-        if longest is None or longest > most:
-            function.misfit_if(f"{place} - begin > {most}")
+        longest = function.shapes.all(self.segments).most
+        is_short = longest is not None and longest <= reader.most
+        begun = self._begun_behind()
+        if begun is not None:
+            function.flush()
+            with function.out.block(f"if {begun.text('data')} > end:"):
+                reader.say_begun(*([] if is_short else [f"{place} - begin <= {reader.most}"]))
+        if begun != reader.place:
+            function.conditions.insert(0, f"{place} > end")
+        function.conditions.extend(reader.checks)
+        if not is_short:
+            function.misfit_if(f"{place} - begin > {reader.most}")
+
+    def _begun_behind(self) -> Place | None:
+        """The place that is not there yet if the frame has surely begun; None where measuring has to say that."""
+        return self.reader.place
 
     def _read_delimited(self, before: list[Item], tail: list[Item]) -> None:
         """The first byte of the tail ends the body, wherever it stands behind the head."""
@@ -126,7 +139,14 @@ class TakeWriter:
         if head is None or not isinstance(first, Const) or self.segments != self.frame.segments:
             raise NotInARow
         mark = bytes_literal(first.data[:1])
-        self.function.add(f"stop = data.index({mark}, {BEGIN.plus(head).text('data')})")
+        self.function.add(f"stop = data.find({mark}, {BEGIN.plus(head).text('data')})")
+        with self.function.out.block("if stop < 0:"):
+            start = leading(self.function.shapes, self.segments)
+            needed = needed_names(self.segments)
+            if start and all(_fits_always(segment, needed) for segment in self.frame.head):
+                reader.say_begun(f"data.startswith({bytes_literal(start)}, begin)", reader.room)
+            else:
+                self.function.add(MISFIT)
         reader.is_ended = True
         reader.read_items(before, ())
         reader.is_ended = False
@@ -165,8 +185,8 @@ class TakeWriter:
         function.flush()
         result = self.fields.text(function.out)
         header = "data: bytes, begin: int, end: int, ctx: Context"
-        with out.block(f"def take_{self.identifier}({header}) -> tuple[bytes, dict[str, Any]] | None:"):
-            about = f"The bytes and values of the frame `{self.frame.name}` at data[begin], if it is surely good."
+        with out.block(f"def take_{self.identifier}({header}) -> Taken:"):
+            about = f"The bytes and values of the frame `{self.frame.name}` at data[begin]; () if it is not there yet."
             self._head(out, about, "return None")
             with out.block("try:"):
                 out.extend(function.out)
@@ -174,6 +194,13 @@ class TakeWriter:
                 out.add("return None")
             out.add(f"return raw, {result}")
         return out
+
+
+def _fits_always(segment: Segment, needed: set[str]) -> bool:
+    """Whether measuring finds nothing wrong with a segment that is there, whatever its bytes are."""
+    if isinstance(segment, Field):
+        return segment.long is None and (segment.name not in needed or segment.type.kind in ("ascii", "bytes"))
+    return isinstance(segment, (Const, Skip))
 
 
 class PairTakeWriter(TakeWriter):
@@ -187,7 +214,15 @@ class PairTakeWriter(TakeWriter):
         return function_of(self.module, self.identifier, self.pair), self.pair.segments
 
     def _reader(self) -> TakeReader:
-        return PairTakeReader(self.function, Apart(self.function, self.pair, self.fields))
+        return PairTakeReader(self.function, self.frame, Apart(self.function, self.pair, self.fields))
 
     def _compare(self, scope: Scope) -> None:
         compare_size(self.function, self.pair, scope)
+
+    def _begun_behind(self) -> Place | None:
+        """Behind the frame inside, if nothing else may stand there and nothing else says how long it is."""
+        shapes, inner = self.module.shapes, self.pair.inner
+        segments = shapes.segments(self.frame)
+        behind = shapes.all(segments[segments.index(inner) + 1 :]).fixed
+        sole = self.pair.inside_name in sole_names(shapes, inner)
+        return self.reader.place.plus(-behind) if sole and behind is not None and inner.size is None else None

@@ -9,14 +9,16 @@ from collections.abc import Iterable
 
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.expressions import Entry, Scope
-from framekit.codec.python.function import Function
+from framekit.codec.python.function import MISFIT, Function
 from framekit.codec.python.joined import Apart
+from framekit.codec.python.measure import MOST
 from framekit.codec.python.nested import Reader
 from framekit.codec.python.places import Fields, Place, between, index
 from framekit.codec.python.reader import Item
 from framekit.codec.python.shape import leading
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Check, Inner, Optional, Segment, Wrap
 
 BEGIN = Place("begin", 0)
@@ -27,17 +29,31 @@ class NotInARow(Exception):  # noqa: N818 - a way out, no error
 
 
 class TakeReader(Reader):
-    """Reads a frame in the middle of a buffer, whose end is where everything has been read.
+    """Reads a frame in the middle of a buffer, whose end is where everything has been read. `most`: its longest.
 
     `is_ended`: the local `stop` is the place where the body ends. `raw_until`: what the local `raw` holds already.
-    `asked`: the frames inside that have to be taken for that.
+    `checks`: conditions that hold only when everything is there. `asked`: the frames inside that have to be taken.
     """
 
-    def __init__(self, function: Function) -> None:
+    def __init__(self, function: Function, frame: Frame, is_inner: bool = False) -> None:
         super().__init__(function, "data", "at", BEGIN)
+        self.most = MOST if frame.most is None else frame.most
+        self.room = f"end - begin < {self.most}"
+        self._is_inner = is_inner
         self.is_ended = False
         self.raw_until: Place | None = None
         self.asked: dict[str, None] = {}
+        self.checks: list[str] = []
+
+    def say_begun(self, *tests: str) -> None:
+        """Writes what is returned where bytes are wanted: that the frame has begun, if these tests hold.
+
+        Measuring has to say so as well: it must not be too long, and what has been read must fit.
+        """
+        if self._is_inner:
+            self.function.add(MISFIT)
+        else:
+            self.function.add(f"return () if {' and '.join(tests)} else None" if tests else "return ()")
 
     def keep(self, place: Place) -> Place:
         return place if place.base in ("begin", "stop") else super().keep(place)
@@ -71,7 +87,10 @@ class TakeReader(Reader):
         if self.raw_until is None and not self.function.in_branch:
             self.raw_until = self.place.plus(check.size)
             self.function.add(f"raw = {between(self.buffer, BEGIN, self.raw_until)}")
+            before = len(self.function.conditions)
             self.compare_residue(check, "raw", residue)
+            self.checks = self.function.conditions[before:]
+            del self.function.conditions[before:]
         else:
             super().judge_residue(check, residue, last=False)
 
@@ -85,11 +104,13 @@ class TakeReader(Reader):
         function, escape = self.function, f"{wrap.escape or 0:#04x}"
         single, double = (bytes_literal(bytes((wrap.escape or 0,)) * count) for count in (1, 2))
         first = self.keep(self.place)
-        self.advance(f"{self.buffer}.index({single}, {first.text(self.buffer)})")
-        with function.out.block(f"while {self.buffer}[{self.at} + 1] == {escape}:"):
-            function.add(f"{self.at} = {self.buffer}.index({single}, {self.at} + 2)")
-        function.stands(wrap, self.buffer, first, self.place)
         function.flush()
+        self.advance(f"{self.buffer}.find({single}, {first.text(self.buffer)})")
+        with function.out.block(f"while 0 <= {self.at} < end - 1 and {self.buffer}[{self.at} + 1] == {escape}:"):
+            function.add(f"{self.at} = {self.buffer}.find({single}, {self.at} + 2)")
+        with function.out.block(f"if not 0 <= {self.at} < end - 1:"):
+            self.say_begun(self.room)
+        function.stands(wrap, self.buffer, first, self.place)
         function.add(f"{plain} = {between(self.buffer, first, self.place)}")
         with function.out.block(f"if {single} in {plain}:"):
             function.add(f"{plain} = {plain}.replace({double}, {single})")
@@ -124,8 +145,8 @@ class TakeReader(Reader):
 class PairTakeReader(TakeReader):
     """Reads a frame and the one inside it as one."""
 
-    def __init__(self, function: Function, apart: Apart) -> None:
-        super().__init__(function)
+    def __init__(self, function: Function, frame: Frame, apart: Apart) -> None:
+        super().__init__(function, frame)
         self.apart = apart
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
