@@ -28,8 +28,8 @@ class BadFrameError(ValueError):
 
 def decode_registers(data: bytes) -> Fields:
     try:
-        station, function, count = REPLY_HEAD.unpack_from(data)
-    except StructError:
+        station, function, count = data[0], data[1], data[2]  # sooner than by a struct
+    except IndexError:
         raise BadFrameError("short") from None
     if function != 3:
         raise BadFrameError("function")

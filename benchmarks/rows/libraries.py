@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from struct import pack, unpack
 from typing import Any
 
 from benchmarks.by_construct import in_construct, kaitai_reply
-from benchmarks.cases import CASES, Case
+from benchmarks.by_hand_numbers import decode_numbers, encode_numbers
+from benchmarks.cases import CASES, Case, codec_of
 from benchmarks.measure import compare
-from benchmarks.row import Row, Target, faster
+from benchmarks.row import Row, Target, faster, slower
 from framekit.codec.construct_backend import compile_construct
 
 NAME = "Generated codecs against libraries"
@@ -21,6 +23,7 @@ TARGETS = {
     "pymodbus": Target("at least", 8),
     "Kaitai": Target("at least", 5),
 }
+BY_HAND = Target("at most", 1.3)
 Functions = dict[str, Callable[[], object]]
 
 
@@ -90,6 +93,34 @@ def _pymodbus(case: Case, data: bytes, rounds: int) -> list[Row]:
         "framekit": lambda: unpack(form, decode(data)["pdu"]["read_holding_reply"]["values"]),
         "pymodbus": lambda: framer.handleFrame(data, 0, 0),
     }
-    rows = _rows(case, "decode to numbers", decoders, rounds)
-    rows += _rows(case, "encode from numbers", {"framekit": encoded, "pymodbus": built}, rounds)
+    rows = _rows(case, "bytes to numbers", decoders, rounds)
+    rows += _rows(case, "numbers to bytes", {"framekit": encoded, "pymodbus": built}, rounds)
+    rows += _numbers(case, data, numbers, (lambda: framer.handleFrame(data, 0, 0), built), rounds)
     return rows + _rows(case, "decode", {"framekit": lambda: decode(data), "Kaitai": lambda: kaitai(data)}, rounds)
+
+
+def _numbers(
+    case: Case, data: bytes, numbers: list[int], pymodbus: tuple[Callable[[], object], ...], rounds: int
+) -> list[Row]:
+    """The same with a definition whose registers are numbers, which nothing has to be made of."""
+    codec = codec_of(str(Path(__file__).parent.parent / "registers.yaml"))
+    encode, decode = codec.encoders[case.frame], codec.decoders[case.frame]
+    values = {"station": 17, "pdu": {"read_holding_reply": {"values": numbers}}}
+    assert encode(values) == encode_numbers(values) == data and decode(data) == decode_numbers(data)
+
+    decoders: Functions = {
+        "framekit": lambda: decode(data),
+        "by hand": lambda: decode_numbers(data),
+        "pymodbus": pymodbus[0],
+    }
+    encoders: Functions = {  # pymodbus puts its values together in this time, too
+        "framekit": lambda: encode({"station": 17, "pdu": {"read_holding_reply": {"values": numbers}}}),
+        "by hand": lambda: encode_numbers({"station": 17, "pdu": {"read_holding_reply": {"values": numbers}}}),
+        "pymodbus": pymodbus[1],
+    }
+    rows = []
+    for direction, functions in (("decode", decoders), ("encode", encoders)):
+        found, name = compare(functions, rounds), f"{case.name} as numbers: {direction}"
+        rows.append(faster(name, "pymodbus", found["framekit"], found["pymodbus"], TARGETS["pymodbus"]))
+        rows.append(slower(name, "by hand", found["framekit"], found["by hand"], BY_HAND))
+    return rows
