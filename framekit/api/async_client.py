@@ -125,10 +125,17 @@ class AsyncClient(AsyncLine):
         self._polls = [*(one for one in self._polls if one.is_running), poll]
         return poll
 
+    async def close(self) -> None:
+        self._stop_polls()  # the session is closed when the line has come to rest
+        await super().close()
+
     def close_now(self) -> None:
+        self._stop_polls()
+        super().close_now()
+
+    def _stop_polls(self) -> None:
         for poll in self._polls:
             poll.stop()
-        super().close_now()
 
     async def read_many(
         self, addresses: Sequence[str], *, station: Any = None, type: str | None = None, order: Order | None = None,

@@ -6,6 +6,7 @@ What is asked, and when, is `service.polling`'s business.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Generator
 from typing import Any
 
@@ -22,13 +23,15 @@ OnError = Callable[[FramekitError], None]
 class Poll:
     """Reads that follow each other until `stop`, made by `AsyncClient.poll`. `reads` and `failures` count them.
 
-    `await` waits for the end, and raises what it ended with.
+    `await` waits for the end, and raises what it ended with. Raises ValueError for what cannot be asked.
     """
 
     def __init__(
         self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
         on_error: OnError | None,
     ) -> None:  # fmt: skip
+        if not 0 <= every < math.inf:
+            raise ValueError(f"every is {every}: it is the seconds from one read to the next, 0 or more")
         self.failures = 0
         self._reads = 0
         self._how = how
