@@ -7,7 +7,7 @@ them are left when a second byte has told them apart.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
@@ -20,27 +20,21 @@ from framekit.link.values import FrameValue
 Level = tuple[FrameInfo, ...]
 
 
-Quick = tuple[Take, Callable[..., FrameValue]]
-"""What takes a frame out of the buffer, and what makes a value of it."""
-
-Slow = tuple[
-    Callable[..., int], Callable[..., dict[str, Any]], Callable[..., FrameValue], str | None,
-    Callable[[bytes], Any] | None,
-]  # fmt: skip
-"""How a frame is found that has to be measured first: its `extent`, `decode` and `make`, the field whose frame has to
-be a known one, what finds others inside it.
+Slow = tuple[Callable[..., int], Callable[..., dict[str, Any]], str | None, Callable[[bytes], Any] | None]
+"""How a frame is found that has to be measured first: its `extent` and `decode`, the field whose frame has to be a
+known one, what finds others inside it.
 """
 
 
 class Left:
     """The expected candidates that two bytes leave.
 
-    `alone`: the only one; for that, what taking it needs, in one look: `constant` if it is nothing else, `quick`, or
-    `slow`. `sure`: every other candidate, the others included, begins with other constants than there are, so that it
-    is surely none. `is_none`: nothing begins here.
+    `alone`: the only one; for that, how it is got: by `take`, as `constant` if it is nothing else, or `slow`; and what
+    `make`s a value of it. `sure`: every other candidate, the others included, begins with other constants than there
+    are, so that it is surely none. `is_none`: nothing begins here.
     """
 
-    __slots__ = ("alone", "constant", "infos", "is_none", "quick", "slow", "sure")
+    __slots__ = ("alone", "constant", "infos", "is_none", "make", "slow", "sure", "take")
 
     def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None, take: Take | None = None) -> None:
         self.infos = infos
@@ -48,31 +42,28 @@ class Left:
         self.sure = sure
         self.is_none = sure and not infos
         self.constant: bytes | None = None
-        self.quick: Quick | None = None
+        self.take: Take | None = None
         self.slow: Slow | None = None
+        self.make: Callable[..., FrameValue] | None = None
         if self.alone is not None and (inside is None or sure):
             info = self.alone
             self.constant = info.constant
-            take = take or info.take
-            self.quick = None if take is None else (take, info.make)
-            self.slow = (
-                info.extent, info.decode, info.make, info.inner if info.guesses else None,
-                None if inside is None else inside.search_in(info),
-            )  # fmt: skip
+            self.take, self.make = take or info.take, info.make
+            search = None if inside is None else inside.search_in(info)
+            self.slow = info.extent, info.decode, info.inner if info.guesses else None, search
 
 
 class Start:
     """What may begin with one byte: `at` is the place of the byte that tells the candidates apart (0: none does).
 
-    `left` has its values, `others` is for every other one.
+    `left`: what is left by each of its values.
     """
 
-    __slots__ = ("at", "left", "others")
+    __slots__ = ("at", "left")
 
-    def __init__(self, at: int, left: dict[int, Left], others: Left) -> None:
+    def __init__(self, at: int, left: Mapping[int, Left], others: Left) -> None:
         self.at = at
-        self.left = left
-        self.others = others
+        self.left = [left.get(byte, others) for byte in range(256)]
 
 
 class Interest:
@@ -129,21 +120,20 @@ class Interest:
         if position >= len(buffer):
             return None
         start = self.starting[buffer[position]] or self.start(buffer[position])
-        if not start.at:
-            return start.others
         place = position + start.at
-        return start.left.get(buffer[place], start.others) if place < len(buffer) else None
+        return start.left[buffer[place]] if place < len(buffer) else None
 
     def _told_apart(self, infos: Level, rest: Level) -> Start:
         """By the place with the fewest candidates left, whatever byte stands there.
 
         A single one is told apart by what stands inside it.
         """
-        best = Start(0, {}, self._left(infos, not rest))
+        whoever = self._left(infos, not rest)
+        best = Start(0, {}, whoever)
         if len(infos) == 1 and infos[0].together is not None:
             place, takes = infos[0].together
             by_byte = {byte: Left(infos, not rest, self._inside, take) for byte, take in enumerate(takes) if take}
-            return Start(place, by_byte, best.others)
+            return Start(place, by_byte, whoever)
         most = len(infos)
         allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):

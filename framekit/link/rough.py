@@ -53,7 +53,7 @@ class RoughLooking(Looking):
         try:
             while place < end:
                 start = starting[data[place]] or interest.start(data[place])
-                left = start.left.get(data[place + start.at], start.others) if start.at else start.others
+                left = start.left[data[place + start.at]]
                 info = left.alone
                 if info is not known:
                     known, proof = info, None if info is None else info.proof

@@ -63,9 +63,9 @@ class RowLooking(RoughLooking):
         try:
             while place < end:
                 start = starting[data[place]] or interest.start(data[place])
-                left = start.left.get(data[place + start.at], start.others) if start.at else start.others
-                if left.quick is not None:
-                    take, make = left.quick
+                left = start.left[data[place + start.at]]
+                take = left.take
+                if take is not None:
                     taken = take(data, place, end, names)
                     if not taken:
                         if taken is None:
@@ -80,10 +80,10 @@ class RowLooking(RoughLooking):
                     lost, place = min(lost, place), behind
                     continue
                 elif left.constant is not None and data.startswith(left.constant, place):
-                    raw, fields, make = left.constant, {}, left.slow[2]
+                    raw, fields = left.constant, {}
                     behind = place + len(raw)
                 else:
-                    extent, decode, make, inner, search = left.slow
+                    extent, decode, inner, search = left.slow
                     size = extent(data, place, end, names)
                     if size <= 0:
                         return place, size, left
@@ -107,11 +107,11 @@ class RowLooking(RoughLooking):
                 if behind_noise or lost < place:
                     self._end_run(found, data, min(lost, place), place, False)
                     behind_noise, lost = False, end
-                add(new_tuple(FrameArrived, (make, fields, raw, offset + place, started, at, False)))
+                add(new_tuple(FrameArrived, (left.make, fields, raw, offset + place, started, at, False)))
                 place = behind
             else:
                 return place, 0, None
-            if left.alone is not None and left.quick is not None:
+            if left.alone is not None and left.take is not None:
                 return place, left.alone.extent(data, place, end, names), left
         except EVALUATION_ERRORS:
             return place, 0, None

@@ -117,3 +117,34 @@ def test_the_quick_way_finds_what_looking_finds(name: str, strange: bool) -> Non
         compare(name, stream, choose, [stream], strange)
         compare(name, stream, choose, cut_at(stream, [choose.randrange(5000) for _ in range(6)]), strange)
         compare(name, stream, choose, [stream[at : at + 1] for at in range(len(stream))], strange)
+
+
+def noise_of(name: str, choose: random.Random) -> bytes:
+    """Mostly noise: bytes that frames begin with, parts of frames, anything; and frames whole or with one bit wrong."""
+    samples = loaded(name)[2]
+    parts = []
+    for _ in range(choose.randrange(5, 30)):
+        sample, kind = choose.choice(samples), choose.randrange(6)
+        place = choose.randrange(len(sample))
+        if kind == 0:
+            parts.append(choose.randbytes(choose.randrange(1, 12)))
+        elif kind == 1:
+            parts.append(sample[:1] * choose.randrange(1, 4))
+        elif kind == 2:
+            parts.append(sample[:2] + choose.randbytes(choose.randrange(6)))
+        elif kind == 3:
+            parts.append(sample[place : place + choose.randrange(1, 8)])
+        elif kind == 4:
+            parts.append(sample[:place] + bytes([sample[place] ^ 1 << choose.randrange(8)]) + sample[place + 1 :])
+        else:
+            parts.append(sample)
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_quick_way_finds_the_same_in_noise(name: str) -> None:
+    choose = random.Random(f"noise {name}")
+    for _ in range(2 * ROUNDS):
+        stream = noise_of(name, choose)
+        compare(name, stream, choose, [stream], False)
+        compare(name, stream, choose, cut_at(stream, [choose.randrange(len(stream)) for _ in range(9)]), False)
