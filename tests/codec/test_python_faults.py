@@ -63,7 +63,10 @@ def refused(codec: Codec, values: dict[str, Any], ctx: dict[str, Any] | None = N
         ("[{choose: 5, cases: {1: [{const: 01}]}}]", "01", "value", "choose", 0),
         ("[{data: d, size: rest, min: 3}]", "01 02", "short", "d", 0),
         ("[{text: ':'}, {wrap: hex, of: [{field: a, type: u8}], name: w}]", "3A 30 47", "digits", "w", 1),
-        ("[{repeat: r, times: rest, of: u16}]", "00 01 02", "surplus", "frame", 2),
+        ("[{repeat: r, times: rest, of: u16}]", "00 01 02", "short", "r", 0),
+        ("[{repeat: r, times: rest, of: u16}, {check: sum8}]", "00 01 02 03", "short", "r", 0),
+        ("[{repeat: r, times: rest, of: u16}, {check: sum8}]", "00 01 02 04", "check", "check", 3),
+        ("[{repeat: r, times: rest, of: u16}, {const: 03}]", "00 01 02 03", "short", "r", 0),
     ],
 )
 def test_the_first_fault_counts(body: str, data: str, cause: str, segment: str, offset: int) -> None:

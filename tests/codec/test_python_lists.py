@@ -117,3 +117,22 @@ def test_lengths_that_tell_something_else(length: str, times: str) -> None:
     for codec in (compile_protocol(protocol), compile_construct(protocol)):
         with pytest.raises(EncodeError):
             codec.encode("f", {"list": [1, 2, 3], "more": b"x"})
+
+
+@pytest.mark.parametrize(
+    ("body", "data", "expected"),
+    [
+        ("[{repeat: r, times: rest, of: u16}]", "00 01 02", ("short", "r", 0, None)),
+        ("[{field: a, type: u8}, {repeat: r, times: rest, of: u16, refuse: 4}, {check: sum8}]", "05 00 01 02 08", 4),
+        ("[{field: a, type: u8}, {repeat: r, times: rest, of: u16, refuse: 4}, {check: sum8}]", "05 00 01 02 09", None),
+    ],
+)
+def test_part_of_a_value_is_a_fault_of_the_list(body: str, data: str, expected: Any) -> None:
+    """What stands behind the list is read where it stands, so that a right check makes the fault one to be refused."""
+    protocol, found = small_protocol(body), []
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        with pytest.raises(FrameError) as error:
+            codec.decode("f", bytes.fromhex(data))
+        found.append((error.value.cause, error.value.segment, error.value.offset, error.value.refuse))
+    assert found[0] == found[1]
+    assert found[0] == expected or found[0][3] == expected

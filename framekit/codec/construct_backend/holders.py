@@ -165,6 +165,11 @@ class RepeatConstruct(ValueSegment):
         times = self._times(reading, context, place)
         with reading.within(reading.room(context)):
             while len(items) < times if times is not None else stream.tell() < reading.region.end:
+                left, size = reading.region.end - stream.tell(), self.segment.of.fixed_size
+                if times is None and size is not None and left < size:
+                    reading.leaf(reading.take(stream, left, place))
+                    reading.note(place, "short", f"{size} bytes", f"{left}")
+                    return
                 items.append(read_wire(self.segment.of, stream, context, place))
         if all(item is not DAMAGED for item in items):
             reading.store(context, self.name, items, place)

@@ -155,8 +155,11 @@ class Examination(ExaminationState):
     ) -> None:
         """A list of plain values of `size` bytes each."""
         start = self.begin(name)
-        count = self.rest(behind, name) // size if times is None else self.ask(times, "length", name, refuse)
-        raw = self.take(name, count * size, refuse)
+        room = self.rest(behind, name) if times is None else size * self.ask(times, "length", name, refuse)
+        raw = self.take(name, room, refuse)
+        if room % size:
+            self.note("short", name, start, f"{size} bytes", str(room % size), refuse)
+            return
 
         def parse_all(raw: bytes) -> list[Any]:
             return [parse(raw[place : place + size]) for place in range(0, len(raw), size)]
