@@ -199,6 +199,21 @@ def test_bits(tmp_path: Path, watch: dict[str, Any]) -> None:
     run(scenario)
 
 
+def test_places_that_usually_hold_something_else_are_read_so(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        port = _port(tmp_path, "df1")
+        async with framekit.aconnect("df1", port, station=7, role="full", own=1, params={"node": 1}) as client:
+            await client.write("F8:0", [1.5, -2.25])
+            kept = Kept()
+            poll = client.poll("F8:0", 2, on_values=kept.on_values)
+            await kept.enough(2)
+            poll.stop()
+            assert list(await client.read("F8:0", 2)) == [1.5, -2.25]
+            assert set(kept.values) == {(1.5, -2.25)}
+
+    run(scenario)
+
+
 @pytest.mark.parametrize("how", ["two pieces", "byte by byte"])
 def test_replies_in_pieces(how: str) -> None:
     async def scenario() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable
+
 import pytest
 from link.made_up_reads import ASKED, FLAT, HANDED_OVER, READS, TOLD, VALUES, Pair, Reply, changed, with_values
 
@@ -262,3 +265,57 @@ def test_nothing_is_learned_where_something_longer_every_time_stands_before_the_
 
     assert pair.read(answer, answer, of_before, of_before, answer) == [True, True, False, False, True]
     assert pair.same is None
+
+
+# ---- at random ------------------------------------------------------------------------------------------------------
+
+USUAL: dict[str, tuple[str, Callable[[bytes], Reply]]] = {
+    "a frame in a frame": (READS, with_values),
+    "one frame": (FLAT, _flat),
+    "a check code": (changed((TOLD, f"{TOLD}, {{check: sum8}}")), lambda values: _with_sum(with_values(values))),
+    "a table of values": (
+        changed((TOLD, f"{TOLD}, {{field: state, type: u8, values: {{0: good, 1: fair}}, only: values}}")),
+        lambda values: _followed(b"\0", with_values(values)),
+    ),
+    "bits": (
+        changed((TOLD, f"{TOLD}, {{bits: {{low: 0-3, high: 4-7}}, of: u8}}")),
+        lambda values: _followed(b"\x12", with_values(values)),
+    ),
+}
+TELLING = bytes.fromhex("00 01 02 03 04 05 0D 10 7F 80 83 FF")
+
+
+def _spoiled(reply: bytes, kind: str, at: int, byte: int) -> bytes:
+    match kind:
+        case "changed":
+            return reply[:at] + bytes([byte]) + reply[at + 1 :]
+        case "more":
+            return reply[:at] + bytes([byte]) + reply[at:]
+        case "less":
+            return reply[:at] + reply[at + 1 :]
+        case "twice":
+            return 2 * reply
+    return reply
+
+
+@pytest.mark.parametrize("what", USUAL)
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_comes_both_ways_judge_alike(what: str, seed: int) -> None:
+    text, usual = USUAL[what]
+    chance, pair = random.Random(seed), Pair(text)
+    pair.read(usual(b"\0\1\0\2"), usual(b"\0\1\0\2"))
+    assert pair.same is not None
+    ended: list[bool] = []
+    for _ in range(60):
+        values = bytes(chance.choice(TELLING) for _ in range(chance.choice((4, 4, 4, 4, 6))))
+        kind = chance.choice(("good", "good", "changed", "changed", "more", "less", "twice"))
+        place, byte = chance.random(), chance.choice(TELLING)
+
+        def reply(
+            asked: bytes, values: bytes = values, kind: str = kind, place: float = place, byte: int = byte
+        ) -> bytes:
+            whole = usual(values)(asked)
+            return _spoiled(whole, kind, int(place * len(whole)), byte)
+
+        ended += pair.read(reply)
+    assert {True, False} == set(ended)
