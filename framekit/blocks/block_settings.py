@@ -6,7 +6,7 @@ memory profile's; what an exchange is, is not known here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from framekit.blocks.block_status import ITEMS, PULSES
@@ -131,6 +131,13 @@ class BlockSettings:
                 words = given.area.read("word", given.first, len(given.words))
                 changed = self._changed(changed, given.section, given.words, words)
         return changed
+
+    def unchanged(self, block: Block) -> Callable[[], bool]:
+        """Tells at every call whether `effective` would give the block itself; for one with a station of its own."""
+        holds = [
+            given.area.holder(2 * given.first, given.data) for given in self._given.get((block.set, block.number), ())
+        ]
+        return holds[0] if len(holds) == 1 else lambda: all(one() for one in holds)
 
     def _show_station(self, given: _Given, block: Block) -> None:
         """A station that the run takes from elsewhere is only shown."""

@@ -15,8 +15,8 @@ from framekit.blocks.counters import Counters
 from framekit.blocks.model import STATIONED, Block
 from framekit.blocks.triggers import MemoryTriggers
 
-Prompt = Callable[[], bool]
-"""A quick start of a block; whether it has started."""
+Prompt = Callable[[], Callable[[], None] | None]
+"""A quick start of a block: what is to be done once it counts as begun, None where it has to start as usual."""
 
 
 class BlockState:

@@ -19,20 +19,23 @@ Read = Callable[[], Any]
 
 
 class FrameFields:
-    """The fields of one SEND block. Raises ValueError where nobody says how long data are, UnknownAreaError."""
+    """The fields of one SEND block: those that are the same every time, and what reads the others.
+
+    Raises ValueError where nobody says how long data are, UnknownAreaError.
+    """
 
     def __init__(self, block: Block, parts: Mapping[str, FramePart], memory: DeviceMemory) -> None:
         self.block = block
-        self._constants: dict[str, Any] = dict(block.values or {})
-        self._readers = tuple(
+        self.constants: dict[str, Any] = dict(block.values or {})
+        self.readers = tuple(
             (name, field_reader(parts[name], place, block.sizes.get(name), memory))
             for name, place in block.data.items()
         )
 
     def read(self) -> dict[str, Any]:
         """The fields as they are now. Raises DeviceMemoryError, ValueError."""
-        fields = self._constants.copy()
-        for name, read in self._readers:
+        fields = self.constants.copy()
+        for name, read in self.readers:
             fields[name] = read()
         return fields
 

@@ -259,9 +259,12 @@ class Scheduler:
         if self.sets.get(state.key[0], True) and self.lanes[state.lane].take_at_once(state, now):
             fired.clear()
             state.companions = ()
+            afterwards = state.prompt()
             state.begun(now)
-            if not state.prompt():
+            if afterwards is None:
                 self._start(state, now)
+            else:
+                afterwards()
 
     def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()

@@ -8,7 +8,8 @@ thread.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Literal
 
 from framekit.memory.errors import AccessError, MemoryRangeError, MemoryValueError
@@ -86,6 +87,10 @@ class Area:
     def holds(self, offset: int, data: bytes) -> bool:
         """Whether these bytes stand at byte `offset`."""
         return self._data.startswith(data, offset)
+
+    def holder(self, offset: int, data: bytes) -> Callable[[], bool]:
+        """`holds`, to be asked again and again."""
+        return partial(self._data.startswith, data, offset)
 
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
         """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""

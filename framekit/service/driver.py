@@ -210,6 +210,14 @@ class Driver:
         self._next_commands()
         self.look_at_time()
 
+    def handed_over(self, data: bytes, has_left: bool, now: int) -> None:
+        """Somebody has given bytes to the port that the engine knows of, and whether they have left."""
+        self.load.bytes_out += len(data)
+        if has_left:
+            self.sent(now)
+        else:
+            self.look_at_time()
+
     def write_through(self, data: bytes) -> bool:
         """Gives bytes to the port; True: they have left, and `sent` will not be told."""
         self.load.bytes_out += len(data)

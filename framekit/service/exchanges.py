@@ -163,8 +163,8 @@ class Exchanges:
         return None if read is None else Read(state, read.address, read.count)
 
 
-def _not_at_once() -> bool:
-    return False
+def _not_at_once() -> None:
+    return None
 
 
 def _nobody(failure: Failure | None) -> None:

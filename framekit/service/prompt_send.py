@@ -6,11 +6,11 @@ start goes through, and does only what each of them has to say about this block.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from framekit.blocks.block_settings import BlockSettings, SettingError
+from framekit.blocks.block_settings import BlockSettings
 from framekit.blocks.model import Block
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.memory.errors import DeviceMemoryError
@@ -22,39 +22,43 @@ if TYPE_CHECKING:
 
 
 class PromptSend:
-    """The start of one block on its channel as it is now; `ended` is told once for each start."""
+    """The start of one block on its channel as it is now; `ended` is told once for each. Raises as its parts do."""
 
     def __init__(
         self, block: Block, channels: Mapping[int, ChannelService], settings: BlockSettings, clock: Clock, ended: Ended
     ) -> None:
-        channel = channels[block.channel]
-        self._channels, self._channel = channels, channel
-        self._block = block
-        self._settings = settings
+        self._channel = channel = channels[block.channel]
+        self._is_there = partial(channels.get, block.channel)
+        self._unchanged = settings.unchanged(block)
         self._clock = clock
         self._ended = ended
         self._driver, self._transfers = channel.driver, channel.transfers
-        self._sender, self._fields = channel.transfers.prepared_frame(block)
+        self._sender, fields = channel.transfers.prepared_frame(block)
+        self._encode, self._scope = self._sender.encode, self._sender.scope
+        self._constants = {**self._sender.constants, **fields.constants}
+        self._readers = fields.readers
 
-    def __call__(self) -> bool:
-        """Starts it; False: something is in the way, or wrong, and nothing has been done."""
-        driver, block = self._driver, self._block
+    def __call__(self) -> Callable[[], None] | None:
+        """Sends the frame; what is to be done afterwards. None: something is in the way, or wrong, and nothing is sent.
+
+        Written out, since all of it stands between a trigger and the first byte.
+        """
+        driver = self._driver
+        if driver.pending or self._is_there() is not self._channel or not self._unchanged():
+            return None
+        if not self._sender.is_ready:
+            return None
+        fields = self._constants.copy()
         try:
-            if driver.pending or self._channels.get(block.channel) is not self._channel:
-                return False
-            if self._settings.effective(block) is not block:
-                return False
-            data = self._sender.at_once(self._fields)
-        except (SettingError, DeviceMemoryError, *EVALUATION_ERRORS):
-            return False
-        if data is None:
-            return False
-        has_left = driver.write_through(data)
+            for name, read in self._readers:
+                fields[name] = read()
+            data = self._encode(fields, self._scope)
+        except (DeviceMemoryError, *EVALUATION_ERRORS):
+            return None
+        return partial(self._count, data, driver.port.write_through(data))
+
+    def _count(self, data: bytes, has_left: bool) -> None:
         now = self._clock.now()
         self._transfers.is_sending(self._ended)
         self._sender.handed_over(data, now, partial(self._transfers.has_sent, self._ended))
-        if has_left:
-            driver.sent(now)
-        else:
-            driver.look_at_time()
-        return True
+        self._driver.handed_over(data, has_left, now)

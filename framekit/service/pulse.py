@@ -15,12 +15,14 @@ from framekit.transport.clock import Clock
 class Pulse:
     """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
 
-    `inside`: an event is being dealt with; whoever says so calls `end` afterwards.
+    `inside`: an event is being dealt with; whoever says so calls `end` afterwards. `first(now)`, once it has been set,
+    is called before everything else.
     """
 
     def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[int], int]) -> None:
         self.clock = clock
         self.inside = False
+        self.first: Callable[[int], None] | None = None
         self._act = act
         self._next_time = next_time
         self._ask_soon = clock.bell(self._beat)
@@ -64,7 +66,10 @@ class Pulse:
         self._woken = True  # what comes due meanwhile is in the next time the timer is set for
         try:
             if self._running:
-                self._act(self.clock.now())
+                now = self.clock.now()
+                if self.first is not None:
+                    self.first(now)
+                self._act(now)
         finally:
             self._woken = False
             self.set()

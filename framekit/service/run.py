@@ -61,6 +61,7 @@ class RunService:
             run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end, self._is_prompt
         )
         self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
+        self.pulse.first = self.scheduler.start_promptly
         self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.pulse)
         self.devices_on = lines.devices
         for number in run.channels:
@@ -248,8 +249,7 @@ class RunService:
         self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
-        """Does what is due: first what somebody waits for and nothing else has a say in."""
-        self.scheduler.start_promptly(now)
+        """Does what is due; what somebody waits for, and nothing here has a say in, has been started already."""
         self.system.update(now)
         self.editor.step()
         self.block_memory.tick(now)
