@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class FrameSender:
-    """Sends frames of one name. `constants` are fields that are always the same. Raises KeyError for an unknown name."""
+    """Sends frames of one name; `constants` are fields that never change. Raises KeyError for an unknown name."""
 
     def __init__(self, engine: Engine, name: str) -> None:
         self._engine = engine
