@@ -12,6 +12,7 @@ from link.test_df1_commands import Pair as Commands
 from framekit.link.addresses import AddressError
 from framekit.link.requests import ServiceError
 from framekit.link.transfer import TransferResult
+from framekit.memory.numbers import unit_bits
 
 
 class Pair(Commands):
@@ -206,6 +207,37 @@ def test_floats_have_the_high_word_first_by_word_range_commands() -> None:
     swapped = Pair("slc", float_order="high_word_first")
     assert swapped.write("F8:1", [0x447A0000]).ok
     assert swapped.commands() == ["0F AA 04 08 8A 01 00 7A 44 00 00"]
+
+
+WHOLE = {"F8": 32, "L11": 32, "N7": 16, "T4": 48, "R6": 48}
+"""Widths of elements."""
+
+
+@pytest.mark.parametrize(
+    ("processor", "file", "unit", "count"),
+    [
+        ("slc", "F8", "bit", 32), ("slc", "F8", "bit", 3), ("slc", "L11", "bit", 20), ("slc", "F8", "word", 2),
+        ("slc", "T4", "bit", 48), ("slc", "T4", "word", 5), ("slc", "N7", "dword", 1), ("slc", "N7", "byte", 3),
+        ("plc5", "T4", "word", 5), ("plc5", "R6", "word", 3), ("plc5", "T4", "bit", 48), ("plc5", "N7", "dword", 1),
+    ],
+)  # fmt: skip
+def test_parts_of_elements_are_those_of_the_elements(processor: str, file: str, unit: str, count: int) -> None:
+    width, bits = WHOLE[file], unit_bits(unit)
+    content = int.from_bytes(bytes(range(1, 1 + 3 * width // 8)), "little")
+    elements = [content >> width * number & (1 << width) - 1 for number in range(3)]
+    pair = Pair(processor)
+    assert pair.write(f"{file}:0", elements).ok
+    results: list[TransferResult] = []
+    options: dict[str, Any] = {"station": NODE, "now": pair.asking.now, "on_done": results.append}
+    pair.asking.do(pair.client.read(f"{file}:1", unit=unit, count=count, **options))
+    parts = [content >> width + bits * number & (1 << bits) - 1 for number in range(count)]
+    assert pair._finish(results).values == parts
+
+
+@pytest.mark.parametrize("address", ["F8:1/3", "L11:1/0", "ST9:1/5"])
+def test_bits_that_no_command_writes_are_refused(address: str) -> None:
+    with pytest.raises(ServiceError, match="no request can write"):
+        Pair("slc").write(address, [1])
 
 
 def test_places_know_what_they_hold() -> None:
