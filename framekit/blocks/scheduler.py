@@ -166,9 +166,15 @@ class Scheduler:
         return self._turns.idle(channels)
 
     def add_channel(self, number: int, rules: LaneRules) -> None:
-        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting."""
+        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting.
+
+        Quick starts of its blocks are asked for anew.
+        """
         lane = self._turns.add(number, rules)
         lane.rules, lane.open = rules, False
+        for state in self.states.values():
+            if state.lane == number:
+                state.prompt = None
 
     def remove_channel(self, number: int) -> None:
         """A channel none of whose blocks is there any more."""

@@ -97,7 +97,7 @@ class Exchanges:
             return _not_at_once
         settings, ended = self._block_memory.settings, partial(self._finished, state.id)
         try:
-            return PromptSend(block, self._channels, settings, clock, ended)
+            return PromptSend(block, self._channels[block.channel], settings, clock, ended)
         except (DeviceMemoryError, ValueError):
             return _not_at_once  # what is wrong is told then
 

@@ -6,7 +6,7 @@ start goes through, and does only what each of them has to say about this block.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,13 +22,11 @@ if TYPE_CHECKING:
 
 
 class PromptSend:
-    """The start of one block on its channel as it is now; `ended` is told once for each. Raises as its parts do."""
+    """The start of one block on one channel; `ended` is told once for each. Raises as its parts do."""
 
     def __init__(
-        self, block: Block, channels: Mapping[int, ChannelService], settings: BlockSettings, clock: Clock, ended: Ended
+        self, block: Block, channel: ChannelService, settings: BlockSettings, clock: Clock, ended: Ended
     ) -> None:
-        self._channel = channel = channels[block.channel]
-        self._is_there = partial(channels.get, block.channel)
         self._unchanged = settings.unchanged(block)
         self._clock = clock
         self._ended = ended
@@ -44,7 +42,7 @@ class PromptSend:
         Written out, since all of it stands between a trigger and the first byte.
         """
         driver = self._driver
-        if driver.pending or self._is_there() is not self._channel or not self._unchanged():
+        if driver.pending or not self._unchanged():
             return None
         if not self._sender.is_ready:
             return None
