@@ -39,6 +39,7 @@ class Function:
         self.title = title
         self.segments = segments
         self.out = Source()
+        self.misfit = MISFIT
         self.names = Names(module.words())
         self.hoisted: dict[str, str] = {}
         self.conditions: list[str] = []
@@ -96,7 +97,7 @@ class Function:
             conditions, self.conditions = self.conditions, []
             self.module.function("Misfit")
             with self.out.block(f"if {' or '.join(conditions)}:"):
-                self.add(MISFIT)
+                self.add(self.misfit)
 
     def flush_using(self, local: str) -> None:
         """Writes the conditions, if one of them reads a local that is about to change."""

@@ -80,6 +80,8 @@ class TakeWriter:
         self.module, self.identifier, self.frame, self.is_inner = module, identifier, frame, is_inner
         self.function, self.segments = self._function()
         self.function.names.fresh(BEGIN.base)
+        if not is_inner:
+            self.function.misfit = "return None"  # raising and catching would cost as much as reading
         self.fields = Fields(self.function.names.fresh("fields"))
         self.reader = self._reader()
         is_constant = all(isinstance(segment, Const) for segment in self.segments)
