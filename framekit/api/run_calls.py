@@ -110,7 +110,7 @@ class RunCalls:
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand, as a trigger would. Raises RequestError."""
-        self._known(number)
+        self._comes_due(number)
         self._do(lambda: self._service.fire(number))
 
     def enable(self, number: int, on: bool = True) -> None:
@@ -171,6 +171,12 @@ class RunCalls:
             raise RequestError("the run has not been started, or was stopped")
         if not self.block(number).enabled:
             raise RequestError(f"block {number} is switched off")
+        self._comes_due(number)
+
+    def _comes_due(self, number: int) -> None:
+        """Raises RequestError for a block that nobody can make due."""
+        if self.block(number).instruction == "receive":
+            raise RequestError(f"block {number} receives: nothing but its frame makes it due")
 
     def _known(self, number: int) -> None:
         known = [block.id for block in self.run.blocks]

@@ -41,7 +41,10 @@ def carry_out(service: RunService, line: str) -> None:
         known = ", ".join(_name(one) for one in sorted(service.states))
         raise ControlError(f"there is no block {words.split()[-1]} – known: {known}")
     if verb == "fire":
-        service.fire(number)
+        try:
+            service.fire(number)
+        except ValueError as error:
+            raise ControlError(str(error)) from None
     else:
         service.enable(number, verb == "enable")
 

@@ -198,7 +198,10 @@ class RunService:
         self.system.wait_for(awaited_bits(self.run.blocks, self.resolve))
 
     def fire(self, number: int) -> None:
-        """Makes a block due by hand. Raises KeyError for a number there is not."""
+        """Makes a block due by hand. Raises KeyError for a number there is not, ValueError for one that receives."""
+        block = self.states[number].block
+        if block.instruction == "receive":
+            raise ValueError(f"block {number} receives: nothing but its frame makes it due")
         self.refresh()
         self.scheduler.fire(number, self.clock.now())
         self.pulse.set()

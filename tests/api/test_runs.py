@@ -126,6 +126,18 @@ def test_what_cannot_be_asked(stopped: framekit.VirtualRun, call: object, messag
         call(stopped)  # type: ignore[operator]
 
 
+def test_a_block_that_receives_is_not_fired(tmp_path: Path) -> None:
+    device_file(tmp_path)
+    path = tmp_path / "plant.run.yaml"
+    text = RUN.format(port="sim:bench.device.yaml", timeout="100 ms") + "  4: {receive: reply_adu}\n"
+    path.write_text(text, encoding="utf-8")
+    with framekit.VirtualRun(path) as run:
+        for call in (run.fire, run.carry_out):
+            with pytest.raises(framekit.RequestError, match="block 4 receives: nothing but its frame makes it due"):
+                call(4)
+        assert run.carry_out(0).done == 1, "its channel is free"
+
+
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> framekit.VirtualRun:
     folder = tmp_path_factory.mktemp("stopped")

@@ -19,6 +19,7 @@ channels:
 blocks:
   0: {read: "40001", into: M100, every: 100 ms}
   3: {read: "40002", into: M101}
+  4: {receive: reply_adu}
 """
 DEVICE = "device: there\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [7, 8]}}\n"
 
@@ -68,10 +69,11 @@ def test_nothing_to_do(service: RunService, line: str) -> None:
             "fire",
             f"'fire' is no command – write {COMMANDS}",
         ),
-        ("fire 9", "there is no block 9 – known: 0, 3"),
-        ("fire 2.3", "there is no block 2.3 – known: 0, 3"),
-        ("fire 0.3", "there is no block 0.3 – known: 0, 3"),
-        ("disable 1.67", "there is no block 1.67 – known: 0, 3"),
+        ("fire 9", "there is no block 9 – known: 0, 3, 4"),
+        ("fire 4", "block 4 receives: nothing but its frame makes it due"),
+        ("fire 2.3", "there is no block 2.3 – known: 0, 3, 4"),
+        ("fire 0.3", "there is no block 0.3 – known: 0, 3, 4"),
+        ("disable 1.67", "there is no block 1.67 – known: 0, 3, 4"),
         (
             "fire ٣",
             f"'fire ٣' is no command – write {COMMANDS}",
