@@ -41,8 +41,10 @@ def write_takes(
     inside = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
     asked: dict[str, None] = {}
     for name, frame in protocol.frames.items():
+        if frame.inner or name in inside:
+            continue
         writer = TakeWriter(module, identifiers[name], frame)
-        if frame.inner or name in inside or not writer.can_be_taken:
+        if not writer.can_be_taken:
             continue
         found[identifiers[name]] = writer.function_on_line()
         place, pairs = place_of(module.shapes, frame), _pairs(module, identifiers[name], frame)
