@@ -119,7 +119,7 @@ class DirectRequest:
         self._only = infos[0] if len(infos) == 1 else None
         self._echoes: dict[str, Echo | None] = {}
         self._rows = {info.name: step.matching(info.name, expected) for info in infos}
-        if not infos or None in [self._echo_of(info) for info in infos]:
+        if not infos or any(info.announces or self._echo_of(info) is None for info in infos):
             raise NotPlainError
 
     # ---- asking -------------------------------------------------------------------------------------------

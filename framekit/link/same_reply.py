@@ -75,7 +75,7 @@ def learn(
     """
     raw, asked = whole.raw, sent.raw
     info = infos[whole.frame]
-    if raw is None or asked is None or whole.refusal is not None or info.announces:
+    if raw is None or asked is None or whole.refusal is not None:
         return None
     holder = [name for name, value in whole.fields.items() if value is reply]
     if reply is not whole and not holder:

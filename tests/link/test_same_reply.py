@@ -116,6 +116,22 @@ def test_nothing_is_learned_from_a_reply_that_does_not_bring_what_was_asked_for(
     assert pair.read(with_values(first), OTHER) == [False, True]
 
 
+def test_a_reply_that_announces_something_takes_the_long_way() -> None:
+    pair = Pair(
+        changed(
+            (
+                f"echo: [tag, station], body: [{TOLD}]",
+                f"echo: [tag, station], announces: {{heard: tag}}, body: [{TOLD}]",
+            ),
+            ("{number: {type: u16}}", "{number: {type: u16}, heard: {type: u16}}"),
+        )
+    )
+    for number in range(1, 5):
+        assert pair.read(with_values()) == [True]
+        assert [side.engine.scope["heard"] for side in (pair.short, pair.long)] == [number, number]
+    assert pair.request is None
+
+
 # ---- what is not ----------------------------------------------------------------------------------------------------
 
 NOT_LEARNED: dict[str, tuple[list[tuple[str, str]], list[Reply]]] = {
