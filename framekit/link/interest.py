@@ -31,16 +31,18 @@ class Left:
 
     `alone`: the only one; for that, how it is got: by `take`, as `constant` if it is nothing else, or `slow`; and what
     `make`s a value of it. `sure`: every other candidate, the others included, begins with other constants than there
-    are, so that it is surely none. `is_none`: nothing begins here.
+    are, so that it is surely none. `is_none`: nothing begins here; `is_clear`: nothing, or surely
+    only that one.
     """
 
-    __slots__ = ("alone", "constant", "infos", "is_none", "make", "slow", "sure", "take")
+    __slots__ = ("alone", "constant", "infos", "is_clear", "is_none", "make", "slow", "sure", "take")
 
     def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None, take: Take | None = None) -> None:
         self.infos = infos
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
         self.is_none = sure and not infos
+        self.is_clear = sure and len(infos) < 2
         self.constant: bytes | None = None
         self.take: Take | None = None
         self.slow: Slow | None = None

@@ -55,25 +55,20 @@ class RoughLooking(Looking):
                 start = starting[data[place]] or interest.start(data[place])
                 left = start.left[data[place + start.at]]
                 info = left.alone
-                if info is not known:
-                    known, proof = info, None if info is None else info.proof
-                if not left.sure or (info is None and left.infos):
+                if not left.is_clear:
                     break
-                if info is None:
-                    size = 0
-                elif inside is not None and not inside.nothing_from(info, data, place):
+                if inside is not None and info is not None and not inside.nothing_from(info, data, place):
                     break
-                else:
-                    size = size or info.extent(data, place, total, names)
-                    if size > 0:
-                        if proof is None:
-                            break
-                        if proof(data[place : place + size]):
-                            break
-                        if place < bad_until:
-                            size = 0  # a bad frame or none: here both are passed over
+                size = 0 if info is None else size or info.extent(data, place, total, names)
                 if size and info is not None:
-                    size = info.checked(data, place, size, names)
+                    if info is not known:
+                        known, proof = info, info.proof
+                    if size > 0 and (proof is None or proof(data[place : place + size])):
+                        break
+                    if size < 0 or place >= bad_until:
+                        size = info.checked(data, place, size, names)
+                    else:
+                        size = 0  # a bad frame or none: here both are passed over
                     if size < 0:
                         wanted = info if size > self._quiet else None
                         break
