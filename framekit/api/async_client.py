@@ -96,7 +96,10 @@ class AsyncClient(AsyncLine):
     def _how(self, address: str, type: str | None, order: Order | None, count: int) -> Typed:
         """As `typed`, once for reads that are repeated."""
         key = (address, type, order, count)
-        how = self._known_reads.get(key)
+        try:
+            how = self._known_reads.get(key)
+        except TypeError:  # a list of addresses, say
+            how = None
         if how is None:
             how = typed(self._working().client.grammar, address, type, order, count)
             if len(self._known_reads) >= MOST_KEPT:

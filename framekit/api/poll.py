@@ -6,6 +6,7 @@ What is asked, and when, is `service.polling`'s business.
 from __future__ import annotations
 
 import asyncio
+import inspect
 import math
 from collections.abc import Callable, Generator
 from typing import Any
@@ -23,15 +24,19 @@ OnError = Callable[[FramekitError], None]
 class Poll:
     """Reads that follow each other until `stop`, made by `AsyncClient.poll`. `reads` and `failures` count them.
 
-    `await` waits for the end, and raises what it ended with. Raises ValueError for what cannot be asked.
+    `await` waits for the end, and raises what it ended with; who gives up waiting stops nothing. Raises ValueError for
+    what cannot be asked.
     """
 
     def __init__(
         self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
         on_error: OnError | None,
     ) -> None:  # fmt: skip
-        if not 0 <= every < math.inf:
-            raise ValueError(f"every is {every}: it is the seconds from one read to the next, 0 or more")
+        if not isinstance(every, int | float) or not 0 <= every < math.inf:
+            raise ValueError(f"every is {every!r}: it is the seconds from one read to the next, 0 or more")
+        _check_callback("on_values", on_values)
+        if on_error is not None:
+            _check_callback("on_error", on_error)
         self.failures = 0
         self._reads = 0
         self._how = how
@@ -61,7 +66,8 @@ class Poll:
             self._ended.set_result(None)
 
     def __await__(self) -> Generator[Any, None, None]:
-        return self._ended.__await__()
+        yield from asyncio.wait([self._ended]).__await__()  # cancelled, it leaves the end to come, and others waiting
+        self._ended.result()
 
     def _result(self, result: TransferResult) -> None:
         if result.ok:
@@ -88,3 +94,14 @@ class Poll:
         self._polling.stop()
         if not self._ended.done():
             self._ended.set_exception(error)
+
+
+def _check_callback(name: str, callback: object) -> None:
+    """Raises ValueError for what cannot be called, or would have to be awaited: its values would be lost silently."""
+    if not callable(callback):
+        raise ValueError(f"{name} has to be a plain function, not {callback!r}")
+    if inspect.iscoroutinefunction(callback):
+        raise ValueError(
+            f"{name} has to be a plain function: it is called, not awaited – for tasks, hand over an asyncio.Queue's "
+            "put_nowait"
+        )

@@ -66,6 +66,10 @@ class Typed:
 
 def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
     """How values of a type (None: what the address usually holds) at an address travel. Raises RequestError."""
+    if not isinstance(address, str):
+        raise RequestError(f"an address is a text: {_hint(address)}")
+    if not isinstance(count, int):
+        raise RequestError(f"count is {count!r}: it is a whole number")
     try:
         where = grammar.parse(address)
         place, type_ = where.unit, type_ or where.type
@@ -121,6 +125,13 @@ def typed_each(grammar: AddressGrammar, addresses: Sequence[str], type_: str | N
 def values_given(values: Value | Sequence[Value]) -> list[Value]:
     """One value or several, as a list."""
     return [values] if isinstance(values, (int, float, str)) else list(values)
+
+
+def _hint(address: object) -> str:
+    """What to do with an address that is no text."""
+    if isinstance(address, int):
+        return f"write '{address}'"
+    return f"{address!r} is none – several have read_many and write_many"
 
 
 def _is_unit(name: str) -> bool:

@@ -122,6 +122,11 @@ def test_nobody_answers(shared: framekit.Client) -> None:
     ("call", "message"),
     [
         (lambda client: client.read("4x", station=7), "is not an address"),
+        (lambda client: client.read(40001, station=7), "an address is a text: write '40001'"),
+        (lambda client: client.read(["40001", "40003"], station=7), "several have read_many"),
+        (lambda client: client.read_many([40001], station=7), "write '40001'"),
+        (lambda client: client.read("40001", "3", station=7), "count is '3'"),
+        (lambda client: client.write(40001, 1, station=7), "write '40001'"),
         (lambda client: client.read("40001"), "needs a station"),
         (lambda client: client.read("40001", station="seven"), "'seven' is not a whole number"),
         (lambda client: client.read("40001", 0, station=7), "the count is 0"),

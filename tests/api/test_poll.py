@@ -6,6 +6,7 @@ What takes time, and replies that are not good, is in tests/service/test_polling
 from __future__ import annotations
 
 import asyncio
+import functools
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -467,6 +468,11 @@ def test_closing_closes_the_session_although_a_poll_runs(tmp_path: Path) -> None
         ({"address": "40001", "every": -1.0}, "every"),
         ({"address": "40001", "every": float("nan")}, "every"),
         ({"address": "40001", "every": float("inf")}, "every"),
+        ({"address": "40001", "every": "1 s"}, "every is '1 s'"),
+        ({"address": "40001", "every": None}, "every is None"),
+        ({"address": 40001}, "write '40001'"),
+        ({"address": ["40001", "40003"]}, "an address is a text"),
+        ({"address": "40001", "count": 2.5}, "count is 2.5"),
     ],
 )
 def test_what_cannot_be_asked(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
@@ -480,5 +486,50 @@ def test_what_cannot_be_asked(tmp_path: Path, arguments: dict[str, Any], message
             await kept.enough(3)
             poll.stop()
             assert set(kept.values) == {(100,)}
+
+    run(scenario)
+
+
+async def _awaited(values: tuple[int, ...]) -> None: ...
+
+
+@pytest.mark.parametrize("callback", [_awaited, functools.partial(_awaited), None, 3])
+@pytest.mark.parametrize("name", ["on_values", "on_error"])
+def test_callbacks_that_could_not_be_called(tmp_path: Path, name: str, callback: Any) -> None:
+    """A coroutine function, called, would do nothing: its values would be lost."""
+
+    async def scenario() -> None:
+        port = f"sim:{device_file(tmp_path, 'modbus-tcp')}"
+        async with framekit.aconnect("modbus-tcp", port, station=7) as client:
+            good: dict[str, Any] = {"on_values": lambda values: None, "on_error": lambda error: None}
+            if name == "on_error" and callback is None:
+                client.poll("40001", **good | {name: callback}).stop()
+                return
+            with pytest.raises(framekit.RequestError, match=f"{name} has to be a plain function"):
+                client.poll("40001", **good | {name: callback})
+
+    run(scenario)
+
+
+# ---- waiting ------------------------------------------------------------------------------------------------------
+
+
+def test_who_stops_waiting_stops_nothing_else() -> None:
+    """Neither the poll, nor who else waits for it; what it ends with is there for who waits again."""
+
+    async def scenario() -> None:
+        async with Registers() as device, framekit.aconnect("modbus-tcp", device.port, station=1) as client:
+            kept = Kept()
+            poll = client.poll("40001", on_values=kept.on_values)
+            other = asyncio.ensure_future(poll)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(poll, 0.001)
+            assert poll.is_running and not other.done()
+            await kept.enough(len(kept.values) + 2)
+            device.change = lambda number, reply: None
+            for waiting in (other, poll, poll):
+                with pytest.raises(framekit.LineClosedError):
+                    await waiting
+            assert not poll.is_running
 
     run(scenario)
