@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from framekit.blocks.block_status import Failure, failure_of
-from framekit.blocks.commands import CommandBlocks, CommandEnd
+from framekit.blocks.command_transfers import CommandTransfers, Later
 from framekit.blocks.fields import FramePart, parts_of, to_memory
 from framekit.blocks.frame_fields import FrameFields
 from framekit.blocks.merging import Read, joined
@@ -20,10 +20,8 @@ from framekit.blocks.model import Block
 from framekit.blocks.operations import ParamsOf
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
 from framekit.blocks.repeated_read import RepeatedRead
-from framekit.codec.codec import compile_protocol
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.protocol import Protocol, StationType
-from framekit.definition.times import NEVER
+from framekit.definition.model.protocol import StationType
 from framekit.link.addresses import AddressError
 from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
@@ -38,9 +36,6 @@ from framekit.memory.numbers import unit_bits
 
 Ended = Callable[[Failure | None], None]
 """Told once how a block's exchange ended; None when all is well."""
-
-Later = Callable[[int, Callable[[], None]], None]
-"""Calls something back after so many nanoseconds."""
 
 
 class BlockTransfers:
@@ -62,15 +57,12 @@ class BlockTransfers:
         self.memory = memory
         self.frames = frames
         self.station = station
-        self.mapping = mapping or {}
-        self.later = later
-        self.params_of = params_of
+        self.commands = CommandTransfers(engine, client, memory, mapping or {}, later, params_of)
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[int, FrameFields] = {}
         self._senders: dict[str, FrameSender] = {}
         self._reads: dict[tuple[int, int], RepeatedRead] = {}
         self._sending: list[Ended] = []
-        self._commands: dict[str, CommandBlocks] = {}
 
     def closed(self, reason: str) -> None:
         """The connection is gone: frames that have not left yet never will."""
@@ -90,7 +82,7 @@ class BlockTransfers:
         if block.instruction == "send":
             return self._send(block, now, ended)
         if block.instruction == "command":
-            return self._command(block, now, ended)
+            return self.commands.start(block, self.station_of(block), now, ended)
         assert self.client is not None
         station, done = self.station_of(block), self._finisher(block, ended)
         if block.instruction == "read":
@@ -207,62 +199,6 @@ class BlockTransfers:
             starts.append(starts[-1] + unit_bits(unit))
         spans = zip(block.places, pairwise(starts), strict=True)
         return [(place, end - start, cut_memory(data, start, end - start)) for place, (start, end) in spans]
-
-    # ---- command blocks -----------------------------------------------------------------------------------
-
-    def _command(self, block: Block, now: int, ended: Ended) -> list[Command]:
-        """The words of a command block are copied now; what happens to them later changes nothing."""
-        assert block.commands is not None
-        commands, place = self.commands_of(block.commands), block.places[0]
-        area = self.memory.area(place.address.area)
-        first = place.address.first_bit // 8
-        data = area.read_bytes(first, min(2 * commands.rules.most, area.size_bytes - first))
-        over = False
-
-        def late() -> None:
-            if not over:
-                self._show_fault(block, True)
-
-        def done(end: CommandEnd) -> None:
-            nonlocal over
-            over = True
-            if end.fault:
-                self._show_fault(block, True)
-                ended(Failure(outcome="cannot_send", cause=end.fault))
-            else:
-                ended(end.failure)
-
-        self._show_fault(block, False)
-        waits = commands.waits_for(data)
-        if waits <= 0:
-            late()
-        elif waits < NEVER and self.later is not None:
-            self.later(waits, late)
-        return commands.start(data, self.station_of(block), now, done, lambda station: self._params(block, station))
-
-    def _params(self, block: Block, station: Any) -> dict[str, Any]:
-        """What the channel says for a station, and the block does not."""
-        given = {} if self.params_of is None else self.params_of(station)
-        return {name: value for name, value in given.items() if name not in block.params}
-
-    def commands_of(self, application: Protocol) -> CommandBlocks:
-        """The command blocks of an application on this channel."""
-        found = self._commands.get(application.name)
-        if found is None or found.words.application != application:
-            found = self._commands[application.name] = CommandBlocks(
-                application,
-                compile_protocol(application),
-                self.memory,
-                channel=self.engine.scope,
-                engine=self.engine,
-                client=self.client,
-                mapping={name: place for name, place in self.mapping.items() if name in application.areas},
-            )
-        return found
-
-    def _show_fault(self, block: Block, fault: bool) -> None:
-        if block.fault is not None:
-            store_pieces(self.memory, [(block.fault, 1, bytes([fault]))])
 
     # ---- SEND and RECEIVE ---------------------------------------------------------------------------------
 

@@ -106,7 +106,7 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
 async def _port(arguments: argparse.Namespace, line: LineFormat, clock: AsyncioClock) -> Port:
     """The port, not yet opened; where it is to be a listener, the first connection. Raises WrongWords, NoPort."""
     from framekit.transport.open_port import host_and_port, open_port
-    from framekit.transport.tcp_port import AcceptedPort, TcpListener
+    from framekit.transport.tcp_listener import AcceptedPort, TcpListener
 
     try:
         if not arguments.port.startswith(LISTENING):

@@ -16,7 +16,7 @@ from framekit.service.device import DeviceService, DeviceStore
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
 from framekit.transport.shared_port import SharedPort
-from framekit.transport.tcp_port import AcceptedPort, TcpListener
+from framekit.transport.tcp_listener import AcceptedPort, TcpListener
 
 ServingMonitor = Callable[[str, int, Seen], None]
 """Gets everything seen: the port's name, which of the devices saw it, and what it saw."""

@@ -26,7 +26,7 @@ from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.echo_port import EchoFreePort
 from framekit.transport.open_port import open_port
 from framekit.transport.pty_pair import PtyPair
-from framekit.transport.tcp_port import AcceptedPort, listen
+from framekit.transport.tcp_listener import AcceptedPort, listen
 from framekit.transport.udp_port import UdpPort
 
 SECOND = 1_000_000_000

@@ -15,7 +15,7 @@ from framekit.transport.open_port import open_port
 from framekit.transport.port import Port
 from framekit.transport.pty_pair import PtyMaster, PtyPair
 from framekit.transport.simulated import SimulatedLine
-from framekit.transport.tcp_port import AcceptedPort, listen
+from framekit.transport.tcp_listener import AcceptedPort, listen
 
 LONGEST = 20
 """Seconds after which a test that waits for an event is broken off."""

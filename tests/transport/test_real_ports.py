@@ -19,7 +19,8 @@ from framekit.transport.pty_pair import PtyPair
 from framekit.transport.serial_connection import open_device
 from framekit.transport.serial_port import SerialPort
 from framekit.transport.simulated import SimulatedLine
-from framekit.transport.tcp_port import AcceptedPort, TcpListener, TcpPort, listen
+from framekit.transport.tcp_listener import AcceptedPort, TcpListener, listen
+from framekit.transport.tcp_port import TcpPort
 
 
 def real_clock() -> AsyncioClock:
