@@ -191,11 +191,17 @@ class Engine(EngineCore):
 
     @property
     def is_quiet(self) -> bool:
-        """Whether a frame that is sent by itself may go out at once, before anybody is told."""
+        """Whether a frame that is sent by itself may go out at once, and nobody is shown it."""
         output = self.output
-        return not (self._busy or output.outgoing or output.pending) and output.is_open and (
-            output.clear_to_send and output.is_immediate
-        )  # fmt: skip
+        return (
+            output.outgoing is None
+            and not output.pending
+            and output.is_open
+            and output.clear_to_send
+            and output.is_immediate
+            and not self._busy
+            and self.machine.monitor is None
+        )
 
     def has_put(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
         """As `put_frame` while it is quiet, for bytes that have been given to the port already."""

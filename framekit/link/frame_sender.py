@@ -15,30 +15,28 @@ if TYPE_CHECKING:
 
 
 class FrameSender:
-    """Sends frames of one name; `constants` are fields that never change. Raises KeyError for an unknown name."""
+    """Sends frames of one name; `constants` are fields that never change. Raises KeyError for an unknown name.
+
+    `is_plain`: such a frame is nothing but its bytes, and while the engine `is_quiet`, those that `encode` makes of all
+    its fields may be given to the port first, and `handed_over` be told afterwards.
+    """
 
     def __init__(self, engine: Engine, name: str) -> None:
-        self._engine = engine
+        self.engine = engine
         self._name = name
         self._info = info = engine.machine.table.infos[name]
         self.constants = dict(info.known)
         self.encode, self.scope = info.encode, engine.scope
-        self._plain = info.flat and not (info.numbers or info.computed or info.announces)
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether bytes that `encode` has made of a frame may leave right now; `handed_over` has to be told then."""
-        engine = self._engine
-        return self._plain and engine.machine.monitor is None and engine.is_quiet
+        self.is_plain = info.flat and not (info.numbers or info.computed or info.announces)
 
     def handed_over(self, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
         """A frame is on its way."""
-        self._engine.has_put(self._info, data, now, on_sent)
+        self.engine.has_put(self._info, data, now, on_sent)
 
     def send(self, fields: dict[str, Any], now: int, on_sent: Callable[[], None]) -> list[Command]:
         """As `Engine.send_frame`."""
-        engine = self._engine
-        if not self._plain or engine.machine.monitor is not None:
+        engine = self.engine
+        if not self.is_plain or engine.machine.monitor is not None:
             return engine.send_frame(self._name, now, fields, on_sent)
         data = self._info.encode({**self.constants, **fields}, engine.scope)
         return engine.put_frame(self._info, data, now, on_sent)

@@ -32,6 +32,9 @@ class PromptSend:
         self._ended = ended
         self._driver, self._transfers = channel.driver, channel.transfers
         self._sender, fields = channel.transfers.prepared_frame(block)
+        if not self._sender.is_plain:
+            raise ValueError("such a frame is more than its bytes")
+        self._engine = self._sender.engine
         self._encode, self._scope = self._sender.encode, self._sender.scope
         self._constants = {**self._sender.constants, **fields.constants}
         self._readers = fields.readers
@@ -42,9 +45,7 @@ class PromptSend:
         Written out, since all of it stands between a trigger and the first byte.
         """
         driver = self._driver
-        if driver.pending or not self._unchanged():
-            return None
-        if not self._sender.is_ready:
+        if driver.pending or not self._unchanged() or not self._engine.is_quiet:
             return None
         fields = self._constants.copy()
         try:
