@@ -27,6 +27,10 @@ def main() -> int:
     unknown = [name for name in arguments.rows if name not in MODULES]
     if unknown:
         parser.error(f"there is no {unknown[0]}; there are {', '.join(MODULES)}")
+    if arguments.rounds < 1:
+        parser.error(f"{arguments.rounds} rounds measure nothing")
+    if arguments.json is not None and not arguments.json.parent.is_dir():
+        parser.error(f"there is no folder {arguments.json.parent}")
     measured_on = machine()
     print("\n".join(f"{name}: {value}" for name, value in measured_on.items()))
     found = [_run(name, arguments.rounds) for name in arguments.rows or MODULES]

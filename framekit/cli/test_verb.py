@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from framekit.cli.common import add_json, add_protocol, print_json
+from framekit.cli.common import add_json, add_protocol, near, print_json
 from framekit.cli.main import Failure
 
 
@@ -15,11 +15,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from framekit.service.vectors import run_vectors
+    from framekit.definition.load.library import definition_path
+    from framekit.service.vectors import run_vectors, vectors_path
 
     results = run_vectors(arguments.protocol, Path.cwd())
     if not results:
-        raise Failure(f"there are no vectors beside '{arguments.protocol}' – write {arguments.protocol}.vectors.yaml")
+        path = definition_path(arguments.protocol, Path.cwd())
+        raise Failure(f"there are no vectors beside '{near(str(path))}' – write {near(str(vectors_path(path)))}")
     failed = [result for result in results if result.problems]
     if arguments.json:
         print_json([{"kind": one.kind, "name": one.name, "problems": one.problems} for one in results])

@@ -32,6 +32,15 @@ FIRST_KEYS: dict[str, Kind] = {
 }
 """What a file is, by its first key."""
 
+_NAMES: dict[Kind, str] = {
+    "protocol": "a protocol",
+    "device": "a device file",
+    "run": "a run file",
+    "vectors": "a vectors file",
+    "memory": "a memory profile",
+    "faults": "a fault plan",
+    "jobs": "a job profile",
+}
 _SUFFIX = ".schema.json"
 _NEARLY = 0.8
 
@@ -47,6 +56,20 @@ def kind_of(node: Node) -> Kind:
         what = f"the first key '{key.text}' does not say what the file is"
         raise DefinitionError([Problem(key.at, what, near if near.startswith("did you mean") else wanted)])
     return FIRST_KEYS[key.text]
+
+
+def wrong_kind(node: Node, kind: Kind) -> Problem | None:
+    """What is wrong with a file that is plainly of another kind than `kind`: one problem, not one for each key."""
+    if not isinstance(node, Mapping) or not node.entries:
+        return None
+    first, other = node.entries[0].key, FIRST_KEYS.get(node.entries[0].key.text, kind)
+    if other == kind:
+        return None
+    has_own_key = any(FIRST_KEYS.get(entry.key.text) == kind for entry in node.entries)
+    if has_own_key and first.text in _schemas()[kind + _SUFFIX]["properties"]:
+        return None
+    begins = " or ".join(f"{key}:" for key, named in FIRST_KEYS.items() if named == kind)
+    return Problem(first.at, f"this is {_NAMES[other]}, not {_NAMES[kind]}", f"name a file that begins with {begins}")
 
 
 def validate(node: Node, kind: Kind) -> list[Problem]:

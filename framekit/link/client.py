@@ -147,7 +147,8 @@ class Client(ClientExchanges):
         rows = self.shared.rows.get(service)
         if not rows or service in ("read", "write"):
             known = ", ".join(name for name in self.shared.rows if name not in ("read", "write"))
-            raise ServiceError(f"there is no service '{service}' to call – known: {known}")
+            hint = f"known: {known}" if known else "this protocol has none beside read and write"
+            raise ServiceError(f"there is no service '{service}' to call – {hint}")
         names = self._names(station, params)
         each = count if len(addresses) == 1 else 1
         pieces = [Piece(*self._place(address, unit, each)) for address in addresses]

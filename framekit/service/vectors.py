@@ -37,18 +37,16 @@ class CaseResult:
     problems: tuple[str, ...]
 
 
-def vectors_path(protocol: str | Path, folder: Path | None = None) -> Path | None:
-    """The vectors beside a definition; None when there are none. Raises DefinitionError for an unknown definition."""
-    path = definition_path(protocol, folder)
-    beside = path.with_name(path.stem + SUFFIX)
-    return beside if beside.is_file() else None
+def vectors_path(definition: Path) -> Path:
+    """Where the vectors of a definition stand, if there are any."""
+    return definition.with_name(definition.stem + SUFFIX)
 
 
 def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseResult]:
-    """Runs all cases. Raises DefinitionError when definition or vectors are wrong."""
+    """Runs all cases; none where there are no vectors. Raises DefinitionError when definition or vectors are wrong."""
     loaded = load_protocol(protocol, folder)
-    path = vectors_path(protocol, folder)
-    if path is None:
+    path = vectors_path(definition_path(protocol, folder))
+    if not path.is_file():
         return []
     codec = compile_protocol(loaded)
     vectors = load_vectors(path)

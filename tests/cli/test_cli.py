@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from framekit import __version__
+from framekit.cli.common import near
 from framekit.cli.main import VERBS, main
 
 READ = "05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34"
@@ -271,3 +272,25 @@ def test_run_shows_what_a_protocol_publishes(capsys: pytest.CaptureFixture[str],
     _, out, _ = call(capsys, "run", str(path), "--virtual", "--for", "100ms", "--json")
     told = [json.loads(line) for line in out.splitlines()]
     assert {"event": "status", "channel": 1, "status": {"asked": 5}} in told
+
+
+def test_a_file_of_another_kind_is_one_problem(capsys: pytest.CaptureFixture[str]) -> None:
+    scale = near(str(EXAMPLES / "scale.yaml"))
+    assert call(capsys, "run", scale, "--virtual", "--for", "1s") == (
+        1, "", f"{scale}:1:1: this is a protocol, not a run file – name a file that begins with run:\n",
+    )  # fmt: skip
+    vectors = EXAMPLES / "scale.vectors.yaml"
+    assert "this is a vectors file, not a protocol" in call(capsys, "test", str(vectors))[2]
+
+
+def test_vectors_that_are_missing_are_named_as_they_would_be_found(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "some.yaml").write_text("protocol: some\nframes: {A: {body: [{const: STX}]}}\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for name in ("some", "some.yaml"):
+        status, _, err = call(capsys, "test", name)
+        assert (status, err) == (
+            1,
+            "framekit test: there are no vectors beside 'some.yaml' – write some.vectors.yaml\n",
+        )

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence, read_nodes, read_text
 from framekit.definition.problems import DefinitionError
-from framekit.definition.schema import FIRST_KEYS, kind_of, validate
+from framekit.definition.schema import FIRST_KEYS, Kind, kind_of, validate, wrong_kind
 from framekit.definition.shipped import shipped_folder
 
 SHIPPED = sorted(shipped_folder("frames").glob("*.yaml"))
@@ -330,6 +330,48 @@ def test_other_first_keys_are_refused(text: str, problem: str) -> None:
     assert [str(found) for found in caught.value.problems] == [problem]
 
 
+@pytest.mark.parametrize(
+    ("text", "wanted", "problem"),
+    [
+        ("protocol: p\nframes: {}\n", "run", "this is a protocol, not a run file – name a file that begins with run:"),
+        (
+            "protocol: p\nframes: {}\n",
+            "device",
+            "this is a protocol, not a device file – name a file that begins with device:",
+        ),
+        (
+            "device: d\nprotocol: p\n",
+            "protocol",
+            "this is a device file, not a protocol – name a file that begins with protocol: or application:",
+        ),
+        (
+            "run: r\nmemory: m\n",
+            "memory",
+            "this is a run file, not a memory profile – name a file that begins with memory:",
+        ),
+        ("vectors: v\nframes: []\n", "protocol", "this is a vectors file, not a protocol – "),
+    ],
+)
+def test_a_file_of_another_kind_is_told_as_such(text: str, wanted: Kind, problem: str) -> None:
+    wrong = wrong_kind(read_text(text, "f"), wanted)
+    assert wrong is not None and str(wrong).startswith(f"f:1:1: {problem}")
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("memory: m\nrun: r\n", "run"),
+        ("protocol: p\ndevice: d\n", "device"),
+        ("application: a\n", "protocol"),
+        ("frames: {}\n", "protocol"),
+        ("prtocol: p\n", "protocol"),
+        ("- run\n", "run"),
+    ],
+)
+def test_what_may_be_such_a_file_is_read(text: str, wanted: Kind) -> None:
+    assert wrong_kind(read_text(text, "f"), wanted) is None
+
+
 # ---- what is wrong ------------------------------------------------------------------------------------------
 
 SEGMENTS = [
@@ -551,6 +593,19 @@ OTHERS = [
     (
         "vectors: p\nconversations: [{name: c, script: [{snd: 00}]}]\n",
         "f:2:37: unknown key 'snd' in a script line of conversation 'c' – did you mean 'send'?",
+    ),
+    (
+        "vectors: p\nconversations: [{name: c, do: {read: {address: M0, count: 2}}, script: []}]\n",
+        "f:2:38: 'read' of conversation 'c' must be a list or a single value, not a mapping – "
+        "write an address or a list of them, with count: N beside it",
+    ),
+    (
+        "vectors: p\nconversations: [{name: c, do: {send: A}, script: []}]\n",
+        "f:2:38: 'send' of conversation 'c' must be a mapping, not a text – write key: value",
+    ),
+    (
+        "vectors: p\nconversations: [{name: c, do: {exchange: {A: {}, B: {}}}, script: []}]\n",
+        "f:2:50: 'exchange' of conversation 'c' has more than one entry: A, B – keep one",
     ),
     ("memory: m\nareas: {M: {size: big}}\n", "f:2:19: 'big' is not a whole number (10 or 0x0A), in area 'M'"),
     (

@@ -14,7 +14,7 @@ from framekit.definition.cut_expressions import is_cut
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, read_nodes
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.schema import validate
+from framekit.definition.schema import Kind, validate, wrong_kind
 from framekit.definition.shipped import find_definition, shipped_folder
 
 SINGLE_KEYS = ("params", "state", "areas", "line", "receiver", "station", "errors", "server")
@@ -59,7 +59,7 @@ class Documents:
         self.cut: set[tuple[str, int]] = set()
         self.found: set[tuple[str, Path, Path]] = set()
 
-    def root(self, path: Path, kind: str = "protocol") -> Mapping:
+    def root(self, path: Path, kind: Kind = "protocol") -> Mapping:
         """The validated nodes of a file. Raises Broken when it can't be read at all."""
         path = path.resolve()
         if path not in self.roots:
@@ -68,7 +68,11 @@ class Documents:
             except DefinitionError as error:
                 self.reader.problems.extend(error.problems)
                 raise Broken(str(path)) from None
-            problems = validate(node, kind)  # type: ignore[arg-type]
+            wrong = wrong_kind(node, kind)
+            if wrong is not None:
+                self.reader.problems.append(wrong)
+                raise Broken(str(path))
+            problems = validate(node, kind)
             self.reader.problems.extend(problems)
             self.schema_problems.update(problems)
             self.refused.update(problem.at for problem in problems)
