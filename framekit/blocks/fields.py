@@ -70,6 +70,21 @@ def may_overflow(part: FramePart, place: Place) -> bool:
     return bounds is not None and (bounds[1] - bounds[0]).bit_length() > place.address.unit_bits > 1
 
 
+def no_number(part: FramePart | None, value: Any) -> str | None:
+    """Why a field that holds plain numbers cannot be sent with a value; None when it can, or that is not known here."""
+    if not isinstance(part, Field) or part.unit is not None or part.values or part.long or part.zero_means is not None:
+        return None
+    bounds = bounds_of(part.type)
+    if bounds is None:
+        return None
+    if not isinstance(value, int):
+        return f"'{part.name}' is a number, not {value!r}"
+    least, most = bounds[0] - part.plus, bounds[1] - part.plus
+    if least <= value <= most:
+        return None
+    return f"'{part.name}' is {value}, " + (f"more than {most}" if value > most else f"less than {least}")
+
+
 # ---- values -----------------------------------------------------------------------------------------------
 
 

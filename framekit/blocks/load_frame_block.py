@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from framekit.blocks.fields import FramePart, may_overflow, misfit, parts_of
+from framekit.blocks.fields import FramePart, may_overflow, misfit, no_number, parts_of
 from framekit.blocks.model import Place
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
@@ -52,7 +52,7 @@ class FrameBlockLoader:
                 place = where(entry.value)
                 self._fits(fields[entry.key.text], place, instruction, entry.value)
                 data[entry.key.text] = place
-        values = self._values(keys.get("values"), frame)
+        values = self._values(keys.get("values"), frame, fields)
         sizes = self._sizes(keys.get("size"), frame, fields)
         if instruction == "send" and not self.spoilt:
             self._missing(frame, {*data, *values}, sizes, keys)
@@ -104,7 +104,7 @@ class FrameBlockLoader:
             hint = did_you_mean(key.text, fields)
             raise self.reader.broken(key.at, f"frame '{frame.name}' has no field '{key.text}'", hint)
 
-    def _values(self, node: Node | None, frame: Frame) -> dict[str, Any]:
+    def _values(self, node: Node | None, frame: Frame, fields: Mapping[str, FramePart]) -> dict[str, Any]:
         known = dict.fromkeys(field_names(frame.segments))
         found: dict[str, Any] = {}
         for entry in self.reader.entries(node):
@@ -112,7 +112,10 @@ class FrameBlockLoader:
                 if entry.key.text not in known:
                     what = f"frame '{frame.name}' has no field '{entry.key.text}'"
                     raise self.reader.broken(entry.key.at, what, did_you_mean(entry.key.text, known))
-                found[entry.key.text] = self.reader.constant(entry.value)
+                value = found[entry.key.text] = self.reader.constant(entry.value)
+                wrong = no_number(fields.get(entry.key.text), value)
+                if wrong is not None:
+                    self.reader.note(entry.value.at, wrong, "correct it")
         return found
 
     def _sizes(self, node: Node | None, frame: Frame, fields: Mapping[str, FramePart]) -> dict[str, int]:

@@ -13,6 +13,7 @@ from framekit.definition.check.addresses import is_unit
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
 from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.packing import PackingError, memory_of
 from framekit.memory.numbers import unit_bits
 
 
@@ -54,6 +55,7 @@ class TransferLoader:
                     reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
         places, values = self._own_side(instruction, keys, types or [None], len(nodes), count)
         if len(units) == len(nodes):
+            self._fitting(reader.items(keys.get("values")), values or (), units)
             self._room(keys.get("into" if instruction == "read" else "from"), places, units, count)
         return {
             "targets": tuple(reader.text(node) for node in nodes),
@@ -63,6 +65,14 @@ class TransferLoader:
             "count": count,
             "values": values,
         }
+
+    def _fitting(self, nodes: Sequence[Node], values: Sequence[int], units: list[str]) -> None:
+        """Constants that the elements they are for can hold."""
+        for at, (node, value) in enumerate(zip(nodes, values, strict=False)):
+            try:
+                memory_of([value], units[min(at, len(units) - 1)])
+            except PackingError as error:
+                self.reader.note(node.at, str(error), "correct it, or give another type")
 
     def _room(self, node: Node | None, places: tuple[Place, ...], units: list[str], count: int) -> None:
         """Own places with room for everything that is moved."""
