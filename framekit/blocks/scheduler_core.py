@@ -18,8 +18,8 @@ from framekit.blocks.turns import Turns
 from framekit.memory.memory import DeviceMemory
 
 LEAST_TIME = 1_000_000
-"""One that ends at once holds its channel for 1 ms; a `while` block starts again 1 ms after its end at the earliest:
-so blocks that fail at once and start each other, or themselves, stop nobody."""
+"""One that ends at once, or fails within 1 ms, holds its channel for 1 ms; a `while` block starts again 1 ms after its
+end at the earliest: so blocks that fail at once and start each other, or themselves, stop nobody."""
 
 
 Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
@@ -165,7 +165,8 @@ class SchedulerCore:
             return
         channel = state.lane
         lane = self.lanes[channel]
-        lane.ended(state, failure, now, LEAST_TIME if now == state.started_at else 0)
+        at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
+        lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
         self._turns.stir(lane)
         self._mark_changes(channel, lane)
         if state.dead:

@@ -198,3 +198,21 @@ def test_a_block_fired_by_hand() -> None:
     assert bench.counters(0) == (1, 1, 0, 0)
     with pytest.raises(KeyError):
         bench.scheduler.fire(9, 0)
+
+
+@pytest.mark.parametrize("took", [0, 70_000, MS - 1])
+def test_blocks_that_fail_at_once_and_start_each_other_hold_their_channel(took: int) -> None:
+    bench = Bench(
+        block(0, After(delay=MS), BlockEnd(block=1, ok=False)), block(1, BlockEnd(block=0, ok=False)), duration=took
+    )
+    bench.bad = {0, 1}
+    bench.run_until(100)
+    assert 49 <= len(bench.starts) <= 101, "1 ms after each"
+    assert bench.counters(0)[0] + bench.counters(1)[0] == len(bench.starts)
+
+
+def test_exchanges_that_end_well_within_a_millisecond_wait_for_nothing() -> None:
+    bench = Bench(block(0, After(delay=MS), BlockEnd(block=1, ok=True)), block(1, BlockEnd(block=0, ok=True)))
+    bench.duration = MS // 10
+    bench.run_until(100)
+    assert len(bench.starts) > 900
