@@ -67,6 +67,7 @@ class RunEditor:
         scheduler, now = service.scheduler, service.clock.now()
         for number in (*edit.blocks_gone, *edit.blocks_changed):
             service.block_memory.remove(scheduler.remove(number).block)
+            service.exchanges.forget(number)
         if service.jobs is not None:
             service.jobs.give_up((*edit.blocks_gone, *edit.blocks_changed))
         for number in (*edit.channels_gone, *edit.channels_changed):

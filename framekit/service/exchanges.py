@@ -42,6 +42,11 @@ class Exchanges:
         """Reads that were refused together may be tried together again."""
         self._alone.clear()
 
+    def forget(self, number: int) -> None:
+        """A block is no more, or another one: nothing is known of it."""
+        self._alone.discard(number)
+        self._stations.pop(number, None)
+
     def station_of(self, state: BlockState) -> Hashable:
         """The station a block talks to as its settings are now; None where there is none."""
         if state.block.instruction not in STATIONED:

@@ -76,6 +76,19 @@ def test_a_joined_read_that_is_refused_is_not_joined_again(tmp_path: Path) -> No
     assert [(one.started, one.done, one.failed) for one in counters] == [(2, 1, 1), (2, 1, 1), (2, 2, 0)]
 
 
+def test_blocks_that_have_been_edited_are_joined_again(tmp_path: Path) -> None:
+    more = ", merge: yes, faults: {rules: [{fault: error_reply, times: 1}]}"
+    bench = Bench(tmp_path, READS.replace("MORE", more))
+    bench.clock.run_for(SECOND + SECOND // 2)
+    path = tmp_path / "r.run.yaml"
+    text = path.read_text(encoding="utf-8").replace("into: M0,", "into: M1,").replace("into: M10", "into: M11")
+    path.write_text(text, encoding="utf-8")
+    bench.service.edit(load_run(path))
+    bench.seen.clear()
+    bench.clock.run_for(SECOND // 4)
+    assert bench.requests() == ["0+5"]
+
+
 def test_one_block_and_one_station_with_other_times(tmp_path: Path) -> None:
     bench = Bench(
         tmp_path,
