@@ -54,8 +54,6 @@ class Polling:
     def start(self) -> None:
         """Begins the first read. Raises ValueError for what cannot be asked."""
         self.is_running = True
-        if self._driver.quick is None:
-            self._driver.quick = self._take
         try:
             self._read()
         except ValueError:
@@ -83,6 +81,8 @@ class Polling:
             self._told(TransferResult(False, outcome="cannot_send", cause=str(error)))
 
     def _read(self) -> None:
+        if self._driver.quick is None:  # nobody else has the shortest way, or not any more
+            self._driver.quick = self._take
         self._due = self._clock.now() + self._every
         self._request = self._service.request(self._begin, self._told)
 

@@ -487,6 +487,7 @@ def test_when_one_of_two_polls_ends_the_other_goes_on() -> None:
         world.answer()
     assert len(first.values) == 3
     assert second.values[-3:] == [(1013,), (1014,), (1015,)]
+    assert second.short >= 3, "by the shortest way, which the first one has left"
 
 
 def test_a_poll_begun_in_the_callback_of_another() -> None:
