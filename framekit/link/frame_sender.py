@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.model.visit import expressions_of
+
 if TYPE_CHECKING:
     from framekit.link.engine import Engine
     from framekit.link.events import Command
@@ -27,7 +30,9 @@ class FrameSender:
         self._info = info = engine.machine.table.infos[name]
         self.constants = dict(info.known)
         self.encode, self.scope = info.encode, engine.scope
-        self.is_plain = info.flat and not (info.numbers or info.computed or info.announces)
+        worked_out = (engine.scope.formulas or {}).keys() - {"station"}  # the time among them: the engine has to know it
+        timed = any(names_in(one.root) & worked_out for one in expressions_of(info.frame.segments))
+        self.is_plain = info.flat and not (info.numbers or info.computed or info.announces or timed)
 
     def handed_over(self, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
         """A frame is on its way."""

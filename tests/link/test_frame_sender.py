@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol_text
 from framekit.definition.load.library import load_protocol
 from framekit.link.engine import Engine
 from framekit.link.events import Send
@@ -40,6 +41,32 @@ def test_it_sends_the_same(protocol: str, frame: str, fields: dict[str, Any], wa
         other.sent(10 * number + 5)
     assert sent == [0, 1, 2]
     assert one.counters == other.counters and one.counters.sent == 3
+
+
+TIMED = """protocol: timed
+line: {kind: stream, tcp: 1}
+params: {late: {type: number, is: "1 if now > 7 ms else 0"}}
+frames:
+  told: {body: [{const: 02}, {field: what, type: u8}, {field: when, type: u16, build: BUILD}]}
+"""
+
+
+@pytest.mark.parametrize("build", ['"1 if now > 7 ms else 0"', "clock.second", "late"])
+def test_a_frame_says_what_time_it_is_when_it_is_sent(build: str) -> None:
+    protocol = load_protocol_text(TIMED.replace("BUILD", build), "timed")
+    one, other = (Engine(protocol, compile_protocol(protocol), None) for _ in range(2))
+    one.opened(0)
+    other.opened(0)
+    sender = FrameSender(one, "told")
+    frames = []
+    for now in (5_000_000, 9_000_000_000):
+        commands = sender.send({"what": 1}, now, lambda: None)
+        assert commands == other.send_frame("told", now, {"what": 1})
+        frames += [command.data for command in commands if isinstance(command, Send)]
+        one.sent(now)
+        other.sent(now)
+    assert len(set(frames)) == 2
+    assert not sender.is_plain, "it does not leave before the time is known"
 
 
 def test_what_a_frame_cannot_carry_is_refused_alike() -> None:
