@@ -30,7 +30,7 @@ class FrameSender:
         self._info = info = engine.machine.table.infos[name]
         self.constants = dict(info.known)
         self.encode, self.scope = info.encode, engine.scope
-        worked_out = (engine.scope.formulas or {}).keys() - {"station"}  # the time among them: the engine has to know it
+        worked_out = (engine.scope.formulas or {}).keys() - {"station"}  # now and clock among them: the engine sets it
         timed = any(names_in(one.root) & worked_out for one in expressions_of(info.frame.segments))
         self.is_plain = info.flat and not (info.numbers or info.computed or info.announces or timed)
 
