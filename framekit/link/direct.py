@@ -104,12 +104,13 @@ class DirectRequest:
             raise NotPlainError
         self.fields: dict[str, Any] = plain(self._made.fields)
         data = info.encode(self.fields, self.names)
-        self._data = None if changing or changes(info.frame.segments, self.scope) else data
+        frames = [self._table.infos[name].frame.segments for name in _frames_in(self._made)]
+        worked_out = changes(frames, self.scope)
+        self._data = None if changing or worked_out else data
         self._sent = self._made.copy()
         self._table.mark_sent(self._sent, data, self.names)
-        self._patch = (
-            patch_of(self._sent, self._changing[0][0], self._table.infos) if len(self._changing) == 1 else None
-        )
+        alone = len(self._changing) == 1 and not worked_out
+        self._patch = patch_of(self._sent, self._changing[0][0], self._table.infos) if alone else None
 
     def _prepare_replies(self, expected: tuple[str, ...]) -> None:
         step = self.plan.step
@@ -270,3 +271,12 @@ class DirectRequest:
             results=results,
             raw=data,
         )
+
+
+def _frames_in(value: Any) -> Iterator[str]:
+    """The names of a frame and of those in it."""
+    if type(value) is FrameValue:
+        yield value.frame
+        value = value.fields
+    for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _frames_in(part)

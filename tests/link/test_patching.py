@@ -139,6 +139,22 @@ def test_requests_by_both_ways_are_the_same(changes: list[tuple[str, str]]) -> N
     assert pair.read(*[with_values()] * 8) == [True] * 8
 
 
+@pytest.mark.parametrize("build", ['"number % 200"', "clock.second", '"1 if now > 7 us else 0"', "late"])
+@pytest.mark.parametrize("inside", [False, True], ids=["beside it", "in a frame inside"])
+def test_what_else_is_another_value_every_time_is_worked_out(build: str, inside: bool) -> None:
+    more = f"{{field: more, type: u8, build: {build}}}"
+    added = [(ASKED, f"{ASKED}, {more}")]
+    if inside:
+        added = [
+            (ASKED, f"{ASKED}, {{inner: mark, of: [stamp]}}"),
+            ("pdu: request}}", "pdu: request, mark: {stamp: {}}}}"),
+            ("  no:  ", f"  stamp: {{from: client, body: [{more}]}}\n  no:  "),
+        ]
+    pair = Pair(changed(("params: {", 'params: {late: {type: number, is: "number % 100"}, '), *added))
+    assert pair.read(*[with_values()] * 5) == [True] * 5
+    assert pair.request is not None, "there is a short way"
+
+
 @pytest.mark.parametrize(
     "limit", [ASKED.replace("type: u16}", "type: u16, range: 0..4}"), f"{ASKED}, {{require: tag < 5}}"]
 )
