@@ -22,7 +22,7 @@ from framekit.link.patching import patch_of
 from framekit.link.runs import Dealing
 from framekit.link.same_reply import SameReply, learn
 from framekit.link.scope import Scope
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import FrameValue, frames_in, plain
 
 
 class NotPlainError(Exception):
@@ -104,7 +104,7 @@ class DirectRequest:
             raise NotPlainError
         self.fields: dict[str, Any] = plain(self._made.fields)
         data = info.encode(self.fields, self.names)
-        frames = [self._table.infos[name].frame.segments for name in _frames_in(self._made)]
+        frames = [self._table.infos[name].frame.segments for name in frames_in(self._made)]
         worked_out = changes(frames, self.scope)
         self._data = None if changing or worked_out else data
         self._sent = self._made.copy()
@@ -271,12 +271,3 @@ class DirectRequest:
             results=results,
             raw=data,
         )
-
-
-def _frames_in(value: Any) -> Iterator[str]:
-    """The names of a frame and of those in it."""
-    if type(value) is FrameValue:
-        yield value.frame
-        value = value.fields
-    for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        yield from _frames_in(part)

@@ -18,7 +18,7 @@ from framekit.link.frame_info import FrameInfo
 from framekit.link.intact import Intact
 from framekit.link.scope import Scope
 from framekit.link.spans import Span, spans_of
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, frames_in
 
 Bytes = tuple[int, int, bytes]
 """From where to where a reply has which bytes."""
@@ -78,6 +78,8 @@ def learn(
     if raw is None or asked is None or whole.refusal is not None:
         return None
     holder = [name for name, value in whole.fields.items() if value is reply]
+    if list(frames_in(whole)) != [whole.frame, *([] if reply is whole else [reply.frame])]:
+        return None
     if reply is not whole and not holder:
         return None
     if _depends(infos, scope, rows, {whole.frame, reply.frame}, {field, *changing}, holder):

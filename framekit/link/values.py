@@ -6,7 +6,7 @@ Knows nothing of sequences, services or the line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 
@@ -101,3 +101,12 @@ def plain(value: Any) -> Any:
     if type(value) is list:
         return [plain(item) for item in value]
     return value
+
+
+def frames_in(value: Any) -> Iterator[str]:
+    """The names of a frame and of those in it."""
+    if type(value) is FrameValue:
+        yield value.frame
+        value = value.fields
+    for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from frames_in(part)

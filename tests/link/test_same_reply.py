@@ -207,6 +207,28 @@ def test_nothing_is_learned_where(what: str) -> None:
     assert pair.same is None
 
 
+@pytest.mark.parametrize(
+    "how", ["{require: 'number < 5'}", "{require: 'number < 5', refuse: 4}", "{value: v, read: number}"]
+)
+@pytest.mark.parametrize("flat", [True, False], ids=["flat", "in a frame"])
+def test_nothing_is_learned_where_another_frame_stands_beside_the_data(how: str, flat: bool) -> None:
+    before = f"{'' if flat else 'answer:     {from: server, '}echo: [tag, station], body: [{{field: tag"
+    pair = Pair(
+        changed(
+            (before, before.replace("body: [", "body: [{inner: mark, of: [stamp]}, ")),
+            (
+                "  read:\n    group",
+                f"  stamp: {{from: server, body: [{{field: more, type: u8}}, {how}]}}\n  read:\n    group",
+            ),
+            text=FLAT if flat else READS,
+        )
+    )
+    reply = _flat(b"\0\1\0\2") if flat else with_values()
+    good = pair.read(*[lambda asked: b"\7" + reply(asked)] * 8)
+    assert good == [True] * 4 + ["refuse" not in how] * 4
+    assert pair.request is not None and pair.same is None
+
+
 @pytest.mark.parametrize("check", ["sum8, verify: warn", "sum8, as: hex"])
 def test_a_check_code_that_is_not_the_last_word_teaches_nothing(check: str) -> None:
     pair = Pair(changed((TOLD, f"{TOLD}, {{check: {check}}}")))
