@@ -57,6 +57,8 @@ def cycle(every: str, times: int | None) -> Iterator[None]:
         period = max(1, parse_time(every))
     except ValueError as error:
         raise RequestError(f"--every: {error}") from None
+    if times is not None and times < 1:
+        raise RequestError(f"--times: {times} is no number of readings – give 1 or more")
     begin = time.monotonic_ns()
     for number in itertools.count():
         if number == times:

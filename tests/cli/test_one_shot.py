@@ -184,6 +184,8 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
         (("read", "--station", "7", "40001", "--param", "retrys=1"), "did you mean 'retries'"),
         (("read", "--station", "7", "40001", "--timeout", "soon"), "is not a time"),
         (("read", "--station", "7", "40001", "--every", "soon"), "--every: 'soon' is not a time"),
+        (("read", "--station", "7", "40001", "--every", "1ms", "--times", "-1"), "-1 is no number of readings"),
+        (("read", "--station", "7", "40001", "--every", "1ms", "--times", "0"), "0 is no number of readings"),
         (("read", "--station", "7", "40001", "--speed", "fast"), "invalid int value"),
         (("read", "--station", "7"), "required: ADDRESS"),
         (("write", "--station", "7", "40001"), "required: VALUE"),
