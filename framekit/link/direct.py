@@ -218,6 +218,8 @@ class DirectRequest:
         changing: list[str] = []
         self._echoes[info.name] = None
         for field, plain_name, evaluate in info.echo:
+            if plain_name is None and changes(info.frame.echo[field], self.scope):
+                return None
             found = self._repeated(plain_name, evaluate)
             if found is None:
                 continue

@@ -229,6 +229,20 @@ def test_nothing_is_learned_where_another_frame_stands_beside_the_data(how: str,
     assert pair.request is not None and pair.same is None
 
 
+@pytest.mark.parametrize(
+    ("echo", "whose"),
+    [
+        ("answer:     {from: server, echo: [tag, station]", "answer: {from: server, echo: {tag: tag, station: MORE}"),
+        ("told:  {from: server, echo: [function]}", "told:  {from: server, echo: {function: MORE}}"),
+    ],
+)
+def test_a_reply_that_repeats_what_a_variable_makes_of_it_takes_the_long_way(echo: str, whose: str) -> None:
+    field = "station" if "station" in echo else "function"
+    pair = Pair(changed((echo, whose.replace("MORE", f"'{field} if number < 5 else 9'"))))
+    assert pair.read(*[with_values()] * 8) == [True] * 4 + [False] * 4
+    assert pair.same is None
+
+
 @pytest.mark.parametrize("check", ["sum8, verify: warn", "sum8, as: hex"])
 def test_a_check_code_that_is_not_the_last_word_teaches_nothing(check: str) -> None:
     pair = Pair(changed((TOLD, f"{TOLD}, {{check: {check}}}")))
