@@ -14,8 +14,8 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.times import NEVER, LineFormat
+from framekit.link.line_times import LineTimes
 from framekit.link.parameters import ParameterError, given_value
-from framekit.link.scope import LineTimes
 
 PARAMETERS = {
     "retries": "retries",

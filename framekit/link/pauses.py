@@ -8,7 +8,8 @@ from __future__ import annotations
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.protocol import Receiver
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
-from framekit.link.scope import LineTimes, Scope
+from framekit.link.line_times import LineTimes
+from framekit.link.scope import Scope
 from framekit.link.stream import Stream
 
 QUIET_CHARACTERS = 3

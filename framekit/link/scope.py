@@ -17,33 +17,10 @@ from framekit.definition.times import LineFormat
 from framekit.link.clock import DEFAULT_START, Clock
 from framekit.link.device_state import DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression
+from framekit.link.line_times import LineTimes
 from framekit.link.parameter_formulas import CHANGING, depending, is_constant, lasting
 from framekit.link.parameters import ParameterError, check_value, given_value
 from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
-
-
-class LineTimes:
-    """`line` of the language: its speed, and how long characters and bits take. On a stream they take no time."""
-
-    __slots__ = ("_bit", "_character", "speed")
-
-    def __init__(self, line: LineFormat | None) -> None:
-        self.speed = 0 if line is None else line.speed
-        self._bit = 0.0 if line is None else 1_000_000_000 / line.speed
-        self._character = 0.0 if line is None else self._bit * line.character_bits
-
-    def chars(self, numerator: int, denominator: int = 1) -> int:
-        """Nanoseconds that numerator / denominator characters take."""
-        return round(self._character * numerator / denominator)
-
-    def bits(self, numerator: int, denominator: int = 1) -> int:
-        """Nanoseconds that numerator / denominator bits take."""
-        return round(self._bit * numerator / denominator)
-
-    def language_attribute(self, name: str) -> int:
-        if name == "speed":
-            return self.speed
-        raise KeyError(name)
 
 
 class Scope(Names):
