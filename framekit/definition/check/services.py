@@ -7,11 +7,12 @@ from collections.abc import Collection, Iterator
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.check.backwards import check_backwards
 from framekit.definition.check.segments import constant_number
-from framekit.definition.expression.syntax import Text, names_in
+from framekit.definition.expression.syntax import Expression, Name, Text, names_in
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Repeat
 from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, ServiceRow
-from framekit.definition.model.sizes import field_names
+from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.problems import Problem, did_you_mean
@@ -68,6 +69,7 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
     if row.service in ("read", "write") and row.request is None and row.run is None:
         yield Problem(row.at, f"a row of {row.service} has no request", "add request: {frame: {…}}")
     yield from _data(row)
+    yield from _lists(protocol, row)
     sequences = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
     if row.run is not None and isinstance(row.run.root, Text) and sequences and row.run.root.value not in sequences:
         what = f"'{row.run.root.value}' is no exchange of any role"
@@ -84,6 +86,20 @@ def _data(row: ServiceRow) -> Iterator[Problem]:
         yield Problem(row.at, "nothing says where the data of the reply stand", "add reply: {frame: {field: data}}")
     if row.service == "write" and not named & {"data", "bits"}:
         yield Problem(row.at, "nothing of what is written goes with the request", "give a field of it: data")
+
+
+def _lists(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """`data` is bytes: a list of numbers or records cannot take it."""
+    for made in (row.request, *(reply.frame for reply in row.reply)):
+        frame = protocol.frames.get(made.frame) if isinstance(made, FrameOf) else None
+        if frame is None or not isinstance(made, FrameOf):
+            continue
+        lists = {part.name for part in flat(frame.segments) if isinstance(part, Repeat)}
+        for name in lists & made.fields.keys():
+            value = made.fields[name]
+            if isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "data":
+                what = f"'data' is bytes, and '{name}' of '{frame.name}' is a list"
+                yield Problem(value.root.at, what, f"write data: {name} with a size in place of the list")
 
 
 def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
