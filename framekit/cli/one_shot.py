@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from framekit.api.errors import FramekitError
     from framekit.api.settings import LineSettings
     from framekit.definition.model.protocol import Protocol
+    from framekit.link.addresses import AddressGrammar
     from framekit.link.observe import Seen
 
 TIMEOUT, RETRIES = "reply_timeout", "retries"
@@ -58,17 +59,32 @@ def add_type(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def carry_out(arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True) -> int:
-    """Connects and acts; the exit status. `to_station`: nothing can be done without knowing which."""
+def carry_out(
+    arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True,
+    check: Callable[[AddressGrammar], object] | None = None,
+) -> int:  # fmt: skip
+    """Connects and acts; the exit status. `to_station`: nothing can be done without knowing which.
+
+    `check` raises RequestError for what cannot be asked on any line: where there is no line, that is what is told.
+    """
     from framekit.api.async_client import AsyncClient
     from framekit.api.client import Client
-    from framekit.api.errors import FramekitError
+    from framekit.api.errors import FramekitError, LineClosedError, RequestError
+    from framekit.link.addresses import AddressGrammar
 
     try:
         settings = settings_of(arguments)
         settings.station_for(None, needed=to_station)
         with Client(AsyncClient(settings, monitor=show if arguments.frames else None)) as client:
             action(client)
+    except LineClosedError as error:
+        protocol = settings.protocol
+        try:
+            if check is not None:
+                check(AddressGrammar(protocol.addresses, protocol.areas, protocol.tables))
+        except RequestError as wrong:
+            return failed(arguments, wrong)
+        return failed(arguments, error)
     except FramekitError as error:
         return failed(arguments, error)
     return 0

@@ -14,6 +14,7 @@ from framekit.cli.one_shot import add_line, add_type, carry_out, failed
 if TYPE_CHECKING:
     from framekit.api.client import Client
     from framekit.api.results import Reading
+    from framekit.link.addresses import AddressGrammar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,8 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    def check(grammar: AddressGrammar) -> None:
+        from framekit.api.typed import typed
+
+        for address in arguments.addresses:
+            typed(grammar, address, arguments.type, arguments.order, arguments.count)
+
     if arguments.every is None:
-        return carry_out(arguments, lambda client: output(arguments, read(client, arguments)))
+        return carry_out(arguments, lambda client: output(arguments, read(client, arguments)), check=check)
     status = 0
 
     def repeat(client: Client) -> None:
@@ -45,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             return
 
-    return carry_out(arguments, repeat) or status
+    return carry_out(arguments, repeat, check=check) or status
 
 
 def cycle(every: str, times: int | None) -> Iterator[None]:

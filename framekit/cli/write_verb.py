@@ -11,6 +11,7 @@ from framekit.cli.one_shot import add_line, add_type, carry_out
 if TYPE_CHECKING:
     from framekit.api.client import Client
     from framekit.api.typed import Value
+    from framekit.link.addresses import Address, AddressGrammar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,15 +23,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    def write(client: Client) -> None:
-        place = client.place(arguments.address)
+    def values_at(place: Address) -> list[Value]:
         values = [value_of(text, arguments.type or place.type) for text in arguments.values]
         refuse_signs(place.unit, values, arguments.type or place.type)
+        return values
+
+    def check(grammar: AddressGrammar) -> None:
+        from framekit.api.errors import RequestError
+        from framekit.api.typed import typed
+        from framekit.link.packing import PackingError, memory_of
+
+        several = arguments.count or len(arguments.values)
+        how = typed(grammar, arguments.address, arguments.type, arguments.order, several)
+        try:
+            memory_of(how.numbers(values_at(grammar.parse(arguments.address))), how.unit or how.place)
+        except PackingError as error:
+            raise RequestError(str(error)) from None
+
+    def write(client: Client) -> None:
+        values = values_at(client.place(arguments.address))
         client.write(arguments.address, values, type=arguments.type, order=arguments.order, count=arguments.count)
         if arguments.json:
             print_json({"address": arguments.address, "written": len(values)})
 
-    return carry_out(arguments, write)
+    return carry_out(arguments, write, check=check)
 
 
 def refuse_signs(place: str, values: list[Value], type_: str | None) -> None:

@@ -213,3 +213,23 @@ def test_a_wrong_definition(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert status == 2 and "there is no definition 'modbus-rtx'" in err
     status, _, err = call(capsys, "read", "mldp", "--port", f"sim:{device_file(tmp_path)}", "--station", "1", "M0")
     assert status == 2 and "speaks modbus-rtu, this channel mldp" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["read", "ZZ"], "'ZZ' is not an address"),
+        (["read", "40001", "--type", "foo"], "'foo' is not a type"),
+        (["read", "40001", "ZZ", "--every", "1s"], "'ZZ' is not an address"),
+        (["write", "40001", "70000"], "70000 does not fit into a word"),
+        (["write", "40001", "-1"], "-1 does not fit into a word: 0 to 65535 – for a number with sign"),
+        (["write", "ZZ", "1"], "'ZZ' is not an address"),
+    ],
+)
+def test_what_cannot_be_asked_is_told_where_there_is_no_line_either(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verb, *rest = words
+    line = ["modbus-tcp", "--station", "1", "--port", "tcp://127.0.0.1:1"]
+    status, output, errors = call(capsys, verb, *line, *rest)
+    assert (status, output) == (2, "") and errors.startswith(f"framekit {verb}: {says}")
