@@ -28,7 +28,7 @@ from framekit.transport.clock import AsyncioClock
 
 NAME = "Poll loop: READ of 10 registers over TCP loopback, CPU a poll"
 TARGET = "≤ 1.3 × bare asyncio; ≤ 0.6 × pymodbus"
-POLLS = 400
+POLLS = 2000
 HEAD = struct.Struct(">HHHBBB")
 REPLY = struct.Struct(">9x10H")
 REPLY_SIZE = 29

@@ -22,7 +22,7 @@ from framekit.transport.port import Port, PortEvents
 
 NAME = "Trigger bit set → first byte handed to the port, 64 blocks armed"
 TARGET = "p99 ≤ 3 × bare asyncio callback → write"
-SAMPLES = 200
+SAMPLES = 1000
 BLOCKS = 64
 
 
