@@ -20,8 +20,14 @@ class BlockMemory:
 
     def __init__(self, memory: DeviceMemory, profile: MemoryProfile, shown: bool = True) -> None:
         sections = tuple(profile.flags.values()) if shown else ()
+        self._areas = {section.area for section in sections}
         self.words = StatusWords(memory, status_sections(sections), profile.scan)
         self.settings = BlockSettings(memory, settings_sections(sections))
+
+    @property
+    def areas(self) -> set[str]:
+        """The names of the areas that these words stand in."""
+        return self._areas
 
     def add(self, state: BlockState, protocol: Protocol | None) -> None:
         """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""

@@ -16,7 +16,7 @@ class Pulse:
     """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
 
     `inside`: an event is being dealt with; whoever says so calls `end` afterwards. `first(now)`, once it has been set,
-    is called before everything else, unless something is due by its time as well.
+    is called before everything else until `first_until`, which `next_time` may set: when something has to go before it.
     """
 
     def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[int], int]) -> None:
@@ -27,7 +27,7 @@ class Pulse:
         self._next_time = next_time
         self._ask_soon = clock.bell(self._beat)
         self._alarm = clock.alarm(self._beat)
-        self._due = NEVER
+        self.first_until = NEVER
         self._woken = False
         self._running = False
 
@@ -59,7 +59,7 @@ class Pulse:
             self._alarm.cancel()
             return
         now = self.clock.now()
-        self._due = due = self._next_time(now)
+        due = self._next_time(now)
         self._alarm.set(due if due > now or due == NEVER else now)
 
     def _beat(self) -> None:
@@ -68,7 +68,7 @@ class Pulse:
         try:
             if self._running:
                 now = self.clock.now()
-                if self.first is not None and now < self._due:
+                if self.first is not None and now < self.first_until:
                     self.first(now)
                 self._act(now)
         finally:

@@ -5,7 +5,7 @@ Everything happens in callbacks of the clock and of ports. Nothing here prints; 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from framekit.blocks.block_memory import status_of
@@ -71,7 +71,9 @@ class RunService:
         self.jobs = blocks.jobs = self._jobs(resolve or resolver_for(clock))
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
-        self.system = SystemBits(self.memory, run.memory, self._bit, awaited_bits(run.blocks, self.resolve))
+        awaited = awaited_bits(run.blocks, self.resolve)
+        self.system = SystemBits(self.memory, run.memory, self._bit, awaited)
+        self._pulses_count = self._look_at_words(awaited)
         self.running = False
 
     def _jobs(self, resolve: Resolve) -> JobService | None:
@@ -195,7 +197,9 @@ class RunService:
         """The blocks are others: frames go to those that receive now, clocks tick for those that look at them."""
         self.lines.receive_for(self.run, keep=() if self.jobs is None else self.jobs.hosts.opened)
         self.refresh()
-        self.system.wait_for(awaited_bits(self.run.blocks, self.resolve))
+        awaited = awaited_bits(self.run.blocks, self.resolve)
+        self.system.wait_for(awaited)
+        self._pulses_count = self._look_at_words(awaited)
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not, ValueError for one that receives."""
@@ -265,9 +269,17 @@ class RunService:
         if block.instruction not in ("send", "read", "write") or block.job is not None or block.unless is not None:
             return False
         places = [*block.places, *block.data.values(), *([] if block.station_from is None else [block.station_from])]
-        return not any(place.address.area in self.system.areas for place in places)
+        changing = self.system.areas | self.block_memory.areas
+        return not any(place.address.area in changing for place in places)
+
+    def _look_at_words(self, awaited: Iterable[tuple[str, int]]) -> bool:
+        """Whether the end of a pulse in the words of blocks may make a block due."""
+        return any(self.memory.area(area).name in self.block_memory.areas for area, _ in awaited)
 
     def _next_time(self, now: int) -> int:
-        """When something is due next."""
-        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
-        return due if self.jobs is None else min(due, self.jobs.deadline)
+        """When something is due next; until something else than the end of a pulse is, quick starts come first."""
+        due, pulses = min(self.scheduler.deadline, self.system.next_change(now)), self.block_memory.deadline
+        if self.jobs is not None:
+            due = min(due, self.jobs.deadline)
+        self.pulse.first_until = min(due, pulses) if self._pulses_count else due
+        return min(due, pulses)

@@ -228,3 +228,27 @@ def test_everything_is_as_without_quick_starts(tmp_path: Path, at_once: bool) ->
         told.append((bench.port.frames, trace))
     assert told[0] == told[1]
     assert len(told[0][0]) > 40
+
+
+# ---- pulses that end at the very moment ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("looked_at", [False, True], ids=["nobody looks at it", "a block waits for it"])
+def test_the_end_of_a_pulse_goes_first_only_where_a_block_looks_at_it(tmp_path: Path, looked_at: bool) -> None:
+    run = RUN + ("  5: {send: ASK, data: {station: M2}, when: L006550}\n" if looked_at else "")
+    bench = Bench(tmp_path, at_once=True, run=run)
+    bench.trigger()
+    bench.clock.run_for(MS)
+    end = bench.service.block_memory.deadline
+    assert bench.memory.read("L", "word", 625) == [1], "it has ended well"
+    bench.clock.run_until(end - 1)
+    seen: list[list[int]] = []
+    write = bench.port.write
+    bench.port.write = lambda data: (seen.append(bench.memory.read("L", "word", 625)), write(data))[1]  # type: ignore[method-assign]
+    bench.clock._now = end  # the clock's time has come, and nobody has been called yet
+    bench.trigger()
+    bench.clock.run_until(end)
+    assert seen == [[0] if looked_at else [1]]
+    assert bench.counts(0) == (2, 2, 0)
+    bench.clock.run_for(20 * MS)
+    assert bench.memory.read("L", "word", 625) == [0], "pulses end all the same"
