@@ -16,18 +16,16 @@ from framekit.memory.profile import MemoryProfile
 
 
 class BlockMemory:
-    """The words of blocks in `memory`; with `shown` false there are none, and all of it is plain memory."""
+    """The words of blocks in `memory`; with `shown` false there are none, and all of it is plain memory.
+
+    `areas`: the names of the areas that they stand in.
+    """
 
     def __init__(self, memory: DeviceMemory, profile: MemoryProfile, shown: bool = True) -> None:
         sections = tuple(profile.flags.values()) if shown else ()
-        self._areas = {section.area for section in sections}
+        self.areas = {section.area for section in sections}
         self.words = StatusWords(memory, status_sections(sections), profile.scan)
         self.settings = BlockSettings(memory, settings_sections(sections))
-
-    @property
-    def areas(self) -> set[str]:
-        """The names of the areas that these words stand in."""
-        return self._areas
 
     def add(self, state: BlockState, protocol: Protocol | None) -> None:
         """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
@@ -45,8 +43,9 @@ class BlockMemory:
         return self.settings.effective(block)
 
     def started(self, state: BlockState) -> None:
-        """An exchange begins; without `words.shows_starts` there is nothing to show of that."""
-        self.words.show(state.key, state)
+        """An exchange begins."""
+        if self.words.shows_starts:
+            self.words.show(state.key, state)
 
     def changed(self, state: BlockState) -> None:
         """Something about a block is different, such as whether it is enabled."""

@@ -213,7 +213,7 @@ class BlockTransfers:
     def prepared_frame(self, block: Block) -> tuple[FrameSender, FrameFields]:
         """What sends the frame of a SEND block, and what reads its fields. Raises as `fields_of`."""
         assert block.frame is not None
-        return self._sender_of(block.frame), FrameFields(block, self._parts_of(block.frame), self.memory)
+        return self._sender_of(block.frame), self._reader_of(block)
 
     def is_sending(self, ended: Ended) -> None:
         """Somebody sends a block's frame by what is prepared; `has_sent` follows unless the connection is lost."""
@@ -237,11 +237,14 @@ class BlockTransfers:
 
     def fields_of(self, block: Block) -> dict[str, Any]:
         """The fields of a SEND block's frame as they are now. Raises DeviceMemoryError, ValueError."""
+        return self._reader_of(block).read()
+
+    def _reader_of(self, block: Block) -> FrameFields:
         found = self._fields.get(block.id)
         if found is None or found.block is not block:
             assert block.frame is not None
             found = self._fields[block.id] = FrameFields(block, self._parts_of(block.frame), self.memory)
-        return found.read()
+        return found
 
     def store_frame(self, block: Block, frame: FrameValue) -> None:
         """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""

@@ -96,26 +96,28 @@ class DirectLane:
     def begin(self, ask: DirectAsk) -> bool:
         """Begins an exchange, if nothing else is going on. False: nothing has been sent."""
         request, machine = ask.request, self.machine
-        if not (self._is_calm(request) or self._is_free(request)):
-            return False
-        try:
-            data = request.begin()
-            within = request.within()
-        except EVALUATION_ERRORS:
-            return False
+        data = self._begun(ask) if self._is_calm(request) or self._is_free(request) else None
         if data is None:
             return False
-        self._ask, self._data, self._has_left = ask, data, False
-        self._within = within
-        self._started = machine.scope.now
-        self.deadline = NEVER
         if machine.monitor is not None:
             fields = request.sent_value(data).complete()
             machine.show("frame", "out", data, request.info.name, fields, repeated=False)
         self._item = item = Item(None, data, info=request.info)
-        self._calm = request
         machine.output.put(item)
         return True
+
+    def _begun(self, ask: DirectAsk) -> bytes | None:
+        """What is to be sent; the exchange is under way from here on. None: nothing has been done."""
+        request = ask.request
+        try:
+            data = request.begin()
+            within = request.within() if request.fixed_within is None else request.fixed_within
+        except EVALUATION_ERRORS:
+            return None
+        if data is not None:
+            self._ask, self._calm, self._data, self._has_left = ask, request, data, False
+            self._within, self._started, self.deadline = within, self.machine.scope.now, NEVER
+        return data
 
     def again(self, ask: DirectAsk, now: int) -> bytes | None:
         """As `begin`, where nothing but such exchanges has happened: what the port is to be given at once.
@@ -128,15 +130,8 @@ class DirectLane:
             return None
         if now > scope.now:
             scope.now = now
-        try:
-            data = request.begin()
-            self._within = request.within() if request.fixed_within is None else request.fixed_within
-        except EVALUATION_ERRORS:
-            return None
+        data = self._begun(ask)
         if data is not None:
-            self._ask, self._data, self._has_left = ask, data, False
-            self._started, self.deadline = now, NEVER
-            self._calm = request
             self._item.data, self._item.info = data, request.info
             output.outgoing = self._item
         return data

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from struct import Struct, error
 from typing import Any
 
+from framekit.codec.python.forms import is_slice, struct_code
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.segments import Check, Field
 from framekit.definition.model.visit import expressions_of
@@ -18,8 +19,6 @@ from framekit.link.values import FrameValue
 
 Patch = Callable[[Any], bytes | None]
 """The bytes with this value; None for one that has to be looked at with care."""
-
-_FORMS = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 
 def patch_of(sent: FrameValue, name: str, infos: Mapping[str, FrameInfo]) -> Patch | None:
@@ -51,7 +50,7 @@ def _struct_of(segment: object) -> Struct | None:
     other = (
         segment.values, segment.limits, segment.plus, segment.unit, segment.long, segment.constants, segment.is_
     )  # fmt: skip
-    form, order = _FORMS.get(kind.fixed_size or 0), {"big": ">", "little": "<"}.get(kind.order)
-    if kind.kind != "int" or kind.signed or any(other) or segment.zero_means is not None:
+    if kind.kind != "int" or kind.signed or any(other) or segment.zero_means is not None or is_slice(kind):
         return None
-    return None if form is None or order is None else Struct(order + form)
+    code, order = struct_code(kind) or ("", "")
+    return Struct((order or "<") + code)

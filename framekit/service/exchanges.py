@@ -14,7 +14,7 @@ from framekit.blocks.block_state import BlockState, Prompt
 from framekit.blocks.block_status import Failure
 from framekit.blocks.lanes import LaneRules
 from framekit.blocks.merging import Read, neighbours
-from framekit.blocks.model import STATIONED, Block, Channel
+from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import Ended
 from framekit.memory.errors import DeviceMemoryError
 from framekit.service.channel import ChannelService
@@ -36,7 +36,6 @@ class Exchanges:
         self._finished = finished
         self._alone: set[int] = set()
         self._stations: dict[int, tuple[Block, Hashable]] = {}
-        self._shows_starts = block_memory.words.shows_starts
 
     def reset(self) -> None:
         """Reads that were refused together may be tried together again."""
@@ -49,7 +48,7 @@ class Exchanges:
 
     def station_of(self, state: BlockState) -> Hashable:
         """The station a block talks to as its settings are now; None where there is none."""
-        if state.block.instruction not in STATIONED:
+        if not state.has_station:
             return None
         try:
             block = self._block_memory.settings.effective(state.block)
@@ -68,8 +67,7 @@ class Exchanges:
 
     def start(self, state: BlockState) -> None:
         """Begins the exchange of a block, and of those that come with it."""
-        if self._shows_starts:
-            self._block_memory.started(state)
+        self._block_memory.started(state)
         try:
             block = self._block_memory.settings.effective(state.block)
         except SettingError as error:
@@ -98,7 +96,7 @@ class Exchanges:
     def prompt(self, state: BlockState, clock: Clock) -> Prompt:
         """The quick start of a block: a frame may leave before anything is counted, all others start as usual."""
         block = state.block
-        if block.instruction != "send" or block.params or self._shows_starts:
+        if block.instruction != "send" or block.params or self._block_memory.words.shows_starts:
             return _not_at_once
         settings, ended = self._block_memory.settings, partial(self._finished, state.id)
         try:

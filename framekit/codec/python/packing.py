@@ -27,7 +27,6 @@ from framekit.definition.model.segments import (
     Skip,
 )
 
-_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 _DIGITS = re.compile(r'b"(%0\d+[Xx])" % (\w+|\([^()]*\))')
 _MOST_PLUSES = 4
 """More pieces than so many are joined."""
@@ -147,7 +146,7 @@ class PackingWriter(NestedValueWriter):
                 text = f'b"%0{size}{letter}" % {_operand(argument.text)}'
             return Argument(f"{size}s", "", text)
         self.module.imports.add("from binascii import hexlify")
-        codes = "".join(_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
+        codes = "".join(forms.INT_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
         order = next(("<" if type_.order == "little" else ">" for type_ in types if type_.fixed_size != 2), "")
         constant = self.module.struct(codes, order, self.title, "digits")
         upper = ".upper()" if types[0].upper else ""
