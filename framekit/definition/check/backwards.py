@@ -25,7 +25,7 @@ def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     """What keeps a server from understanding the requests of this row."""
     if row.service not in ("read", "write") or row.serve is not None:
         return  # their work says itself where it takes its places from
-    if row.client_only or row.request is None or not _serves(protocol):
+    if row.client_only or row.request is None or not serves(protocol):
         return
     read = set(row.back)
     unreadable: list[Expression] = []
@@ -66,7 +66,7 @@ def _missing(row: ServiceRow, read: set[str]) -> Iterator[str]:
         yield "start"
 
 
-def _serves(protocol: Protocol) -> bool:
+def serves(protocol: Protocol) -> bool:
     """Whether a device may be made of this definition; of an application, whoever carries it decides."""
     if protocol.kind == "application":
         return True

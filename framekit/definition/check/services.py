@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.check.backwards import check_backwards
 from framekit.definition.check.segments import constant_number
+from framekit.definition.check.unserved import check_unserved
 from framekit.definition.expression.syntax import Expression, Name, Text, names_in
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
@@ -28,6 +29,8 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += _amounts(row)
             found += check_backwards(protocol, row)
         found += _dead(rows)
+    told = {problem.at for problem in found}
+    found += [problem for problem in check_unserved(protocol) if problem.at not in told]
     return [*found, *_areas(protocol), *_codes(protocol), *_errors(protocol, broken)]
 
 

@@ -33,10 +33,22 @@ def field_names(segments: Iterable[Segment]) -> set[str]:
     """The names that values of these segments have."""
     found: set[str] = set()
     for segment in flat(segments):
-        if isinstance(segment, Bits):
-            found |= {part.name for part in segment.parts}
-        elif segment.name is not None and not segment.name.startswith("_"):
-            found.add(segment.name)
+        found |= _own_names(segment)
+    return found
+
+
+def _own_names(segment: Segment) -> set[str]:
+    if isinstance(segment, Bits):
+        return {part.name for part in segment.parts}
+    return {segment.name} if segment.name is not None and not segment.name.startswith("_") else set()
+
+
+def names_always_there(segments: Iterable[Segment]) -> set[str]:
+    """Those of them that every value has, whatever it holds."""
+    found: set[str] = set()
+    for segment in segments:
+        if segment.when is None:
+            found |= names_always_there(segment.of) if isinstance(segment, Wrap) else _own_names(segment)
     return found
 
 
