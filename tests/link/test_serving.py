@@ -233,11 +233,11 @@ areas:
 addresses:
   - {form: "{area}{start:dec}"}
 services:
+  peek:
+    - {server_only: yes, request: {short: {address: 999}}, reply: {values: {values: h'07'}}}
   read:
     - {server_only: yes, areas: [D], request: {short: {address: start}}, reply: {values: {values: data}}}
     - {areas: [D], request: {long: {address: start, count: count}}, reply: {values: {values: data}}}
-  peek:
-    - {server_only: yes, request: {short: {address: 999}}, reply: {values: {values: h'07'}}}
 """
 
 
@@ -247,6 +247,7 @@ def test_a_row_for_servers_only_is_answered_and_never_asked() -> None:
     assert loop.do("read", "D5").values == [0x1234]
     assert loop.log[0][0] == bytes.fromhex("02 02 00 05 01")
     assert loop.serve(FrameValue("short", {"address": 5})).reply.fields["values"] == b"\x34\x12"
+    assert loop.serve(FrameValue("short", {"address": 999})).reply.fields["values"] == b"\x07"
     with pytest.raises(ServiceError, match="no service 'peek'"):
         loop.do("call", "peek")
 
