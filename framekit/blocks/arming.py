@@ -19,9 +19,10 @@ from framekit.memory.memory import DeviceMemory
 
 
 class Arming:
-    """Arms blocks. `fired` are those that have come due since somebody took them; `wake` is called for the first.
+    """Arms blocks. `wake` is called when one comes due by its memory triggers.
 
-    `timers`: a heap of times when blocks are due next.
+    `fired`: those that have come due since somebody took them, always the same list. `timers`: a heap of times when
+    blocks are due next.
     """
 
     def __init__(self, memory: DeviceMemory, resolve: Resolve, wake: Callable[[], None]) -> None:
@@ -43,8 +44,8 @@ class Arming:
     def arm(self, state: BlockState, now: int) -> None:
         """Arms the triggers of a block; its time triggers count from here."""
         state.round += 1
-        fire = partial(self._fire, state)
-        state.memory_triggers = MemoryTriggers(state.block, self.memory, self.resolve, fire)
+        note = partial(self.fired.append, state)
+        state.memory_triggers = MemoryTriggers(state.block, self.memory, self.resolve, note, self._wake)
         for trigger in state.block.triggers:
             if isinstance(trigger, Every):
                 self._at(now + trigger.phase, Cycle(now + trigger.phase, trigger.period), state)
@@ -61,7 +62,7 @@ class Arming:
     def forget(self, state: BlockState) -> None:
         """A block is no more."""
         self.disarm(state)
-        self.fired = [fired for fired in self.fired if fired is not state]
+        self.fired[:] = [fired for fired in self.fired if fired is not state]
         for waiting in self._after.values():
             waiting[:] = [other for other in waiting if other is not state]
 
@@ -72,10 +73,6 @@ class Arming:
 
     # ---- what happens -------------------------------------------------------------------------------------
 
-    def _fire(self, state: BlockState) -> None:
-        self.fired.append(state)
-        self._wake()
-
     def ended(self, state: BlockState, ok: bool) -> None:
         """A block has ended, well or not."""
         waiting = self._after.get((state.id, ok))
@@ -84,7 +81,8 @@ class Arming:
 
     def take_fired(self) -> list[BlockState]:
         """Those that have come due since this was asked last."""
-        fired, self.fired = self.fired, []
+        fired = self.fired.copy()
+        self.fired.clear()
         return fired
 
     # ---- time ---------------------------------------------------------------------------------------------

@@ -35,6 +35,16 @@ class Condition:
             return partial(memory.area(bit.area).read_bit, bit.start)
         return partial(self._holds, memory)
 
+    def number_reader(self, memory: DeviceMemory) -> tuple[Callable[[], int], int]:
+        """As `reader`, for whoever looks after each write: what reads a number, and the bit of it that says so.
+
+        Of a bit it reads the byte, which takes no call of Python between a write and what it triggers.
+        """
+        bit = self._bit
+        if bit is not None:
+            return memory.area(bit.area).byte_reader(bit.start // 8), 1 << bit.start % 8
+        return partial(self._holds, memory), 1
+
     def _holds(self, memory: DeviceMemory) -> bool:
         values = {
             name: memory.read(place.area, place.unit, place.start, 1)[0] for name, place in self.addresses.items()

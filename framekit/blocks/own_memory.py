@@ -86,7 +86,7 @@ def piece_reader(memory: DeviceMemory, place: Place, bits: int) -> Callable[[], 
     """Does the same at every call. Raises UnknownAreaError."""
     area, first = memory.area(place.address.area), place.address.first_bit
     if first % 8 == 0 and bits % 8 == 0:
-        return partial(area.read_bytes, first // 8, bits // 8)
+        return area.bytes_reader(first // 8, bits // 8)
     return partial(area.read_bits, first, bits)
 
 

@@ -15,7 +15,7 @@ from framekit.link.addresses import Address
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.watch import ALL_BITS, Watch
 
-Fire = Callable[[], None]
+Call = Callable[[], object]
 
 
 def bits_of(trigger: Changed) -> int:
@@ -42,12 +42,12 @@ class MemoryTriggers:
     """The memory triggers of one block: looked at when a word they read changes, and once at the start.
 
     A condition that holds already when the run starts counts as having just come true. `unless`: whether the block is
-    held back now; None where it never is.
+    held back now; None where it never is. When the block comes due `note` is called, then `wake`.
     """
 
-    def __init__(self, block: Block, memory: DeviceMemory, resolve: Resolve, fire: Fire) -> None:
+    def __init__(self, block: Block, memory: DeviceMemory, resolve: Resolve, note: Call, wake: Call) -> None:
         self.memory = memory
-        self.fire = fire
+        self._note, self._wake = note, wake
         self.watches: list[Watch] = []
         unless = None if block.unless is None else Condition(block.unless, resolve)
         self.unless = None if unless is None else unless.reader(memory)
@@ -64,13 +64,15 @@ class MemoryTriggers:
             self._watch_hold(unless)
 
     def _watch_condition(self, condition: Condition) -> None:
-        holds, fire, before = condition.reader(self.memory), self.fire, False
+        (read, mask), before = condition.number_reader(self.memory), 0
+        note, wake = self._note, self._wake
 
         def look(*_: object) -> None:
             nonlocal before
-            now = holds()
+            now = read() & mask
             if now and not before:
-                fire()
+                note()
+                wake()
             before = now
 
         for address in condition.addresses.values():
@@ -87,7 +89,7 @@ class MemoryTriggers:
             now = area.read_bits(first, bits)
             if now != before:
                 before = now
-                self.fire()
+                self._fire()
 
         self._watch(trigger.address, bits, look)
 
@@ -97,10 +99,14 @@ class MemoryTriggers:
 
         def look(*_: object) -> None:
             if self.level_holds() and not holds_back():
-                self.fire()
+                self._fire()
 
         for address in unless.addresses.values():
             self._watch(address, address.unit_bits, look)
+
+    def _fire(self) -> None:
+        self._note()
+        self._wake()
 
     def _watch(self, address: Address, bits: int, look: Callable[..., None]) -> None:
         """Of a single word only the bits asked for count; so a write to the others does not call `look`."""

@@ -199,7 +199,7 @@ class Engine(EngineCore):
             and output.is_open
             and output.clear_to_send
             and output.is_immediate
-            and not self._busy
+            and not self.is_busy
             and self.machine.monitor is None
         )
 

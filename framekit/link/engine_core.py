@@ -87,7 +87,7 @@ class EngineCore:
         self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
         self.direct = DirectLane(machine, self.lanes, self.receiver, self.counters, self._context)
         machine.flush = lambda: self.reception.show_noise(self.receiver.flush())
-        self._busy = False
+        self.is_busy = False
         self._circle_at = -1
 
     @property
@@ -112,18 +112,18 @@ class EngineCore:
 
     def _finish(self) -> list[Command]:
         """Everything that follows and takes no time; then the commands, in order. Inside of itself it does nothing."""
-        if self._busy:
+        if self.is_busy:
             return []
-        self._busy = True
+        self.is_busy = True
         try:
             self._settle()
         finally:
-            self._busy = False
+            self.is_busy = False
         return self._given()
 
     def _given(self) -> list[Command]:
         """The commands that have come together, in order; none inside of what follows from an event."""
-        if self._busy:
+        if self.is_busy:
             return []
         commands = self._commands.copy()
         self._commands.clear()
@@ -131,11 +131,11 @@ class EngineCore:
 
     def _told(self, tell: Callable[[], None]) -> list[Command]:
         """An exchange that was asked for directly is over; whoever asked may do what he likes."""
-        self._busy = True
+        self.is_busy = True
         try:
             tell()
         finally:
-            self._busy = False
+            self.is_busy = False
         machine = self.machine
         return self._finish() if machine.stirred or machine.callbacks or machine.ended else self._given()
 
@@ -176,11 +176,11 @@ class EngineCore:
         for _ in range(MOST_ROUNDS):
             if not self._something_due(now):
                 return
-            self._busy = True
+            self.is_busy = True
             try:
                 self._settle()
             finally:
-                self._busy = False
+                self.is_busy = False
 
     def _something_due(self, now: int) -> bool:
         receiver = self.receiver
@@ -201,11 +201,11 @@ class EngineCore:
             run.cause = "a frame began and was not completed in time"
             self.receiver.cut()
             self.receiver.tick(self.scope.now)
-            self.reception.cutting = self._busy = True
+            self.reception.cutting = self.is_busy = True
             try:
                 self._settle()
             finally:
-                self.reception.cutting = self._busy = False
+                self.reception.cutting = self.is_busy = False
             if run.state is not State.RECEIVING or run.wait_number != number:
                 return
         self.machine.time_up(run)

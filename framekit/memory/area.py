@@ -84,6 +84,16 @@ class Area:
             raise self._beyond("byte", offset, count, len(self._data))
         return bytes(self._data[offset : offset + count])
 
+    def bytes_reader(self, offset: int, count: int) -> Callable[[], bytes]:
+        """`read_bytes`, to be called again and again, without a call of Python in between."""
+        if offset < 0 or count < 0 or offset + count > len(self._data):
+            return partial(self.read_bytes, offset, count)
+        return partial(bytes, memoryview(self._data)[offset : offset + count])
+
+    def byte_reader(self, offset: int) -> Callable[[], int]:
+        """Reads byte `offset` as a number at every call."""
+        return partial(self._data.__getitem__, offset)
+
     def holds(self, offset: int, data: bytes) -> bool:
         """Whether these bytes stand at byte `offset`."""
         return self._data.startswith(data, offset)
@@ -125,8 +135,15 @@ class Area:
                 data = _PACK_WORD(values[0])
             except struct.error:
                 pass
-            else:
-                self._put_word(start, data)
+            else:  # as `_put_word`, since nothing stands between a write and what it triggers
+                memory, watches, at = self._data, self._watches, 2 * start
+                mask = 0 if watches is None else watches.masks[start]
+                changed = mask and mask & (memory[at] ^ data[0] | (memory[at + 1] ^ data[1]) << 8)
+                memory[at : at + 2] = data
+                if changed and watches is not None:
+                    for watch in watches.by_word[start]:
+                        if changed & watch.mask and watch.active:
+                            watch.callback(self, start, 1)
                 return
         bits = unit_bits(unit)
         if start < 0 or (start + len(values)) * bits > self.size_bits:

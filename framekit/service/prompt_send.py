@@ -35,6 +35,7 @@ class PromptSend:
         if not self._sender.is_plain:
             raise ValueError("such a frame is more than its bytes")
         self._engine = self._sender.engine
+        self._output = self._engine.output
         self._encode, self._scope = self._sender.encode, self._sender.scope
         self._constants = {**self._sender.constants, **fields.constants}
         self._readers = fields.readers
@@ -44,8 +45,18 @@ class PromptSend:
 
         Written out, since all of it stands between a trigger and the first byte.
         """
-        driver = self._driver
-        if driver.pending or not self._unchanged() or not self._engine.is_quiet:
+        driver, engine, output = self._driver, self._engine, self._output
+        if not (  # as `Engine.is_quiet`
+            output.is_immediate
+            and output.is_open
+            and output.clear_to_send
+            and output.outgoing is None
+            and not output.pending
+            and not engine.is_busy
+            and not driver.pending
+            and engine.machine.monitor is None
+            and self._unchanged()
+        ):
             return None
         fields = self._constants.copy()
         try:
