@@ -80,6 +80,19 @@ def test_places_are_counted_as_the_field_counts_them() -> None:
     assert area.read("word", 4, 4) == [0x4444, 0x3333, 0x2222, 0x1111]
 
 
+def test_readers_for_again_and_again_see_what_is_there_then() -> None:
+    area = Area("D", size=4)
+    two, one, beyond = area.bytes_reader(2, 2), area.byte_reader(3), area.bytes_reader(6, 4)
+    for word in (0x1234, 0xFFFF, 0):
+        area.write("word", 1, [word])
+        assert (two(), one()) == (word.to_bytes(2, "little"), word >> 8)
+    area.write_bytes(0, bytes(range(8)))
+    assert (two(), one()) == (b"\x02\x03", 3)
+    assert isinstance(two(), bytes)
+    with pytest.raises(MemoryRangeError):
+        beyond()
+
+
 def test_elements_of_odd_size() -> None:
     timers = Area("T", size=3, unit="6 bytes")
     assert (timers.size_bytes, timers.unit, Area("T", size=3, unit=6).unit) == (18, "6 bytes", "6 bytes")
