@@ -15,7 +15,7 @@ from framekit.blocks.load_fault_plan import read_fault_plan
 from framekit.blocks.memory_settings import check_places, memory_of, put_values, read_mapping, start_value
 from framekit.blocks.memory_sizes import read_sizes
 from framekit.blocks.model import Place
-from framekit.blocks.own_memory import addresses_of
+from framekit.blocks.own_memory import AnyAddresses, addresses_of
 from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
@@ -103,7 +103,7 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
 def _definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
     """Raises Broken and DefinitionError."""
     path = definition_path(name, folder)
-    kind = kind_of(read_nodes(path))
+    kind = kind_of(read_nodes(path, noted=[]))
     if kind == "protocol":
         protocol = load_protocol(path)
         at = Position(str(name), 0, 0)
@@ -131,7 +131,7 @@ class _DeviceLoader:
         self.is_protocol_sound = all(problem.warning for problem in reader.problems)
 
     def load(self) -> tuple[Device, ...]:
-        """The devices. Raises Broken when their memory is none; everything else is looked at before that."""
+        """The devices; what is wrong is noted. Raises Broken where a wrong protocol leaves their memory open."""
         reader, role = self.reader, None
         with reader.going_on():
             role = self._role()
@@ -140,12 +140,7 @@ class _DeviceLoader:
             entry for entry in reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
         ]
         params = read_params(reader, settings, self.protocol)
-        profile = self._profile()
-        sizes = self._sizes(profile)
-        if profile is None:
-            areas, grammar = memory_of(self.protocol, sizes)
-        else:
-            areas, grammar = tuple(profile.create()), addresses_of(profile)
+        profile, areas, grammar = self._memory()
         reader.problems.extend(check_places(self.protocol, grammar))
         node = self.root.get("memory")
         mapped = node.get("map") if isinstance(node, MappingNode) else None
@@ -165,6 +160,18 @@ class _DeviceLoader:
         if len(stations) < 2:
             return (replace(device, own=stations[0] if stations else None),)
         return tuple(replace(device, name=f"{device.name} {own}", own=own) for own in stations)
+
+    def _memory(self) -> tuple[MemoryProfile | None, tuple[Area, ...], AddressGrammar]:
+        """Profile, areas and addresses of the memory; where its description is wrong, any that look like addresses."""
+        try:
+            profile = self._profile()
+        except DefinitionError as error:
+            self.reader.problems.extend(error.problems)
+            return None, (), AnyAddresses()
+        sizes = self._sizes(profile)
+        if profile is None:
+            return None, *memory_of(self.protocol, sizes)
+        return profile, tuple(profile.create()), addresses_of(profile)
 
     def _stations(self) -> list[Any]:
         """The device's stations; what is wrong with one is noted."""
@@ -204,7 +211,7 @@ class _DeviceLoader:
         return next((role for role in (*own, *SERVING_ROLES) if role in roles), next(iter(roles)))
 
     def _profile(self) -> MemoryProfile | None:
-        """The profile of the memory that the file describes; None for the areas of the protocol. Raises Broken."""
+        """The profile that the file describes; None for the areas of the protocol. Raises Broken, DefinitionError."""
         node = self.root.get("memory")
         described = isinstance(node, Scalar) or (
             isinstance(node, MappingNode) and any(entry.key.text not in NO_PROFILE for entry in node.entries)
@@ -213,14 +220,10 @@ class _DeviceLoader:
             if not self.is_protocol_sound:
                 raise Broken("what the protocol says of its areas may be wrong")
             return None
-        try:
-            folder = self.definition.path.parent
-            if isinstance(node, MappingNode):
-                return load_profile_node(without(without(without(node, "set"), "map"), "sizes"), folder)
-            return load_profile(self.reader.text(node), folder, node.at)
-        except DefinitionError as error:
-            self.reader.problems.extend(error.problems)
-            raise Broken("memory") from None
+        folder = self.definition.path.parent
+        if isinstance(node, MappingNode):
+            return load_profile_node(without(without(without(node, "set"), "map"), "sizes"), folder)
+        return load_profile(self.reader.text(node), folder, node.at)
 
     def _sizes(self, profile: MemoryProfile | None) -> dict[str, AreaModel]:
         """How large areas of the protocol are, where the file says so."""

@@ -14,17 +14,24 @@ from framekit.memory.profile import MemoryProfile
 EVERY, SHORTEST = 1_000_000_000, 100_000_000
 
 
-def read_state(reader: Reader, node: Node, profile: MemoryProfile) -> KeptState:
-    """Raises Broken when it names no file; what is wrong with the rest is noted."""
+def read_state(reader: Reader, node: Node, profile: MemoryProfile | None) -> KeptState:
+    """Raises Broken when it names no file, or a time that is none; other problems are noted. No profile, no areas."""
     keys = node if isinstance(node, Mapping) else None
     file = reader.text(node if keys is None else keys.get("file"))
-    kept = () if keys is None else reader.items(keys.get("keep"))
+    areas = () if profile is None else _areas(reader, None if keys is None else keys.get("keep"), profile)
+    every = None if keys is None else reader.maybe(lambda time: _time(reader, time), keys.get("every"))
+    return KeptState(file=file, areas=areas, every=every or EVERY, at=node.at)
+
+
+def _areas(reader: Reader, node: Node | None, profile: MemoryProfile) -> tuple[str, ...]:
+    """The areas that are kept."""
+    if node is None:
+        return retained(profile)
     areas = []
-    for item in kept:
+    for item in reader.items(node):
         with reader.going_on():
             areas.append(_area(reader, item, profile))
-    every = None if keys is None else reader.maybe(lambda time: _time(reader, time), keys.get("every"))
-    return KeptState(file=file, areas=tuple(areas) if kept else retained(profile), every=every or EVERY, at=node.at)
+    return tuple(areas)
 
 
 def retained(profile: MemoryProfile) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.load_jobs_section import read_jobs
 from framekit.blocks.memory_settings import read_mapping, start_value
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
-from framekit.blocks.own_memory import addresses_of
+from framekit.blocks.own_memory import AnyAddresses, addresses_of
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, Scalar, without
@@ -53,7 +53,7 @@ class RunLoader:
         self.channels = ChannelLoader(reader, path.parent, root)
 
     def load(self) -> Run:
-        """The run. Raises Broken when its memory is none; the channels are read before that."""
+        """The run. Raises Broken when its memory is none; everything else is read before that."""
         channels: dict[int, Channel] = {}
         for entry in self.reader.entries(self.root.get("channels")):
             with self.reader.going_on():
@@ -62,25 +62,31 @@ class RunLoader:
                     self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
                 channels[channel.number] = channel
         profile = self._profile()
-        self.reader.problems.extend(check_items(profile.flags.values()))
-        grammar = addresses_of(profile)
+        if profile is not None:
+            self.reader.problems.extend(check_items(profile.flags.values()))
+        grammar = AnyAddresses() if profile is None else addresses_of(profile)
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
         jobs = self._jobs(grammar)
         if self.root.get("channels") is None and (jobs is None or (jobs != "wrong" and jobs.opening is None)):
             self.reader.note(self.root.at, "missing key 'channels' in a run file", "add it")
         blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent)
+        initial, found, sets = self._initial(grammar), self._blocks(blocks), self._sets()
+        state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
+        status = self.reader.flag(self.root.get("status"), default=True)
+        if profile is None:
+            raise Broken("memory")
         return Run(
             name=self._text("run"),
             about=self._text("about"),
             memory=profile,
-            initial=self._initial(grammar),
+            initial=initial,
             channels=channels,
-            blocks=self._blocks(blocks),
-            sets=self._sets(),
+            blocks=found,
+            sets=sets,
             folder=str(self.path.parent),
-            state=self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state")),
-            status=self.reader.flag(self.root.get("status"), default=True),
+            state=state,
+            status=status,
             jobs=None if jobs == "wrong" else jobs,
             warnings=tuple(self._warnings()),
             at=self.root.at,
@@ -109,13 +115,14 @@ class RunLoader:
 
     # ---- memory -------------------------------------------------------------------------------------------
 
-    def _profile(self) -> MemoryProfile:
+    def _profile(self) -> MemoryProfile | None:
+        """The own memory; None when it is none, which is noted."""
         node = self.root.get("memory")
         if node is None:
             misspelt = difflib.get_close_matches("memory", [entry.key.text for entry in self.root.entries])
             if not misspelt:
                 self.reader.note(self.root.at, "the run has no memory", "add memory: with a profile's name or areas")
-            raise Broken("memory")
+            return None
         try:
             if isinstance(node, Mapping):
                 if (sizes := node.get("sizes")) is not None:
@@ -124,7 +131,7 @@ class RunLoader:
             return load_profile(self.reader.text(node), self.path.parent, node.at)
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
-            raise Broken("memory") from None
+            return None
 
     def _jobs(self, grammar: AddressGrammar) -> JobsSection | Literal["wrong"] | None:
         """The jobs section; when it is wrong, what blocks say of jobs means nothing."""

@@ -6,6 +6,7 @@ before anything is changed. What a piece means is not known here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,6 +23,8 @@ from framekit.memory.profile import MemoryProfile
 Piece = tuple[Place, int, bytes]
 """A place, how many bits from there on, and what they are, in memory's form."""
 
+_LIKE_AN_ADDRESS = re.compile(r"%?\w[\w.:/]*")
+
 
 class OwnAddresses(AddressGrammar):
     """The addresses of a memory: its forms, and the names that its profile gives to single places."""
@@ -36,6 +39,26 @@ class OwnAddresses(AddressGrammar):
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
         """As for every grammar; a name stands for its address."""
         return super().parse(self._names.get(text.strip(), text), unit, check=check)
+
+
+class AnyAddresses(OwnAddresses):
+    """Stands for the addresses of a memory whose description is wrong: what looks like an address is taken for one.
+
+    So everything else that a file says can still be looked at.
+    """
+
+    def __init__(self) -> None:
+        super().__init__((), {}, {}, {})
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """A place as wide as there are. Raises AddressError for what has blanks or operators in it."""
+        text = text.strip()
+        if _LIKE_AN_ADDRESS.fullmatch(text) is None:
+            raise AddressError(f"'{text}' is not an address – write it as one word")
+        return Address("", unit or "lword", 0, text, type="float64")
+
+    def check(self, address: Address, count: int = 1) -> None:
+        """There is room everywhere."""
 
 
 class ProtocolAddresses(AddressGrammar):

@@ -88,7 +88,7 @@ def check_file(name: str) -> Checked:
 
     try:
         path = definition_path(name)
-        kind = kind_of(read_nodes(path))
+        kind = kind_of(read_nodes(path, noted=[]))
         checked = CHECKS[kind](path)
         return Checked(checked.what, sorted(checked.problems), checked.loads)
     except DefinitionError as error:

@@ -33,8 +33,11 @@ _COLON = re.compile(r"\s*:")
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def read_nodes(source: Path) -> Node:
-    """The nodes of a file. Raises DefinitionError with everything that can be told at once."""
+def read_nodes(source: Path, noted: list[Problem] | None = None) -> Node:
+    """The nodes of a file. Raises DefinitionError with everything that can be told at once.
+
+    What leaves a tree that can be read on, such as a double key, is put into `noted` instead, if that is given.
+    """
     file = str(source)
     try:
         with source.open("rb") as stream:
@@ -51,11 +54,11 @@ def read_nodes(source: Path) -> Node:
         column = len(data[data.rfind(b"\n", 0, error.start) + 1 : error.start].decode("utf-8")) + 1
         what = f"the byte {data[error.start]:02X} is not UTF-8"
         raise DefinitionError([Problem(Position(file, line, column), what, "save the file as UTF-8")]) from None
-    return read_text(text, file)
+    return read_text(text, file, noted)
 
 
-def read_text(text: str, file: str) -> Node:
-    """The nodes of a text; `file` is its name in positions. Raises DefinitionError like `read_nodes`."""
+def read_text(text: str, file: str, noted: list[Problem] | None = None) -> Node:
+    """The nodes of a text; `file` is its name in positions. Raises DefinitionError and notes like `read_nodes`."""
     text = text.removeprefix("\ufeff")
     if len(text) > LARGEST_FILE:
         raise _too_large(file)
@@ -70,7 +73,7 @@ def read_text(text: str, file: str) -> Node:
         builder.problems.append(syntax_problem(error, text, file))
     except _GivenUp:
         pass
-    return builder.result()
+    return builder.result(noted)
 
 
 def _unreadable(error: OSError) -> tuple[str, str]:
@@ -131,18 +134,21 @@ class _Builder:
         self.text = text
         self.file = file
         self.problems: list[Problem] = []
+        self.doubles: list[Problem] = []
         self.root: Node | None = None
         self.stack: list[_Open] = []
         self.anchors: dict[str, _Anchored] = {}
         self.documents = 0
 
-    def result(self) -> Node:
-        """The tree. Raises DefinitionError when anything was wrong."""
+    def result(self, noted: list[Problem] | None) -> Node:
+        """The tree. Raises DefinitionError when anything was wrong; double keys are put into `noted` if that is all."""
         root = self.root
         if not self.problems and (root is None or (isinstance(root, Scalar) and not root.quoted and not root.text)):
             self.problems.append(Problem(Position(self.file, 1, 1), "the file is empty", "begin with protocol: NAME"))
-        if self.problems or root is None:
-            raise DefinitionError(self.problems)
+        if self.problems or root is None or (self.doubles and noted is None):
+            raise DefinitionError([*self.problems, *self.doubles])
+        if noted is not None:
+            noted.extend(self.doubles)
         return root
 
     def take(self, event: yaml.Event) -> None:
@@ -238,12 +244,24 @@ class _Builder:
             self._note(key.at, "merge keys (<<) are not known here", "write the keys out, or use extends:")
             return
         if key.text in outer.known:
-            todo = QUOTE_EXPRESSION if isinstance(value, Scalar) and value.absent else "remove one of them"
-            what = f"the key '{key.text}' stands here twice, first in line {outer.known[key.text].line}"
-            self._note(key.at, what, todo)
+            self._double(outer, key, value)
             return
         outer.known[key.text] = key.at
         outer.entries.append(Entry(key, value))
+
+    def _double(self, outer: _Open, key: Scalar, value: Node) -> None:
+        """Notes a key that stands twice. The first counts; two sections of a file are put together."""
+        what = f"the key '{key.text}' stands here twice, first in line {outer.known[key.text].line}"
+        if isinstance(value, Scalar) and value.absent:
+            self._note(key.at, what, QUOTE_EXPRESSION)
+            return
+        self.doubles.append(Problem(key.at, what, "remove one of them"))
+        place, first = next((at, one.value) for at, one in enumerate(outer.entries) if one.key.text == key.text)
+        if outer is self.stack[0] and isinstance(first, Mapping) and isinstance(value, Mapping):
+            both = _Open(first.at, True, first.flow, None)
+            for entry in (*first.entries, *value.entries):
+                self._entry(both, entry.key, entry.value)
+            outer.entries[place] = Entry(outer.entries[place].key, Mapping(tuple(both.entries), first.at, first.flow))
 
     def _no_colon(self) -> bool:
         """Whether the key that waits for a value has no colon behind it."""

@@ -63,11 +63,14 @@ class Documents:
         """The validated nodes of a file. Raises Broken when it can't be read at all."""
         path = path.resolve()
         if path not in self.roots:
+            doubles: list[Problem] = []
             try:
-                node = read_nodes(path)
+                node = read_nodes(path, doubles)
             except DefinitionError as error:
                 self.reader.problems.extend(error.problems)
                 raise Broken(str(path)) from None
+            self.reader.problems.extend(doubles)
+            self.schema_problems.update(doubles)
             wrong = wrong_kind(node, kind)
             if wrong is not None:
                 self.reader.problems.append(wrong)
