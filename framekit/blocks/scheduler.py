@@ -71,6 +71,9 @@ class Scheduler(SchedulerCore):
             lane.open = False
         elif not lane.open:
             lane.opened(now)
+            for state in self.states.values():
+                if state.lane == channel and state.prompt is None:
+                    self._prepare(state)  # takes longer than a start, so it is not left to the first one
             self._turns.stir(lane)
             self._mark_changes(channel, lane)
             self._wake()

@@ -123,7 +123,7 @@ class SchedulerCore:
             return
         state = fired[0]
         if state.prompt is None:
-            state.prompt = self._prompt(state) or False
+            self._prepare(state)
         if not (state.prompt and state.enabled and self._active and state.starts_left != 0):
             return
         if self.sets.get(state.key[0], True) and self.lanes[state.lane].take_at_once(state, now):
@@ -135,6 +135,9 @@ class SchedulerCore:
                 self._start(state, now)
             else:
                 afterwards()
+
+    def _prepare(self, state: BlockState) -> None:
+        state.prompt = self._prompt(state) or False
 
     def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()

@@ -163,6 +163,7 @@ def test_a_channel_that_has_been_replaced_is_forgotten_and_its_blocks_start_at_o
     service.on_channel = lambda number, channel: bench.tap()
     service.edit(bench.loaded(run.replace("protocol: scale}", "protocol: scale, speed: 4800}")))
     bench.clock.run_for(500 * MS)
+    prepared = service.states[0].prompt
     bench.trigger()
     bench.clock.run_for(0)
     assert [frame[1:4] for _, frame in bench.port.frames if frame[1:2] == b"W"][-1] == b"W01"
@@ -170,6 +171,7 @@ def test_a_channel_that_has_been_replaced_is_forgotten_and_its_blocks_start_at_o
     bench.clock.run_for(500 * MS)
     assert bench.counts(0) == (2, 2, 0)
     assert prompt, "it has a quick start on the new channel"
+    assert prompt is prepared, "and had it before its first start there"
     assert prompt() is not None, "and that sends"
     gc.collect()
     assert old() is None
