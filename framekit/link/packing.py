@@ -12,10 +12,7 @@ from struct import Struct
 from framekit.codec.support import span, swap
 from framekit.definition.model.services import Packing
 from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
-
-_FORMS = {8: "B", 16: "H", 32: "I", 64: "Q"}
-"""What `struct` calls units of these many bits."""
+from framekit.memory.numbers import UNSIGNED_CODES, pack_bits, unit_bits, unpack_bits
 
 
 class PackingError(ValueError):
@@ -135,7 +132,7 @@ def reader_of(unit: str, count: int) -> Callable[[bytes], Iterable[int]]:
     if bits == 1:
         return lambda memory: unpack_bits(memory, count)
     size = bits // 8
-    form = _FORMS.get(bits)
+    form = UNSIGNED_CODES.get(bits)
     if form is not None:
         return Struct(f"<{count}{form}").unpack_from
     places = range(0, count * size, size)
@@ -144,7 +141,7 @@ def reader_of(unit: str, count: int) -> Callable[[bytes], Iterable[int]]:
 
 def wire_reader_of(packer: Packer, unit: str, count: int) -> Callable[[bytes, int], tuple[int, ...]] | None:
     """`reader_of` for data bytes as they stand in a frame, from a place on; None where they are packed otherwise."""
-    form, first = _FORMS.get(unit_bits(unit)), {"big": ">", "little": "<"}.get(packer.order)
+    form, first = UNSIGNED_CODES.get(unit_bits(unit)), {"big": ">", "little": "<"}.get(packer.order)
     if form is None or first is None or packer.bits != unit_bits(unit):
         return None
     return Struct(f"{first}{count}{form}").unpack_from

@@ -13,12 +13,11 @@ from functools import partial
 from typing import Literal
 
 from framekit.memory.errors import AccessError, MemoryRangeError, MemoryValueError
-from framekit.memory.numbers import pack_bits, unit_bits, unpack_bits
+from framekit.memory.numbers import UNSIGNED_CODES, pack_bits, unit_bits, unpack_bits
 from framekit.memory.watch import ALL_BITS, Changed, Watch, WatchTable
 
-_CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
 _PACK_WORD = struct.Struct("<H").pack
-_SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in _CODES.items()}
+_SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in UNSIGNED_CODES.items()}
 
 
 class Area:
@@ -121,7 +120,7 @@ class Area:
         if bits == 1:
             return unpack_bits(self.read_bits(start, count), count)
         size = bits // 8
-        code = _CODES.get(bits)
+        code = UNSIGNED_CODES.get(bits)
         if code is not None:
             return list(struct.unpack_from(f"<{count}{code}", self._data, start * size))
         data = self._data[start * size : (start + count) * size]
@@ -269,7 +268,7 @@ class Area:
 
 
 def _encode(values: Sequence[int], bits: int) -> bytes:
-    code = _CODES.get(bits)
+    code = UNSIGNED_CODES.get(bits)
     try:
         if code is not None and len(values) == 1:
             return _SINGLE[bits].pack(values[0])

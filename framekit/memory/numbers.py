@@ -13,6 +13,9 @@ from functools import cache
 from framekit.definition.model.services import UNIT_BITS
 from framekit.memory.errors import MemoryValueError
 
+UNSIGNED_CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
+"""What `struct` calls unsigned numbers of so many bits."""
+
 _FLOATS = {32: ("<I", "<f"), 64: ("<Q", "<d")}
 
 

@@ -14,14 +14,14 @@ from framekit.codec.support import swap
 from framekit.definition.model.services import NUMBER_BITS
 from framekit.definition.problems import did_you_mean
 from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import as_float, as_signed, from_float, from_signed
+from framekit.memory.numbers import UNSIGNED_CODES, as_float, as_signed, from_float, from_signed
 
 Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 """Where the bytes of 0xAABBCCDD stand in two words, each written with its high byte first."""
 
 ORDERS: tuple[str, ...] = get_args(Order)
 _UNITS = {8: "byte", 16: "word", 32: "dword", 64: "lword"}
-_FORMATS = {"byte": "B", "word": "H", "dword": "I", "lword": "Q"}
+_FORMATS = {_UNITS[bits]: code for bits, code in UNSIGNED_CODES.items()}
 _KINDS = {"i": "signed", "u": "unsigned", "f": "float"}
 _TYPES = {name: (bits, _KINDS[name[0]]) for name, bits in NUMBER_BITS.items()}
 VIEWS: tuple[str, ...] = (*_TYPES, "string")
