@@ -6,6 +6,8 @@ Addresses of the own memory are resolved here; those of the other side are tried
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping as Mapping_
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +21,9 @@ from framekit.blocks.load_channel import ChannelLoader
 from framekit.blocks.load_jobs_section import read_jobs
 from framekit.blocks.memory_settings import read_mapping, start_value
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
+from framekit.blocks.never_started import never_started
 from framekit.blocks.own_memory import AnyAddresses, addresses_of
+from framekit.blocks.own_overlaps import overlaps
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, Scalar, without
@@ -76,6 +80,7 @@ class RunLoader:
         status = self.reader.flag(self.root.get("status"), default=True)
         if profile is None:
             raise Broken("memory")
+        self._look_at(found, channels, profile, status)
         return Run(
             name=self._text("run"),
             about=self._text("about"),
@@ -91,6 +96,17 @@ class RunLoader:
             warnings=tuple(self._warnings()),
             at=self.root.at,
         )
+
+    def _look_at(
+        self, blocks: Sequence[Block], channels: Mapping_[int, Channel], profile: MemoryProfile, status: bool
+    ) -> None:
+        """What is strange about blocks beside each other, where everything else is all right."""
+        if any(not problem.warning for problem in self.reader.problems):
+            return
+        self.reader.problems.extend(never_started(blocks))
+        on = {number for number, enabled in self._sets().items() if enabled}
+        at_work = [block for block in blocks if block.enabled and block.set in on]
+        self.reader.problems.extend(overlaps(at_work, channels, tuple(profile.flags.values()) if status else ()))
 
     def _mapped(self, channels: dict[int, Channel], grammar: AddressGrammar) -> dict[int, Channel]:
         """The channels with the places that areas of their protocols have in the own memory."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from framekit.blocks.fingerprint import fingerprint
 from framekit.blocks.model import Block, Run
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import DefinitionError, Problem
 
 RESTART = "stop the run and start it again"

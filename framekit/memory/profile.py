@@ -67,6 +67,12 @@ class BlockItem:
     words: int = 1
     unit: str = "word"
 
+    @property
+    def bits(self) -> range:
+        """Its bits among those of a block."""
+        first = 16 * self.word + (self.bit or 0)
+        return range(first, first + (16 * self.words if self.bit is None else 1))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockWords:
@@ -83,6 +89,11 @@ class BlockWords:
     blocks: int
     items: Mapping[str, BlockItem]
     at: Position
+
+    @property
+    def end(self) -> int:
+        """The first word behind those of all blocks."""
+        return self.first + self.words * self.sets * self.blocks
 
     def base(self, set_number: int, block: int) -> int:
         """The first word of a block; sets count from 1, blocks from 0. Raises ValueError for any other."""

@@ -184,7 +184,22 @@ class ProfileLoader:
                 continue
             with self.reader.going_on():
                 flags[entry.key.text] = self._block_words(entry)
+        self._apart(list(flags.values()))
         return flags
+
+    def _apart(self, sections: list[BlockWords]) -> None:
+        """No two sections have words in common, and no two items of one the same bits."""
+        for place, one in enumerate(sections):
+            for other in sections[:place]:
+                if one.area == other.area and one.first < other.end and other.first < one.end:
+                    what = f"words {one.first} to {one.end - 1} of '{one.name}' are also in '{other.name}', which has "
+                    self.reader.note(one.at, f"{what}{other.first} to {other.end - 1}", "move one of them")
+            taken: dict[int, str] = {}
+            for name, item in one.items.items():
+                shared = next((taken[bit] for bit in item.bits if bit in taken), None)
+                if shared is not None:
+                    self.reader.note(one.at, f"'{name}' and '{shared}' of '{one.name}' share bits", "move one of them")
+                taken |= dict.fromkeys(item.bits, name)
 
     def _block_words(self, entry: Entry) -> BlockWords:
         words = self._at_least(1, self._needed(entry, "words"))
@@ -201,9 +216,8 @@ class ProfileLoader:
             at=entry.key.at,
         )
         area = self.areas[found.area]
-        end = found.first + found.words * found.sets * found.blocks
-        if end * 16 > area.size * area.element_bits:
-            what = f"'{found.name}' reaches to word {end - 1}, beyond the end of area {area.name}"
+        if found.end * 16 > area.size * area.element_bits:
+            what = f"'{found.name}' reaches to word {found.end - 1}, beyond the end of area {area.name}"
             self.reader.note(entry.key.at, what, "fewer sets, blocks or words, or a larger area")
         return found
 

@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import Failure
-from framekit.blocks.fingerprint import fingerprint
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 from framekit.service.state_file import Kept, KeptBlock, StateError, StateFile

@@ -8,18 +8,18 @@ does, and would answer something else, the later one is told. Language reference
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from framekit.definition.check.backwards import COLUMNS, NOT_COMPARED, serves, single_name
 from framekit.definition.expression.syntax import Binary, Expression, Name, Node, names_in
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.sizes import names_always_there
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.definition.model.visit import expressions_of
-from framekit.definition.problems import Position, Problem
+from framekit.definition.problems import Problem
 
 TODO = "tell them apart by a constant in the request or by when:, or add client_only: yes"
 
@@ -58,7 +58,7 @@ def _takes_all(alike: _Alike, earlier: ServiceRow, later: ServiceRow) -> bool:
     if by_columns and set(earlier.areas) != set(later.areas):
         return False
     whens = _when(earlier), _when(later)
-    if whens[0] is not None and (plain(whens[0]) != plain(whens[1]) or not alike.same):
+    if whens[0] is not None and (fingerprint(whens[0]) != fingerprint(whens[1]) or not alike.same):
         return False
     return _back_fits(earlier, later) and _areas_fit(earlier, later)
 
@@ -69,10 +69,10 @@ def _when(row: ServiceRow) -> Expression | None:
 
 def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
     """Whether `back` of the earlier row can be worked out whenever that of the later one can."""
+    read = ((later.back.get(name), value) for name, value in earlier.back.items() if name != "when")
     return all(
-        name == "when" or not names_in(value.root) or isinstance(value.root, Name) or plain(value) == plain(other)
-        for name, value in earlier.back.items()
-        for other in [later.back.get(name)]
+        not names_in(value.root) or isinstance(value.root, Name) or fingerprint(value) == fingerprint(other)
+        for other, value in read
     )
 
 
@@ -99,12 +99,12 @@ def _area_source(row: ServiceRow) -> str:
     return "code" if "code" in named else ""
 
 
-def _told(row: ServiceRow) -> object:
+def _told(row: ServiceRow) -> str:
     """What a server takes from a row whose request has been read."""
     places = () if _area_source(row) else (row.areas, row.units)
     transfer = row.service if row.service in ("read", "write") else ""
     back = {name: value for name, value in row.back.items() if name != "when"}
-    return plain((transfer, places, back, row.reply, row.refuse, row.serve, row.packing))
+    return fingerprint((transfer, places, back, row.reply, row.refuse, row.serve, row.packing))
 
 
 @dataclass
@@ -142,7 +142,7 @@ class _Alike:
         )
 
     def _leaf(self, one: Expression, other: Expression | None) -> bool:
-        equal = plain(one) == plain(other)
+        equal = fingerprint(one) == fingerprint(other)
         if not names_in(one.root):
             return equal
         if _passed_over(one):
@@ -170,17 +170,3 @@ def _always_solved(node: Node) -> bool:
             return False
         node = node.left if names_in(node.left) - COLUMNS else node.right
     return True
-
-
-def plain(value: Any) -> object:
-    """A part of a model without the positions it came from: parts that say the same are equal."""
-    if isinstance(value, Expression):
-        return value.text
-    if isinstance(value, Mapping):
-        return {name: plain(item) for name, item in value.items()}
-    if isinstance(value, tuple):
-        return [plain(item) for item in value]
-    if is_dataclass(value) and not isinstance(value, type):
-        parts = {one.name: getattr(value, one.name) for one in fields(value)}
-        return [type(value).__name__, {n: plain(part) for n, part in parts.items() if not isinstance(part, Position)}]
-    return value

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.fingerprint import fingerprint
 from framekit.blocks.load import load_run
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import Position
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
