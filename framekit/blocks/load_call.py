@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from framekit.blocks.attempts import Attempts
+from framekit.blocks.given import raw_value
 from framekit.blocks.model import Channel
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.nodes import Entry, Mapping
-from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.problems import Position, did_you_mean, listed
+from framekit.link.parameters import ParameterError
+from framekit.link.service_arguments import TYPES, checked
 
 
 class CallLoader:
@@ -31,14 +34,25 @@ class CallLoader:
             raise reader.broken(at, f"'{channel.protocol.name}' has no service '{name}'", hint)
         entries = reader.entries(keys.get("with"))
         self._arguments(name, rows, entries, at)
-        return {
-            "service": name,
-            "arguments": {
-                entry.key.text: value
-                for entry in entries
-                if (value := self.attempts.maybe(self.reader.constant, entry.value)) is not None
-            },
-        }
+        arguments: dict[str, Any] = {}
+        for entry in entries:
+            with reader.going_on():
+                arguments[entry.key.text] = self._value(rows, entry)
+        return {"service": name, "arguments": arguments}
+
+    def _value(self, rows: tuple[ServiceRow, ...], entry: Entry) -> Any:
+        """A value as the argument of that name takes it, where all rows agree on that. Raises Broken."""
+        taken = [argument for row in rows for argument in row.takes if argument.name == entry.key.text]
+        if not taken or taken[0].type not in TYPES or any(one.type != taken[0].type for one in taken):
+            return self.reader.constant(entry.value)
+        value = raw_value(self.reader, entry.value)
+        try:
+            checked(taken[0], value)
+        except ParameterError as error:
+            if len(taken) == 1:
+                what, _, todo = str(error).replace("parameter", "argument", 1).partition(" – ")
+                raise self.reader.broken(entry.value.at, what, todo) from None
+        return value
 
     def _arguments(self, service: str, rows: tuple[ServiceRow, ...], entries: tuple[Entry, ...], at: Position) -> None:
         """Arguments there are, with all that have no default."""
@@ -51,6 +65,7 @@ class CallLoader:
                 hint = did_you_mean(entry.key.text, known) or "leave it out"
                 self.reader.note(entry.key.at, f"'{service}' takes no '{entry.key.text}'", hint)
         if len(rows) == 1 and given <= known:
-            for argument in rows[0].takes:
-                if argument.default is None and argument.name not in given:
-                    self.reader.note(at, f"'{service}' is called without '{argument.name}'", "add it to with:")
+            missing = [f"'{one.name}'" for one in rows[0].takes if one.default is None and one.name not in given]
+            if missing:
+                todo = f"add {'it' if len(missing) == 1 else 'them'} to with:"
+                self.reader.note(at, f"'{service}' is called without {listed(missing)}", todo)

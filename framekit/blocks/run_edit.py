@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from framekit.blocks.model import Block, Run
 from framekit.definition.fingerprint import fingerprint
-from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.problems import DefinitionError, Problem, listed
 
 RESTART = "stop the run and start it again"
 
@@ -40,13 +40,8 @@ class Edit:
             for how in ("gone", "changed", "new"):
                 numbers: tuple[int, ...] = getattr(self, f"{what}s_{how}")
                 if numbers:
-                    found.append(f"{what if len(numbers) == 1 else f'{what}s'} {_listed(numbers)} {how}")
+                    found.append(f"{what if len(numbers) == 1 else f'{what}s'} {listed(numbers)} {how}")
         return ", ".join(found) or "nothing is different"
-
-
-def _listed(numbers: tuple[int, ...]) -> str:
-    *some, last = map(str, numbers)
-    return f"{', '.join(some)} and {last}" if some else last
 
 
 def plan_edit(old: Run, new: Run) -> Edit:

@@ -53,6 +53,12 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def listed(things: Iterable[object]) -> str:
+    """`a, b and c`; there is at least one."""
+    *some, last = map(str, things)
+    return f"{', '.join(some)} and {last}" if some else last
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """A hint naming the known words nearest to `word`, or all of them when they are few, or ''."""
     words = sorted(set(known))

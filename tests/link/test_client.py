@@ -357,6 +357,13 @@ def test_calls_choose_their_row_by_arguments_and_give_results() -> None:
     ("service", "arguments", "says"),
     [
         ("pick", {}, "'pick' needs the argument 'what'"),
+        ("pick", {"sise": 2}, "needs the argument 'what'; 'pick' takes no argument 'sise' – did you mean 'size'"),
+        (
+            "pick",
+            {"sise": 2, "wat": 1, "size": 9},
+            "'pick': argument 'size': 9 is not in 1..4; 'pick' needs the argument 'what'; "
+            "'pick' takes no arguments 'sise' and 'wat' – known: what, size",
+        ),
         ("pick", {"what": "one", "sise": 2}, "takes no argument 'sise' – did you mean 'size'"),
         ("pick", {"what": "one", "size": 9}, "argument 'size': 9 is not in 1..4"),
         ("pick", {"what": 3}, "argument 'what': 3 is not a text"),
