@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from framekit.api.errors import RequestError
 from framekit.api.results import Frame
@@ -18,6 +20,13 @@ from framekit.definition.problems import did_you_mean
 from framekit.link.fitting import candidates, fitting, nearest, reason
 from framekit.link.scope import Scope
 
+if TYPE_CHECKING:
+    from framekit.codec.builders import Builders
+
+
+_MOST_NAMES = 8
+"""Frames that are listed where none has the name that was given."""
+
 
 class Protocol:
     """A compiled definition, made by `framekit.load`. `name` and `about` are the file's."""
@@ -29,6 +38,12 @@ class Protocol:
         self._codec = compile_protocol(definition)
         own = None if own is None else checked_station(definition, own)
         self._scope = Scope(definition, params=checked_params(definition, params or {}), own=own)
+
+    @cached_property
+    def _builders(self) -> Builders:
+        from framekit.codec.builders import Builders
+
+        return Builders(self._codec, self._scope)
 
     @property
     def definition(self) -> model.Protocol:
@@ -49,6 +64,23 @@ class Protocol:
         """The bytes of a frame. Raises EncodeError (a ValueError) for fields it cannot carry, RequestError."""
         self._known(frame, self.definition.frames)
         return self._codec.encode(frame, fields, self._scope)
+
+    def builder(self, frame: str, /, *inside: str) -> Callable[..., bytes]:
+        """A function that builds a frame of single values: `build(station=17, values=[1, 2])`.
+
+        `inside`: the frame that stands in it, the one in that, and so on. There is a keyword for everything that is
+        given; lengths, counts, checks and constants are worked out, and what has a default may be left out. Signature
+        and docstring of the function say what it takes. It gives the bytes of `encode`, and raises what that raises.
+        Keep it: to ask for it takes longer than to call it. Raises RequestError for a frame that cannot stand there.
+        """
+        self._known(frame, self.definition.frames)
+        for outer, name in pairwise((frame, *inside)):
+            frames = self._builders.inside(outer)
+            if name not in frames:
+                some = ", ".join([*frames[:_MOST_NAMES], *["…"][: len(frames) > _MOST_NAMES]])
+                hint = did_you_mean(name, frames) or (f"give one of {some}" if frames else "leave it out")
+                raise RequestError(f"no frame '{name}' can stand in '{outer}' – {hint}")
+        return self._builders.builder(frame, *inside)
 
     def decode(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> Frame:
         """The frame that some bytes are, in whole. `frame`: only this one, or those of this group.

@@ -31,7 +31,7 @@ class Building:
 
     `wires`: the local with the bytes of a segment, by its name. `asked_for`: names whose bytes a length counts.
     `targets`: what the names mean where something is being written. `rooms`: the local with the room that something in
-    one of several cases takes, by its name.
+    one of several cases takes, by its name. `counts`: the local with the number of values in a list, by the list's own.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
@@ -50,6 +50,7 @@ class Building:
         self.wires: dict[str, str] = {}
         self.targets = named(segments)
         self.rooms: dict[str, str] = {}
+        self.counts: dict[str, str] = {}
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -61,8 +62,21 @@ class Building:
 
     def complain_if(self, condition: str, field: str, message: str) -> None:
         """The values are refused with a message of its own if `condition` holds; {…} in it are worked out then."""
+        self.complain(condition, filled_in(field), filled_in(message))
+
+    def complain(self, condition: str, field: str, message: str) -> None:
+        """As `complain_if`, with the texts of field and message as they stand in the source."""
         with self.out.block(f"if {condition}:"):
-            self.add(f"raise EncodeError({filled_in(field)}, {filled_in(message)})")
+            self.add(f"raise EncodeError({field}, {message})")
+
+    def compare_size(self, path: str, found: str, wanted: str, conditions: list[str]) -> None:
+        """The value is refused if its size (a text) is not the one that is wanted, where the conditions hold."""
+        line = f"{self.module.function('check_size')}({filled_in(path)}, {found}, {wanted})"
+        if conditions:
+            with self.out.block(f"if {' and '.join(conditions)}:"):
+                self.add(line)
+        else:
+            self.add(line)
 
     def flush(self) -> None:
         if self.conditions:
@@ -179,6 +193,10 @@ class Building:
                 parts.append(text)
         return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
 
+    def count_of(self, local: str) -> str:
+        """Text of the number of values in a list."""
+        return self.counts.get(local, f"len({local})")
+
     def _size_of(self, segment: Segment, scope: Scope, plain: bool) -> str:
         wire = self.wires.get(segment.name or "")
         if wire is not None:
@@ -191,7 +209,8 @@ class Building:
                 if not plain and convert is not None:
                     text = f"2 * {text}" if convert == "hex_to_ascii" else f"{text} // 2"
             case Repeat(of=FieldType() as of):
-                text = f"len({local})" if of.fixed_size == 1 else f"{of.fixed_size} * len({local})"
+                count = self.count_of(local)
+                text = count if of.fixed_size == 1 else f"{of.fixed_size} * {count}"
             case Field(long=None):
                 text = f"len({local})"
                 if segment.type.kind not in ("ascii", "bytes") and isinstance(segment.type.size, Expression):

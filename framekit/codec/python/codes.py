@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from framekit.codec.python import forms
 from framekit.codec.python.module import Module
 from framekit.definition.model.segments import Check
 
 
 def code_text(module: Module, check: Check, covered: str) -> str:
     """Text of the number a check code is, cut to the room it has on the wire; an operand of a comparison."""
+    code = _number(module, check, covered)
+    return code if is_call(code) else f"({code})"
+
+
+def _number(module: Module, check: Check, covered: str) -> str:
     code = module.check(check.method, covered)
     bits = {"raw": 8, "nibbles": 4, "hex": 4, "HEX": 4, "dec": 0}[check.form] * check.size
     if bits and check.method.width > bits:
         code = f"({code}) & {(1 << bits) - 1:#x}"
-    return code if is_call(code) else f"({code})"
+    return code
 
 
 def code_bytes(module: Module, check: Check, covered: str) -> str:
@@ -20,8 +26,10 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
     code = code_text(module, check, covered)
     little = "_little" if check.order == "little" else ""
     if check.form == "raw":
-        if check.size == 1:
-            return f'{code}.to_bytes(1, "big")'
+        if check.size in forms.INT_CODES:  # a third less than to_bytes takes
+            order = "" if check.size == 1 else "<" if check.order == "little" else ">"
+            struct = module.struct(forms.INT_CODES[check.size], order)
+            return f"{struct}.pack({_number(module, check, covered)})"
         return f'{code}.to_bytes({check.size}, "{check.order}")'
     if check.form == "dec":
         return f"{module.function(f'build_dec{little}')}({code}, {check.size})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from framekit.codec.python.source import Source, literal
 from framekit.definition.model.segments import (
@@ -35,13 +35,18 @@ def summary(segments: Iterable[Segment]) -> str:
     return " · ".join(part for segment in segments if (part := _with_condition(segment)))
 
 
-def write_docstring(out: Source, first: str, layout: str, *more: str) -> None:
-    """A docstring: one line if everything fits, else the sentence, a blank line and the layout."""
+def write_docstring(out: Source, first: str, layout: str, *more: str, notes: Sequence[str] = ()) -> None:
+    """A docstring: one line if everything fits, else the sentence, a blank line and the layout; `notes` at its end."""
     lines = [first]
     if layout:
         lines += ["", *textwrap.wrap(layout.replace("\\", "\\\\"), 100)]
     for text in more:
         lines += ["", *textwrap.wrap(text.replace("\\", "\\\\"), 100)]
+    if notes:
+        lines.append("")
+    for note in notes:
+        text = note.replace("\\", "\\\\").replace('"', "'")
+        lines += textwrap.wrap(text, 100, subsequent_indent="    ")
     if len(lines) == 1:
         out.add(f'"""{first}"""')
         return

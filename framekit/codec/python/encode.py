@@ -41,11 +41,11 @@ def write_encoder(
     writer.values(segments, scope, given)
     writer.flush()
     writer.check_names(given)
-    text = writer.region(segments, scope, "frame", tail=_tail_of(module, frame))
+    text = writer.region(segments, scope, writer.buffer, tail=tail_of(module, frame))
     longest = module.shapes.all(segments).most
     if frame is not None and frame.most is not None and (longest is None or longest > frame.most):
         writer.limit(text, frame.most)
-        text = "frame"
+        text = writer.buffer
     out = Source()
     kind = "frame" if frame is not None else "layout"
     with out.block(f"def encode_{identifier}(values: Mapping[str, Any], ctx: Context = DEFAULTS) -> bytes:"):
@@ -58,7 +58,7 @@ def write_encoder(
     return out
 
 
-def _tail_of(module: Module, frame: Frame | None) -> tuple[Const, int] | None:
+def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int] | None:
     """The constant that ends a delimited body, and the size of the head before it."""
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
         return None
@@ -75,9 +75,9 @@ class EncodeWriter(PieceWriter):
     """Writes the parts of an encoder that stand in branches and loops."""
 
     def limit(self, text: str, most: int) -> None:
-        self.gather([text], "frame")
-        with self.out.block(f"if len(frame) > {most}:"):
-            self.add(f'raise EncodeError("", f"the frame takes {{len(frame)}} bytes, more than {most}")')
+        self.gather([text], self.buffer)
+        message = f"the frame takes {{len({self.buffer})}} bytes, more than {most}"
+        self.complain(f"len({self.buffer}) > {most}", '""', f'f"{message}"')
 
     def put_into_local(self, segment: Segment, scope: Scope) -> None:
         self.flush()

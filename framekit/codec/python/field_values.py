@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import default_text
-from framekit.codec.python.building import Building, filled_in
+from framekit.codec.python.building import Building
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
 from framekit.codec.python.source import literal, quoted
@@ -32,6 +32,18 @@ class Given:
     in_cases: tuple[str, str] | None = None
     conditional: list[tuple[Segment, Scope]] = field(default_factory=list)
 
+    def value(self, name: str) -> str:
+        """Text of a value that is there."""
+        return f"{self.text}[{quoted(name)}]"
+
+    def value_or(self, name: str, otherwise: str) -> str:
+        """Text of a value, or of a constant if it was not given."""
+        return f"{self.text}.get({quoted(name)}, {otherwise})"
+
+    def value_or_worked_out(self, name: str, otherwise: str) -> str:
+        """Text of a value, or of what is worked out if it was not given."""
+        return f"{self.value(name)} if {quoted(name)} in {self.text} else {otherwise}"
+
 
 class FieldValueWriter(Building):
     """Writes the lines that bring single values into locals."""
@@ -50,8 +62,16 @@ class FieldValueWriter(Building):
         waits = self.waits(item.when) | {item.name}
         return [first, Task((), waits, lambda _: self._judge(item, scope, scope.entries[item.name].text))]
 
+    def local(self, name: str, given: Given) -> str:
+        """The local that a value is to be in."""
+        return self.names.fresh(name)
+
+    def bind(self, local: str, text: str) -> None:
+        """Brings a value into its local."""
+        self.add(f"{local} = {text}")
+
     def _field(self, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:
-        local = self.names.fresh(item.name)
+        local = self.local(item.name, given)
         sized = item.type.kind in ("ascii", "bytes")
         entry = Entry(local, sized=sized, wire=None)
         if item.constants is not None and len(item.constants) == 1:
@@ -60,7 +80,7 @@ class FieldValueWriter(Building):
         elif item.is_ is not None:
             entry.text = self._computed(item.name, item.is_, local, scope, given)
         else:
-            self.add(f"{local} = {self._given(item, scope, given, needed, missing)}")
+            self.bind(local, self._given(item, scope, given, needed, missing))
             if item.values is not None:
                 numbers = self.module.numbers(item.values, f"{self.title} {item.name}")
                 self.add(f"{local} = {numbers}.get({local}, {local})")
@@ -78,27 +98,27 @@ class FieldValueWriter(Building):
 
     def _given(self, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
         """Text of a value that is given, or built, or has a default."""
-        key = f"{given.text}[{quoted(item.name)}]"
         if needed:
+            key = given.value(item.name)
             if item.when is None:
                 given.needed += 1
                 return key
             return f"{key} if {self.text(item.when, scope, OR)} else None"
         if item.constants is not None:
-            return f"{given.text}.get({quoted(item.name)}, {literal(item.constants[0])})"
+            return given.value_or(item.name, literal(item.constants[0]))
         expression = item.build or item.default
         assert expression is not None
         with_missing = self.with_missing(scope, given, missing)
         text = default_text(self.writer(with_missing).value(expression), item)
         if isinstance(expression.root, (Number, Text, Bytes)):
-            return f"{given.text}.get({quoted(item.name)}, {text})"
-        return f"{key} if {quoted(item.name)} in {given.text} else {self.writer(with_missing).value(expression)}"
+            return given.value_or(item.name, text)
+        return given.value_or_worked_out(item.name, self.writer(with_missing).value(expression))
 
     @staticmethod
     def with_missing(scope: Scope, given: Given, missing: set[str]) -> Scope:
         """A scope in which names that are not worked out yet are those given."""
         inner = Scope(scope)
-        inner.entries = {name: Entry(f"{given.text}[{quoted(name)}]") for name in missing}
+        inner.entries = {name: Entry(given.value(name)) for name in missing}
         return inner
 
     def _judge(self, item: Field, scope: Scope, local: str) -> None:
@@ -140,9 +160,8 @@ class FieldValueWriter(Building):
 
     def _refuse_others(self, name: str, local: str, constants: tuple[int | str | bytes, ...]) -> None:
         shown = ", ".join(repr(constant) for constant in constants)
-        with self.out.block(f"if {local} not in {literal(constants)}:"):
-            message = f"'{name}' is one of {shown}, not {{{local}!r}}".replace('"', "'")
-            self.add(f'raise EncodeError({quoted(name)}, f"{message}")')
+        message = f"'{name}' is one of {shown}, not {{{local}!r}}".replace('"', "'")
+        self.complain(f"{local} not in {literal(constants)}", quoted(name), f'f"{message}"')
 
     def bits_task(self, part: BitsPart, scope: Scope, given: Given) -> Task:
         return Task(
@@ -153,8 +172,7 @@ class FieldValueWriter(Building):
         )
 
     def _bits(self, part: BitsPart, scope: Scope, given: Given, missing: set[str]) -> None:
-        local = self.names.fresh(part.name)
-        key, name = f"{given.text}[{quoted(part.name)}]", quoted(part.name)
+        local = self.local(part.name, given)
         text = local
         if part.constants is not None and len(part.constants) == 1:
             text = given.computed[part.name] = str(part.constants[0])
@@ -162,11 +180,11 @@ class FieldValueWriter(Building):
             text = self._computed(part.name, part.is_, local, scope, given)
         elif part.build is not None and not isinstance(part.build.root, Number):
             build = self.writer(self.with_missing(scope, given, missing)).value(part.build)
-            self.add(f"{local} = {key} if {name} in {given.text} else {build}")
+            self.bind(local, given.value_or_worked_out(part.name, build))
         else:
             first = 0 if part.constants is None else part.constants[0]
             otherwise = first if part.build is None else self.writer(scope).text(part.build)
-            self.add(f"{local} = {given.text}.get({name}, {otherwise})")
+            self.bind(local, given.value_or(part.name, str(otherwise)))
         if text == local and part.is_ is None:
             if part.values is not None:
                 numbers = self.module.numbers(part.values, f"{self.title} {part.name}")
@@ -188,13 +206,11 @@ class FieldValueWriter(Building):
         return tasks
 
     def _data(self, data: Data, scope: Scope, given: Given) -> None:
-        local = self.names.fresh(data.name)
-        key = f"{given.text}[{quoted(data.name)}]"
-        if data.pad is not None:
-            key = f'{given.text}.get({quoted(data.name)}, b"")'
+        local = self.local(data.name, given)
+        key = given.value(data.name) if data.pad is None else given.value_or(data.name, 'b""')
         if data.when is None:
             given.needed += data.pad is None
-            self.add(f"{local} = {key}")
+            self.bind(local, key)
         else:
             self.add(f'{local} = {key} if {self.text(data.when, scope, OR)} else b""')
         if isinstance(data.size, int):
@@ -208,14 +224,9 @@ class FieldValueWriter(Building):
         local = scope.entries[data.name].text
         size = self.text(data.size, scope)
         found = f"len({local})" if data.pad is None else f"max(len({local}), {size})"
-        line = f"{self.module.function('check_size')}({filled_in(given.path + data.name)}, {found}, {size})"
         conditions = [] if data.when is None else [self.text(data.when, scope, AND)]
         for name in sorted(self.waits(data.size)):
             state = self.module.protocol.state.get(name)
             if state is not None and state.announced and scope.find(name) is None:
                 conditions.append(f"{self.module.given(name)} is not None")
-        if conditions:
-            with self.out.block(f"if {' and '.join(conditions)}:"):
-                self.add(line)
-        else:
-            self.add(line)
+        self.compare_size(given.path + data.name, found, size, conditions)

@@ -19,6 +19,7 @@ from framekit.codec.python.examine import write_examiner
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import Module, pasted_names
+from framekit.codec.python.module_text import MISFITS, constants, helpers, late_constants, sorted_imports
 from framekit.codec.python.names import identifier
 from framekit.codec.python.normal import normal_protocol
 from framekit.codec.python.pasting import used_methods
@@ -163,7 +164,7 @@ class ModuleWriter:
             "from typing import Any",
         }
         imports |= self.module.imports
-        out.lines += ["from __future__ import annotations", "", *_sorted_imports(imports)]
+        out.lines += ["from __future__ import annotations", "", *sorted_imports(imports)]
         if not self.standalone:
             out.lines += ["", "from framekit.codec.errors import EncodeError, FrameError, Misread"]
         return out
@@ -199,36 +200,19 @@ class ModuleWriter:
             out.add(
                 f"# Frames also depend on {', '.join(sorted(self.module.context - set(values)))}, which ctx must hold."
             )
-        for name, text in self.module.tables.values():
-            out.add(f"{name}: Mapping[Any, Any] = {text}")
-        for text, name in self.module.structs.items():
-            out.add(f"{name} = Struct({quoted(text)})")
-        for text, name in self.module.sets.items():
-            out.add(f"{name} = {text}")
+        out.extend(constants(self.module))
         return out
 
     def _helpers(self) -> list[Source]:
-        found = []
         calls = "".join(part.text() for part in self.examine_part)
-        methods = used_methods((ExaminationState, Examination), calls)
-        for name in self.module.functions:
-            if name == "Defaults":
-                continue
-            part = Source()
-            only = methods if name.startswith("Examination") else None
-            part.lines.extend(self.module.source_of(name, only).rstrip().splitlines())
-            found.append(part)
-        return found
+        return helpers(self.module, used_methods((ExaminationState, Examination), calls))
 
     def _tables(self) -> Source:
         out = Source()
-        out.add("MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)")
+        out.add(MISFITS)
         if "Examination" in self.module.functions:
             out.add("EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)")
-        for text, name in self.module.structs_of_lists.items():
-            out.add(f"{name} = {text}")
-        for name, (text, about) in self.module.late.items():
-            out.add(f"{name} = {text}  # {about}")
+        out.extend(late_constants(self.module))
         for name, text in self.module.rule_tables.items():
             out.add(f"{name}: Rules = {text}")
         out.add("FRAMES: dict[str, Frame] = {")
@@ -281,23 +265,3 @@ def aliases_used(text: str) -> list[str]:
 
 def _escaped(text: str) -> str:
     return text.replace("\\", "\\\\").replace('"""', "'''")
-
-
-def _sorted_imports(lines: Iterable[str]) -> list[str]:
-    """Import lines in order, those from one module as one line, except for names that are changed."""
-    plain = sorted(line for line in lines if line.startswith("import "))
-    wanted: dict[str, set[str]] = {}
-    for line in lines:
-        if line.startswith("from "):
-            source, names = line.removeprefix("from ").split(" import ")
-            wanted.setdefault(source, set()).update(name.strip() for name in names.split(","))
-    found = []
-    for source, every in sorted(wanted.items()):
-        simple = sorted((name for name in every if " as " not in name), key=_import_key)
-        found += [f"from {source} import {', '.join(simple)}"] if simple else []
-        found += [f"from {source} import {name}" for name in sorted(every) if " as " in name]
-    return [*plain, *found]
-
-
-def _import_key(name: str) -> tuple[bool, str]:
-    return name[0].islower(), name

@@ -102,24 +102,24 @@ def sole_names(shapes: Shapes, inner: Inner) -> set[str]:
 def _pair(shapes: Shapes, frame: Frame, inner: Inner, name: str) -> Pair | None:
     """The two as one list of segments; None where they cannot be read as one."""
     other = shapes.frames[name]
-    inside = tuple(_renamed(segment) for segment in shapes.segments(other))
+    inside = tuple(renamed(segment) for segment in shapes.segments(other))
     sizes = shapes.all(inside)
-    if not inside or other.delimited or not _is_plain(inside):
+    if not inside or other.delimited or not is_plain(inside):
         return None
     if other.most is not None and (sizes.most is None or sizes.most > other.most):
         return None
     if not _ends_alike(shapes, frame, inner, sizes):
         return None
     around = tuple(segment for segment in frame.segments if segment is not inner)
-    if _names(around) & _names(inside) or {inner.name, name} & (_names(around) | _names(inside)):
+    if names_of(around) & names_of(inside) or {inner.name, name} & (names_of(around) | names_of(inside)):
         return None
-    if names_read(around) & (_names(inside) | {inner.name}) or names_read(inside) & (_names(around) | {inner.name}):
+    if names_read(around) & (names_of(inside) | {inner.name}) or names_read(inside) & (names_of(around) | {inner.name}):
         return None
     if any(isinstance(segment, Check) and inner.name in (segment.span or ()) for segment in everything(around)):
         return None
     parts = tuple(segment.name for segment in inside if segment.name and not isinstance(segment, (Require, Value)))
     lists = (
-        tuple(one for segment in part for one in (inside if segment is inner else (_counting(segment, inner, parts),)))
+        tuple(one for segment in part for one in (inside if segment is inner else (counting(segment, inner, parts),)))
         for part in (frame.head, frame.body, frame.tail)
     )
     head, body, tail = lists
@@ -140,12 +140,12 @@ def _ends_alike(shapes: Shapes, frame: Frame, inner: Inner, sizes: Sizes) -> boo
     return told and sizes.fixed is not None
 
 
-def _renamed(segment: Segment) -> Segment:
+def renamed(segment: Segment) -> Segment:
     """What fills a frame up has the same name in every frame."""
     return replace(segment, name="_fill_inside") if segment.name == "_fill" else segment
 
 
-def _is_plain(segments: Iterable[Segment]) -> bool:
+def is_plain(segments: Iterable[Segment]) -> bool:
     every = tuple(everything(segments))
     return len(every) <= MOST_SEGMENTS and all(
         isinstance(segment, _PLAIN)
@@ -156,12 +156,12 @@ def _is_plain(segments: Iterable[Segment]) -> bool:
     )
 
 
-def _names(segments: Iterable[Segment]) -> set[str]:
+def names_of(segments: Iterable[Segment]) -> set[str]:
     every = tuple(everything(segments))
     return {segment.name for segment in every if segment.name} | {name for one in every for name in value_names(one)}
 
 
-def _counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
+def counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
     """A length or check over the frame inside is one over its segments."""
 
     def spread(names: Iterable[str]) -> tuple[str, ...]:

@@ -98,12 +98,21 @@ class Module:
             self.structs[text] = self.names.constant(*wanted)
         return self.structs[text]
 
-    def list_structs(self, before: str, code: str, order: str, *hint: str) -> str:
-        """The module constant of structs by the number of values that follow what is `before` them."""
+    def list_structs(
+        self, before: str, code: str, order: str, *hint: str, packs: bool = False, most: int | None = None
+    ) -> str:
+        """The module constant of structs by the number of values that follow what is `before` them.
+
+        `packs`: of their `pack`, those of up to `most` values in a list, which is sooner asked than a mapping.
+        """
         before, order = (order or ">") + before, order or ">"
-        key = f"{self.function('Structs')}({literal(before)}, {literal(code)})"
+        if most is None:
+            key = f"{self.function('Packs' if packs else 'Structs')}({literal(before)}, {literal(code)})"
+        else:
+            self.imports.add("from struct import Struct")
+            key = f'[Struct(f"{before}{{count}}{code}").pack for count in range({most + 1})]'
         if key not in self.structs_of_lists:
-            name = f"{_ORDER_NAMES[order]}_{before[1:]}_{code}s".replace("__", "_")
+            name = f"{'packs_' if packs else ''}{_ORDER_NAMES[order]}_{before[1:]}_{code}s".replace("__", "_")
             self.structs_of_lists[key] = self.names.constant(*((name,) if len(name) <= _LONGEST_FORMAT_NAME else hint))
         return self.structs_of_lists[key]
 

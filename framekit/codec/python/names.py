@@ -45,6 +45,10 @@ class Names:
             wanted += "_"
         return self._take(wanted)
 
+    def reserve(self, names: Iterable[str]) -> None:
+        """Names that somebody has already."""
+        self._taken.update(names)
+
     def constant(self, *names: str) -> str:
         """A module constant nobody has yet."""
         return self._take(constant_name(*names))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from framekit.codec.python.building import filled_in
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import Given
 from framekit.codec.python.order import Task
@@ -118,11 +117,10 @@ class NestedValueWriter(ValueWriter):
 
     def _plain_given(self, segment: Inner | Repeat, scope: Scope, given: Given) -> None:
         """A local for a value that has to be given."""
-        local = self.names.fresh(segment.name)
-        key = f"{given.text}[{quoted(segment.name)}]"
+        local, key = self.local(segment.name, given), given.value(segment.name)
         if segment.when is None:
             given.needed += 1
-            self.add(f"{local} = {key}")
+            self.bind(local, key)
         else:
             empty = "()" if isinstance(segment, Repeat) else "None"
             self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
@@ -132,27 +130,34 @@ class NestedValueWriter(ValueWriter):
         self._plain_given(repeat, scope, given)
         local = scope.entries[repeat.name].text
         self.refuse_if(f"not isinstance({local}, (list, tuple))")
+        if isinstance(repeat.of, FieldType) and self._is_asked_often(repeat):
+            count = self.names.fresh(f"{repeat.name}_count")
+            self.add(f"{count} = len({local})")
+            self.counts[local] = count
         if isinstance(repeat.times, int):
-            self.refuse(repeat, scope, f"len({local}) != {repeat.times}")
+            self.refuse(repeat, scope, f"{self.count_of(local)} != {repeat.times}")
+
+    def _is_asked_often(self, repeat: Repeat) -> bool:
+        """Whether the number of a list's values is asked for before they are packed."""
+        counts = (one for one in self.by_name.values() if isinstance(one, Count))
+        return repeat.name in self.asked_for or any(one.of == repeat.name for one in counts)
 
     def _check_times(self, repeat: Repeat, scope: Scope, given: Given) -> None:
         """A list must have as many items as other values say."""
         assert isinstance(repeat.times, Expression)
-        check, name = self.module.function("check_size"), filled_in(given.path + repeat.name)
-        found = f"len({scope.entries[repeat.name].text})"
-        line = f"{check}({name}, {found}, {self.text(repeat.times, scope)})"
-        here = "" if repeat.when is None else f"{self.text(repeat.when, scope, AND)} and "
-        with self.out.block(f"if {here}{found} != {self.text(repeat.times, scope, BIT_OR)}:"):  # sooner than the call
-            self.add(line)
+        found = self.count_of(scope.entries[repeat.name].text)
+        conditions = [] if repeat.when is None else [self.text(repeat.when, scope, AND)]
+        conditions.append(f"{found} != {self.text(repeat.times, scope, BIT_OR)}")  # sooner than the call
+        self.compare_size(given.path + repeat.name, found, self.text(repeat.times, scope), conditions)
 
     def _record(self, record: Record, scope: Scope, given: Given) -> None:
-        local = self.names.fresh(record.name)
+        local = self.local(record.name, given)
         inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", f"{given.path}{record.name}.")
         if is_needed(record.of):
             given.needed += 1
-            self.add(f"{local} = {given.text}[{quoted(record.name)}]")
+            self.bind(local, given.value(record.name))
         else:
-            self.add(f"{local} = {given.text}.get({quoted(record.name)}, {{}})")
+            self.bind(local, given.value_or(record.name, "{}"))
         inside = Scope(scope)
         scope.entries[record.name] = Entry(local, "record", inside, direct=True)
         self.values(record.of, inside, inner)

@@ -58,7 +58,7 @@ class PackingWriter(NestedValueWriter):
         order, first = "", placed[0][0]
         mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
         for count, (segment, scope) in enumerate(placed):
-            numbers = self._numbers_of(segment)
+            numbers = self.numbers_of(segment)
             wanted = None if isinstance(segment, (Check, Fill)) else forms.struct_order(without_when(segment))
             if numbers is not None and count:
                 wanted = numbers[1]
@@ -71,7 +71,7 @@ class PackingWriter(NestedValueWriter):
             order = order or wanted
         return len(placed)
 
-    def _numbers_of(self, segment: Segment) -> tuple[str, str] | None:
+    def numbers_of(self, segment: Segment) -> tuple[str, str] | None:
         """The `struct` code of a list of numbers, and its order; a list ends a run. None for all other segments."""
         if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.name in self.wires:
             return None
@@ -84,7 +84,7 @@ class PackingWriter(NestedValueWriter):
         if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
             return self.single(segment, scope)
         arguments: list[Argument] = []
-        last, numbers = placed[-1], self._numbers_of(placed[-1][0])
+        last, numbers = placed[-1], self.numbers_of(placed[-1][0])
         for one, inside in placed if numbers is None else placed[:-1]:
             self._append(arguments, self._argument(one, inside))
         arguments = [self._with_digits(argument) for argument in arguments]
@@ -167,9 +167,13 @@ class PackingWriter(NestedValueWriter):
         """Text of the bytes of the arguments with a list of numbers behind them: one struct for both."""
         order = next((argument.order for argument in arguments if argument.order), numbers[1])
         before = "".join(argument.code for argument in arguments)
-        constant = self.module.list_structs(before, numbers[0], order, self.title, "values")
+        packs = self.packs(local, before, numbers[0], order)
         texts = ", ".join(argument.text for argument in arguments if argument.text)
-        return f"{constant}[len({local})].pack({texts}, *{local})"
+        return f"{packs}[{self.count_of(local)}]({texts}, *{local})"
+
+    def packs(self, local: str, before: str, code: str, order: str) -> str:
+        """The module constant with what packs a list behind what is `before` it, by the number of its values."""
+        return self.module.list_structs(before, code, order, self.title, "values", packs=True)
 
     def wire(self, segment: Number, scope: Scope) -> str:
         """Text of the number or text that is written."""

@@ -50,11 +50,13 @@ class Part:
 class PieceWriter(PackingWriter):
     """Writes the bytes of segments whose values are known.
 
-    `parts`: what checks may ask for. `late`: the cases of choices with check codes: header, segments, scope.
+    `buffer`: the local of the whole frame. `parts`: what checks may ask for. `late`: the cases of choices with check
+    codes: header, segments, scope.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, title, segments)
+        self.buffer = "frame"
         self.parts: list[Part] = []
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
@@ -121,9 +123,8 @@ class PieceWriter(PackingWriter):
         """A delimited body must not hold what ends it."""
         mark = bytes_literal(tail[0].data[:1])
         body = f"{buffer}[{tail[1]}:]" if tail[1] else buffer
-        with self.out.block(f"if {mark} in {body}:"):
-            message = f"the body holds {tail[0].data[0]:02X}, which ends it"
-            self.add(f'raise EncodeError("", "{message}")')
+        message = f"the body holds {tail[0].data[0]:02X}, which ends it"
+        self.complain(f"{mark} in {body}", '""', f'"{message}"')
 
     def _late(self, name: str, before: list[str]) -> str:
         """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
@@ -154,8 +155,8 @@ class PieceWriter(PackingWriter):
             else:
                 parts.append(self.if_present(segment, scope, str(size), "0"))
         room = " - ".join([str(fill.total - fixed), *parts])
-        with self.out.block(f"if len({buffer}) > {room}:"):
-            self.add(f'raise EncodeError("", f"the values take {{len({buffer})}} bytes, more than {{{room}}}")')
+        message = f"the values take {{len({buffer})}} bytes, more than {{{room}}}"
+        self.complain(f"len({buffer}) > {room}", '""', f'f"{message}"')
         self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
         return buffer
 
@@ -254,7 +255,7 @@ class PieceWriter(PackingWriter):
         if code == ("B", ""):
             return f"bytes([*{local}])"
         if code is not None and not code[0].endswith("s"):
-            return f"{self.module.list_structs('', *code, self.title, 'values')}[len({local})].pack(*{local})"
+            return f"{self.packs(local, '', *code)}[{self.count_of(local)}](*{local})"
         one = forms.build(self.module, of, "value", str(of.fixed_size))
         return f'b"".join([{one} for value in {local}])'
 
@@ -276,8 +277,8 @@ class PieceWriter(PackingWriter):
         if wrap.most is not None:
             most = str(wrap.most) if isinstance(wrap.most, int) else self.text(wrap.most, scope, OR)
             tests.append(f"len({buffer}) > {most}")
-        with self.out.block(f"if {' or '.join(tests)}:"):
-            self.add(f'raise EncodeError("", f"the content takes {{len({buffer})}} bytes, that is not allowed")')
+        message = f"the content takes {{len({buffer})}} bytes, that is not allowed"
+        self.complain(" or ".join(tests), '""', f'f"{message}"')
 
 
 def _byte_order(type_: FieldType) -> Literal["little", "big"]:

@@ -49,7 +49,7 @@ def check_given(
     if elsewhere or not values.keys() <= rules.keys():
         for name in values:
             if name not in rules or name in elsewhere:
-                raise EncodeError(path + name, f"there is no '{path}{name}' in this frame")
+                raise EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
     for name in absent:
         if values.get(name) is not None:
             raise EncodeError(path + name, f"'{path}{name}' is not part of this frame, but {values[name]!r} is given")
@@ -92,7 +92,7 @@ def find_misfit(values: Context, rules: Rules, path: str) -> EncodeError | None:
     """The first value that breaks its rule, or, if that is one that is missing, all that are."""
     for name in values:
         if name not in rules:
-            return EncodeError(path + name, f"there is no '{path}{name}' in this frame")
+            return EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
     for name, rule in rules.items():
         if name in values:
             found = misfit_of(values[name], rule, path + name)
@@ -116,7 +116,7 @@ def missing_error(names: list[str], path: str) -> EncodeError | None:
 
 def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
     """What is wrong with one value."""
-    if rule.names and (isinstance(value, str) or rule.only):
+    if rule.names and (isinstance(value, str) or (rule.only and isinstance(value, (int, float)))):
         if value in rule.names or value in rule.names.values():
             return None
         return EncodeError(name, f"'{name}' is one of {', '.join(rule.names)}, not {value!r}")

@@ -62,12 +62,16 @@ class ValueWriter(FieldValueWriter):
         if given.in_cases is not None:
             computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
             options += f", elsewhere={given.in_cases[1]}"
+        with self.out.block(f"if {self.more_than_needed(given)}:"):
+            self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
+
+    def more_than_needed(self, given: Given) -> str:
+        """Text that tells whether there are values beyond those that anybody may give."""
         free = set(given.names) - set(given.computed) - {name for _, names in self._conditions(given) for name in names}
         beyond = ""
         if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
             beyond = f" and not {self.module.among(free, self.title)}({given.text})"
-        with self.out.block(f"if len({given.text}) != {given.needed}{beyond}:"):
-            self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
+        return f"len({given.text}) != {given.needed}{beyond}"
 
     def _conditions(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
         """Under what (a text) values are part of the frame, with their names."""
@@ -148,7 +152,7 @@ class ValueWriter(FieldValueWriter):
 
     def _count(self, count: Count, scope: Scope, given: Given) -> None:
         items = scope.find(count.of)
-        self._number(count, f"len({'()' if items is None else items.text})", scope, given)
+        self._number(count, self.count_of("()" if items is None else items.text), scope, given)
 
     def _number(self, number: Length | Count, text: str, scope: Scope, given: Given) -> None:
         local = self.names.fresh(number.name)
@@ -175,13 +179,12 @@ class ValueWriter(FieldValueWriter):
 
     def _value(self, value: Value, scope: Scope, given: Given, missing: set[str]) -> None:
         local = self.names.fresh(value.name)
-        key, name = f"{given.text}[{quoted(value.name)}]", quoted(value.name)
         if value.build is None and not missing:
             self.add(f"{local} = {self.writer(scope).value(value.read)}")
             given.computed[value.name] = local
         else:
             text = self.writer(self.with_missing(scope, given, missing)).value(value.build or value.read)
-            self.add(f"{local} = {key} if {name} in {given.text} else {text}")
+            self.add(f"{local} = {given.value_or_worked_out(value.name, text)}")
         scope.entries[value.name] = Entry(local)
 
     def _agree(self, value: Value, scope: Scope, given: Given) -> None:
@@ -190,13 +193,11 @@ class ValueWriter(FieldValueWriter):
         if given.computed.get(value.name) == local:
             return
         read = self.text(value.read, scope, BIT_OR)
-        with self.out.block(f"if {local} != {read}:"):
-            message = f"'{given.path}{value.name}' does not agree with the other values"
-            self.add(f"raise EncodeError({filled_in(given.path + value.name)}, {filled_in(message)})")
+        message = f"'{given.path}{value.name}' does not agree with the other values"
+        self.complain_if(f"{local} != {read}", given.path + value.name, message)
 
     def _require(self, segment: Segment, condition: Expression, scope: Scope) -> None:
         text = self.writer(scope).negated(condition)
         if segment.when is not None:
             text = f"{self.text(segment.when, scope, COMPARE)} and {text}"
-        with self.out.block(f"if {text}:"):
-            self.add(f'raise EncodeError("require", {quoted(f"it must hold that {condition}")})')
+        self.complain(text, '"require"', quoted(f"it must hold that {condition}"))
