@@ -11,8 +11,15 @@ from typing import Any, NamedTuple
 from framekit.link.values import FrameValue
 
 
-class _Arrived(NamedTuple):
-    """What arrived, with the frames inside as the codec gives them; `make` makes a value of it, taking a refusal."""
+class FrameArrived:
+    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones.
+
+    `decoded`: its fields, frames inside as the codec gives them; `make` makes a value of them, taking a refusal.
+    `value` is the frame. It is made when somebody asks, unless it has been given: many frames a turn are cheaper so.
+    Whoever makes one sets all attributes but that, which takes half the time of an `__init__` or a named tuple.
+    """
+
+    __slots__ = ("decoded", "ended_at", "make", "offset", "other", "raw", "started_at", "value")
 
     make: Callable[[dict[str, Any], bytes, int | None], FrameValue]
     decoded: dict[str, Any]
@@ -20,15 +27,7 @@ class _Arrived(NamedTuple):
     offset: int
     started_at: int
     ended_at: int
-    other: bool = False
-
-
-class FrameArrived(_Arrived):
-    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones.
-
-    `value` is the frame. It is made when somebody asks, unless it has been given: many frames a turn are cheaper so.
-    """
-
+    other: bool
     value: FrameValue
 
     def __getattr__(self, name: str) -> Any:
@@ -37,6 +36,9 @@ class FrameArrived(_Arrived):
             raise AttributeError(name)
         self.value = self.make(self.decoded, self.raw, None)
         return self.value
+
+    def __repr__(self) -> str:
+        return f"<frame of {len(self.raw)} bytes at {self.offset}>"
 
 
 class Fault(NamedTuple):
@@ -88,6 +90,33 @@ class BadFrame:
 
     def __repr__(self) -> str:
         return f"<bad {self.frame} at {self.offset}: {self.message or self.cause}>"
+
+
+class EitherBad(BadFrame):
+    """Bytes that may have been either of two frames: the one that got further, of two that got equally far the first.
+
+    How far they got is found out when somebody asks, as all that is wrong with them.
+    """
+
+    __slots__ = ("_both",)
+
+    def __init__(self, first: BadFrame, second: BadFrame) -> None:
+        self._both = first, second
+        self.raw, self.offset = first.raw, first.offset
+        self.started_at, self.ended_at = first.started_at, first.ended_at
+
+    def __getattr__(self, name: str) -> Any:
+        """Only asked for what is not known yet."""
+        if name not in _FOUND_OUT:
+            raise AttributeError(name)
+        first, second = self._both
+        further = second if second.place > first.place else first
+        for field in _FOUND_OUT:
+            setattr(self, field, getattr(further, field))
+        return object.__getattribute__(self, name)
+
+
+_FOUND_OUT = ("frame", *Fault._fields)
 
 
 class Noise(NamedTuple):

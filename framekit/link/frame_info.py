@@ -50,8 +50,16 @@ class FrameCodec(Protocol):
 UNCERTAIN = -(1 << 62)
 """Below everything that `measure` says."""
 
-Take = Callable[..., tuple[bytes, dict[str, Any]] | tuple[()] | None]
-"""What measures and decodes a frame at once; () says that it has begun and wants more bytes, None is not sure."""
+Taken = tuple[bytes | None, Any] | tuple[()] | None
+"""A frame's bytes and fields; (): it has begun and wants more bytes. None and a size: a frame so long, whose check
+code is wrong; None and 0: surely none. None: it is not sure.
+"""
+
+Make = Callable[[dict[str, Any], bytes, int | None], FrameValue]
+"""Makes a value of decoded fields, bytes and refusal, with values of the frames inside."""
+
+Take = Callable[..., Taken]
+"""What measures and decodes a frame at once."""
 
 Together = tuple[int, Sequence[Take | None]]
 """The place of a byte, and by that byte what takes a frame together with the one inside it."""
@@ -66,9 +74,8 @@ class FrameInfo:
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `constant`: its bytes, if
     it is nothing else. `intact`: a quick look at its check code, where there is one. `take`: measures and decodes at
-    once what is surely good, and is none where it is not sure; `together`: as `take`, the frame inside as well. `make`:
-    a value of decoded fields, bytes and refusal, with values of the frames inside; the table of all frames sets these
-    two. `carries`: frames that may be put into this one when `insert` holds.
+    once what is surely good; `together`: as `take`, the frame inside as well. The table of all frames sets that, and
+    `make`. `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
@@ -80,7 +87,7 @@ class FrameInfo:
     def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
         self.frame = frame
         self.name = frame.name
-        self.make: Callable[[dict[str, Any], bytes, int | None], FrameValue]
+        self.make: Make
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.shape = shape_of(frame.segments)

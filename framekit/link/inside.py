@@ -29,7 +29,7 @@ class InsideRule:
     escape: int
     frames: tuple[FrameInfo, ...]
 
-    def region(self, buffer: bytearray, position: int, end: int) -> int | None:
+    def region(self, buffer: bytes | bytearray, position: int, end: int) -> int | None:
         """Where the region begins; None when it is not there yet, or this is another frame."""
         for segment in self.before:
             if isinstance(segment, Const):
@@ -52,7 +52,7 @@ class InsideRule:
         return position
 
 
-def plain_end(buffer: bytearray, position: int, end: int, escape: int) -> int | None:
+def plain_end(buffer: bytes | bytearray, position: int, end: int, escape: int) -> int | None:
     """Where doubled content ends: at the first escape byte that is not doubled; None when that is not there yet."""
     while True:
         found = buffer.find(escape, position, end)

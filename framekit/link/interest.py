@@ -12,7 +12,7 @@ from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
-from framekit.link.frame_info import FrameInfo, Take
+from framekit.link.frame_info import FrameInfo, Make, Take, Taken
 from framekit.link.frame_table import FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.values import FrameValue
@@ -20,39 +20,61 @@ from framekit.link.values import FrameValue
 Level = tuple[FrameInfo, ...]
 
 
-Slow = tuple[Callable[..., int], Callable[..., dict[str, Any]], str | None, Callable[[bytes], Any] | None]
-"""How a frame is found that has to be measured first: its `extent` and `decode`, the field whose frame has to be a
-known one, what finds others inside it.
-"""
-
-
 class Left:
     """The expected candidates that two bytes leave.
 
-    `alone`: the only one; for that, how it is got: by `take`, as `constant` if it is nothing else, or `slow`; and what
-    `make`s a value of it. `sure`: every other candidate, the others included, begins with other constants than there
-    are, so that it is surely none. `is_none`: nothing begins here; `is_clear`: nothing, or surely
-    only that one.
+    `alone`: the only one; for that, how it is got: by `take`, or as `constant` if it is nothing else; and what
+    `make`s a value of it. `is_slow`: it has to be measured first. `sure`: every other candidate, the others included,
+    begins with other constants than there are, so that it is surely none. `is_none`: nothing begins here; `is_plain`:
+    surely only the one, with none inside.
     """
 
-    __slots__ = ("alone", "constant", "infos", "is_clear", "is_none", "make", "slow", "sure", "take")
+    __slots__ = ("alone", "constant", "infos", "is_none", "is_plain", "is_slow", "make", "sure", "take")
 
     def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None, take: Take | None = None) -> None:
         self.infos = infos
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
         self.is_none = sure and not infos
-        self.is_clear = sure and len(infos) < 2
+        self.is_plain = sure and len(infos) == 1 and inside is None
+        self.is_slow = False
         self.constant: bytes | None = None
-        self.take: Take | None = None
-        self.slow: Slow | None = None
-        self.make: Callable[..., FrameValue] | None = None
+        self.take: Take = take_nothing
+        self.make: Make = make_nothing
         if self.alone is not None and (inside is None or sure):
             info = self.alone
-            self.constant = info.constant
-            self.take, self.make = take or info.take, info.make
-            search = None if inside is None else inside.search_in(info)
-            self.slow = info.extent, info.decode, info.inner if info.guesses else None, search
+            self.constant, self.make = info.constant, info.make
+            self.is_slow = take is None and info.take is None and info.constant is None
+            self.take = take or info.take or take_slowly(info, None if inside is None else inside.search_in(info))
+
+
+def take_nothing(data: bytes, begin: int, end: int, names: Mapping[str, Any]) -> None:
+    """What takes where there is nobody, or more than one."""
+
+
+def make_nothing(fields: dict[str, Any], raw: bytes, refusal: int | None) -> FrameValue:
+    """What makes a value where nothing is taken."""
+    raise NotImplementedError
+
+
+NOT_LOOKED = Left((), False, None)
+"""Instead of who is left, where nobody has looked yet."""
+
+
+def take_slowly(info: FrameInfo, search: Callable[[bytes], Any] | None) -> Take:
+    """What takes a frame that has to be measured first; it raises what decoding does. `search` finds others inside."""
+    extent, decode, inner = info.extent, info.decode, info.inner if info.guesses else None
+
+    def take(data: bytes, begin: int, end: int, names: Mapping[str, Any]) -> Taken:
+        size = extent(data, begin, end, names)
+        if size <= 0:
+            return None
+        raw = data[begin : begin + size]
+        fields = decode(raw, names)
+        is_unsure = (inner is not None and "unknown" in fields[inner]) or (search is not None and search(raw))
+        return None if is_unsure else (raw, fields)
+
+    return take
 
 
 class Start:
@@ -134,8 +156,8 @@ class Interest:
         best = Start(0, {}, whoever)
         if len(infos) == 1 and infos[0].together is not None:
             place, takes = infos[0].together
-            by_byte = {byte: Left(infos, not rest, self._inside, take) for byte, take in enumerate(takes) if take}
-            return Start(place, by_byte, whoever)
+            by_take = {take: Left(infos, not rest, self._inside, take) for take in set(takes) if take}
+            return Start(place, {byte: by_take[take] for byte, take in enumerate(takes) if take}, whoever)
         most = len(infos)
         allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):

@@ -11,16 +11,16 @@ from framekit.definition.times import LineFormat
 class LineTimes:
     """`line` of the language: its speed, and how long characters and bits take. On a stream they take no time."""
 
-    __slots__ = ("_bit", "_character", "speed")
+    __slots__ = ("_bit", "character", "speed")
 
     def __init__(self, line: LineFormat | None) -> None:
         self.speed = 0 if line is None else line.speed
         self._bit = 0.0 if line is None else 1_000_000_000 / line.speed
-        self._character = 0.0 if line is None else self._bit * line.character_bits
+        self.character = 0.0 if line is None else self._bit * line.character_bits
 
     def chars(self, numerator: int, denominator: int = 1) -> int:
         """Nanoseconds that numerator / denominator characters take."""
-        return round(self._character * numerator / denominator)
+        return round(self.character * numerator / denominator)
 
     def bits(self, numerator: int, denominator: int = 1) -> int:
         """Nanoseconds that numerator / denominator bits take."""

@@ -5,6 +5,8 @@ What is found does not depend on how the stream is cut into pieces. It is pulled
 
 from __future__ import annotations
 
+from typing import Any
+
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived
@@ -108,7 +110,7 @@ class Looking(Recovery):
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
-            worst = bad if worst is None or (bad is not None and bad.bad.place > worst.bad.place) else worst
+            worst = worst if bad is None else worse(worst, bad)
             if wanting and worst is None:
                 worst = self._candidates.cut(wanting[0], limit)
         if worst is not None:
@@ -137,30 +139,36 @@ class Looking(Recovery):
 
     def _arrived(self, good: Good, other: bool) -> FrameArrived:
         stream = self.stream
-        position, size = stream.position, len(good.raw)
+        size = len(good.raw)
         self._given = size
         self._declined.append(good.info.name)
-        make = good.info.make
-        started = stream.time_of(position)
-        ended = stream.time_of(position + size - 1)
-        arrived = FrameArrived(make, good.fields, good.raw, stream.offset, started, ended, other)
-        arrived.value = make(good.fields, good.raw, good.refusal)
+        arrived = self._arrival(good.info, good.fields, good.raw, stream.position)
+        arrived.other = other
+        arrived.value = good.info.make(good.fields, good.raw, good.refusal)
+        return arrived
+
+    def _arrival(self, info: FrameInfo, fields: dict[str, Any], raw: bytes, place: int) -> FrameArrived:
+        """A frame that stands at buffer index `place`."""
+        stream, arrived = self.stream, FrameArrived()
+        arrived.make, arrived.decoded, arrived.raw, arrived.other = info.make, fields, raw, False
+        arrived.offset = stream.offset + place - stream.position
+        arrived.started_at = stream.time_of(place)
+        arrived.ended_at = stream.time_of(place + len(raw) - 1)
         return arrived
 
     def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
         """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
         stream = self.stream
         raw = bytes(stream.buffer[start:end])
-        offset = stream.offset + start - stream.position
-        times = stream.time_of(start), stream.time_of(end - 1)
-        stream.remove(start, end)
-        self._candidates.forget()
         try:
             fields = info.decode(raw, self._names)
         except EVALUATION_ERRORS as error:
             self._trouble(info.name, error)
             fields = {}
-        return FrameArrived(info.make, fields, raw, offset, *times)
+        arrived = self._arrival(info, fields, raw, start)
+        stream.remove(start, end)
+        self._candidates.forget()
+        return arrived
 
     def _use(self) -> None:
         """Goes on behind what was handed over last."""

@@ -19,10 +19,13 @@ QUIET_CHARACTERS = 3
 class Pauses:
     """Times (ns) are worked out anew when a variable or parameter has changed.
 
-    `own_gap` false: `gap` is what whoever waits allows instead of the definition's (None: any pause).
+    `own_gap` false: `gap` is what whoever waits allows instead of the definition's (None: any pause). `character`:
+    what one takes on the line.
     """
 
-    __slots__ = ("_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "gap", "own_gap")
+    __slots__ = (
+        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "gap", "own_gap",
+    )  # fmt: skip
 
     def __init__(self, rules: Receiver, names: Names, stream: Stream) -> None:
         self._names = names
@@ -32,6 +35,7 @@ class Pauses:
         self._gap_of = _maybe(rules.gap)
         line = names.get("line")
         self._line = line if isinstance(line, LineTimes) else LineTimes(None)
+        self.character = self._line.character
         self._worked_out: tuple[int, int, int | None] | None = None
         self.own_gap = True
         self.gap: int | None = None
@@ -58,14 +62,14 @@ class Pauses:
         except EVALUATION_ERRORS:
             return None
 
-    def note(self, now: int, count: int) -> None:
-        """Marks a pause before `count` bytes the last of which comes at `now`."""
+    def note(self, last: int, count: int) -> None:
+        """Marks a pause before the `count` bytes that came last; those before them came at `last`."""
         stream = self._stream
-        pause = now - stream.last - self._line.chars(count)
+        pause = stream.last - last - self._line.chars(count)
         if pause <= 0:
             return
         quiet, gap = self.limits()
-        place = stream.base + len(stream.buffer)
+        place = stream.base + len(stream.buffer) - count
         if pause > quiet:
             stream.silences.append(place)
         if gap is not None and pause > gap:

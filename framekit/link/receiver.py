@@ -19,7 +19,6 @@ from framekit.link.interest import Interest
 from framekit.link.plain import PlainLooking
 from framekit.link.recovery import Again
 from framekit.link.rough import NOTHING, UNSURE, WANTING
-from framekit.link.stream import MOVE_AT
 from framekit.link.verdicts import Complete, Good
 
 
@@ -56,11 +55,11 @@ class Receiver(PlainLooking):
         self._now = now
         self._looks_later = False
         stream = self.stream
-        if stream.position >= len(stream.buffer) or stream.position > MOVE_AT:
-            stream.tidy()
-        if stream.buffer or self._noise.data or self._skipping:
-            self.pauses.note(now, len(data))
+        last = stream.last
+        goes_on = stream.position < len(stream.buffer) or self._noise.data or self._skipping
         stream.add(data, now, faults)
+        if goes_on and now - last > self.pauses.character * len(data):
+            self.pauses.note(last, len(data))
 
     def tick(self, now: int) -> None:
         """Nothing has come until `now`; `next` tells what follows from that."""

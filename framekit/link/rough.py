@@ -6,12 +6,13 @@ It says of a place what looking at it with care says; where it is not sure of th
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from framekit.link.arrivals import Arrival, BadFrame, Fault, Noise
 from framekit.link.candidates import fault_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_info import FrameInfo
-from framekit.link.interest import Interest
+from framekit.link.frame_info import FrameInfo, Taken
+from framekit.link.interest import NOT_LOOKED, Interest, Left
 from framekit.link.looking import Looking
 from framekit.link.noise import LONGEST
 from framekit.link.verdicts import Unfinished
@@ -36,66 +37,102 @@ new_tuple = tuple.__new__
 class RoughLooking(Looking):
     """The part of a receiver that gets over noise many bytes a turn."""
 
-    def _rough(self, interest: Interest, found: list[Arrival], data: bytes, size: int) -> int:
-        """Goes on to the next place where a good frame may begin, or that it is not sure of; or WANTING.
+    def _over(
+        self, interest: Interest, found: list[Arrival], data: bytes, place: int, left: Left, taken: Taken
+    ) -> tuple[int, Left, Any, Any]:
+        """Gets over noise to the next good frame: its place, who it is, its bytes and fields.
 
-        Noise and bad frames on the way are told. `size`: what `extent` has said of the first place, if that is less
-        than 0. Locals and a long loop are for speed, as in rows of good frames.
+        Noise and bad frames on the way are told. NOT_LOOKED and None, if it ends at that place, then UNSURE or WANTING.
+        `taken`: what `left` has found at `place`, unless that is NOT_LOOKED. Locals and a long loop are for speed, as
+        in rows of good frames.
         """
-        stream, noise, starting, inside = self.stream, self._noise, interest.starting, self._inside
-        first = place = stream.position
-        total, names = len(data), self._names
-        end = min(total, place + LONGEST - len(noise.data))
+        stream, noise, starting, names = self.stream, self._noise, interest.starting, self._names
+        first, total = place, len(data)
+        limit = min(total, place + LONGEST - len(noise.data))
         bad_until = self._bad_until - stream.base
         skipped = noise.skipped if noise.data else place < bad_until
         simple = interest.starts is None and self._rules.symbols is None
-        known = wanted = proof = None
+        size = 0
+        known = proof = None
         try:
-            while place < end:
-                start = starting[data[place]] or interest.start(data[place])
-                left = start.left[data[place + start.at]]
-                info = left.alone
-                if not left.is_clear:
-                    break
-                if inside is not None and info is not None and not inside.nothing_from(info, data, place):
-                    break
-                size = 0 if info is None else size or info.extent(data, place, total, names)
-                if size and info is not None:
-                    if info is not known:
-                        known, proof = info, info.proof
-                    if size > 0 and (proof is None or proof(data[place : place + size])):
-                        break
-                    if size < 0 or place >= bad_until:
-                        size = info.checked(data, place, size, names)
+            while True:
+                if left is not NOT_LOOKED:
+                    info = left.alone
+                    if taken and left.is_plain and info is not None:
+                        size = taken[1]
+                        if size and info is not known:
+                            known, proof = info, info.proof
+                        if size and (proof is None or place < bad_until):
+                            size = UNSURE if proof is None else 0
                     else:
-                        size = 0  # a bad frame or none: here both are passed over
+                        size = 0 if left.is_none else self._bad_size(left, data, place, taken, place < bad_until)
                     if size < 0:
-                        wanted = info if size > self._quiet else None
                         break
-                    if size > 0:
+                    if size > 0 and info is not None:
                         self._end_run(found, data, first, place, skipped)
                         found.append(self._misread(info, data, place, size))
-                        bad_until = first = place + size
+                        bad_until, first, skipped = place + size, place, True
                         self._bad_until = stream.base + bad_until
-                        if self._rules.resync == "after_frame":
-                            place, size = first, 0
-                            continue
-                        first, skipped = place, True
-                if skipped is not (place < bad_until):
-                    self._end_run(found, data, first, place, skipped)
-                    first, skipped = place, not skipped
-                behind = place + 1 if simple else self._behind_noise(interest, data, place, bad_until)
-                if behind < 0:
+                    elif skipped is not (place < bad_until):
+                        self._end_run(found, data, first, place, skipped)
+                        first, skipped = place, not skipped
+                    if size > 0 and self._rules.resync == "after_frame":
+                        place = first = bad_until
+                    else:
+                        behind = place + 1 if simple else self._behind_noise(interest, data, place, bad_until)
+                        if behind < 0:
+                            break
+                        place = behind
+                if place >= limit:
                     break
-                place, size = behind, 0
+                start = starting[data[place]] or interest.start(data[place])
+                left = start.left[data[place + start.at]]
+                if left.constant is None:
+                    taken = self._slowly(left, data, place) if left.is_slow else left.take(data, place, total, names)
+                else:
+                    taken = (left.constant, {}) if data.startswith(left.constant, place) else None
+                if taken and taken[0] is not None:
+                    self._end_run(found, data, first, place, skipped)
+                    first = place
+                    return place, left, *taken
         except EVALUATION_ERRORS:
-            wanted = None
-        if place > first:
-            noise.collect(stream, first, place, skipped)
-        if place != stream.position:
-            stream.position = place
-            self._moved()
-        return place if wanted is None else self._wanting(wanted, size)
+            size = 0
+        finally:
+            if place > first:
+                noise.collect(stream, first, place, skipped)
+        return place, NOT_LOOKED, None, WANTING if size == WANTING else UNSURE
+
+    def _bad_size(self, left: Left, data: bytes, place: int, taken: Taken, is_skipped: bool) -> int:
+        """How long the bad frame is that is to be told of at a place where none has been found that is good.
+
+        0 if there is none, or nobody is told of it, as of all that begin in one that has been told; UNSURE; WANTING.
+        """
+        info, names = left.alone, self._names
+        if taken is not None and not taken:
+            return WANTING
+        if info is None or not left.sure:
+            return UNSURE
+        if self._inside is not None and not self._inside.nothing_from(info, data, place):
+            return UNSURE
+        proof = info.proof
+        if taken:
+            return UNSURE if proof is None and taken[1] else 0 if is_skipped else int(taken[1])
+        size = info.extent(data, place, len(data), names)
+        if size > 0 and (proof is None or proof(data[place : place + size])):
+            return UNSURE
+        if size == 0 or (size > 0 and is_skipped):
+            return 0
+        size = info.checked(data, place, size, names)
+        return size if size >= 0 else WANTING if size > self._quiet else UNSURE
+
+    def _slowly(self, left: Left, data: bytes, place: int) -> Taken:
+        """What a frame is that has to be measured: no frame most of the time, so that its check code is tried first."""
+        assert left.alone is not None
+        info, names = left.alone, self._names
+        size = info.extent(data, place, len(data), names)
+        if size <= 0 or (info.proof is not None and not info.proof(data[place : place + size])):
+            return None
+        return left.take(data, place, len(data), names)
 
     def _behind_noise(self, interest: Interest, data: bytes, place: int, bad_until: int) -> int:
         """How far nothing begins if nothing begins at `place`; UNSURE where that takes another byte."""
@@ -116,8 +153,8 @@ class RoughLooking(Looking):
         stream, noise = self.stream, self._noise
         if not noise.data:
             if end > start:
-                offset = stream.offset - stream.position + start
                 started, ended = stream.times_of(start, end)
+                offset = stream.base + stream.removed + start
                 found.append(new_tuple(Noise, (data[start:end], offset, started, ended, skipped)))
             return
         if end > start:
@@ -126,8 +163,10 @@ class RoughLooking(Looking):
 
     def _misread(self, info: FrameInfo, data: bytes, place: int, size: int) -> BadFrame:
         """A bad frame, as its check code says: what is wrong is found out when somebody asks."""
-        raw = data[place : place + size]
-        return self._candidates.told(info, raw, place, partial(_fault, info, raw, self._names))
+        stream, raw = self.stream, data[place : place + size]
+        started, ended = stream.times_of(place, place + size)
+        explain = partial(_fault, info, raw, self._names)
+        return BadFrame(info.name, raw, stream.base + stream.removed + place, started, ended, explain)
 
     def _wanting(self, info: FrameInfo, size: int) -> int:
         """A frame has begun, as its only candidate says by `size`."""

@@ -11,26 +11,28 @@ from collections.abc import Iterable
 
 from framekit.link.events import CharacterFault, LineFault
 
-MOVE_AT = 4096
-"""The used part of the buffer is dropped when longer than this and than the rest: each byte moves at most once."""
+COPIED = 4096
+"""A rest of so many bytes is copied when more come; behind a longer one they are appended, which grows no slower."""
 
 
 class Stream:
     """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them.
 
-    `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came.
+    `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came. The buffer is
+    `bytes` as long as it is short, so that nobody has to copy it. `taken_out`: what has been behind the position, so
+    that offsets there do not count on evenly; `removed`: how many bytes have been before it.
     """
 
     __slots__ = (
-        "_removed", "base", "buffer", "ends", "faults", "last", "pauses", "position", "removed", "silences", "times",
+        "base", "buffer", "ends", "faults", "last", "pauses", "position", "removed", "silences", "taken_out", "times",
     )  # fmt: skip
 
     def __init__(self) -> None:
-        self.buffer = bytearray()
+        self.buffer: bytes | bytearray = b""
         self.position = 0
         self.base = 0
         self.removed = 0
-        self._removed: list[tuple[int, int]] = []
+        self.taken_out: list[tuple[int, int]] = []
         self.last = 0
         self.ends: list[int] = []
         self.times: list[int] = []
@@ -42,45 +44,49 @@ class Stream:
     def offset(self) -> int:
         """The stream offset of the current position, frames taken out of the middle of others included."""
         place = self.base + self.position
-        if not self._removed:
+        if not self.taken_out:
             return place + self.removed
-        while self._removed and self._removed[0][0] <= place:
-            self.removed += self._removed.pop(0)[1]
+        while self.taken_out and self.taken_out[0][0] <= place:
+            self.removed += self.taken_out.pop(0)[1]
         return place + self.removed
 
     def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
-        """More bytes, the last of which came at `now`; `tidy` before."""
-        start = self.base + len(self.buffer)
-        self.buffer += data
-        self.ends.append(start + len(data))
+        """More bytes, the last of which came at `now`; what has been used is forgotten, unless much more follows it."""
+        buffer, position = self.buffer, self.position
+        rest = len(buffer) - position
+        if position and (position >= rest or rest <= COPIED):
+            self.tidy()
+            buffer = self.buffer
+        if not rest:
+            self.buffer = bytes(data)
+        elif rest <= COPIED:
+            self.buffer = bytes(buffer) + data
+        else:
+            self.buffer = bytearray(buffer) if type(buffer) is bytes else buffer
+            self.buffer += data
+        end = self.base + len(self.buffer)
+        self.ends.append(end)
         self.times.append(now)
         for fault in faults:
-            self.faults.append((start + fault.index, fault.fault))
+            self.faults.append((end - len(data) + fault.index, fault.fault))
         self.last = now
 
     def tidy(self) -> None:
-        """Forgets the used part of the buffer when that pays."""
-        position, size = self.position, len(self.buffer)
-        if position >= size:
-            self.base += size
-            self.buffer.clear()
+        """Forgets the used part of the buffer."""
+        self.buffer = self.buffer[self.position :]
+        self.base = base = self.base + self.position
+        self.position = 0
+        if not self.buffer:
             self.ends.clear()
             self.times.clear()
-            if self.faults or self.silences or self.pauses:
-                self.faults.clear()
-                self.silences.clear()
-                self.pauses.clear()
-        elif position > MOVE_AT and position * 2 > size:
-            del self.buffer[:position]
-            self.base += position
-            used = bisect_right(self.ends, self.base)
+        elif self.ends[0] <= base:
+            used = bisect_right(self.ends, base)
             del self.ends[:used], self.times[:used]
-            self.faults = [item for item in self.faults if item[0] >= self.base]
-            self.silences = [item for item in self.silences if item >= self.base]
-            self.pauses = [item for item in self.pauses if item >= self.base]
-        else:
-            return
-        self.position = 0
+        if self.faults or self.silences or self.pauses:
+            rest = bool(self.buffer)
+            self.faults = [item for item in self.faults if rest and item[0] >= base]
+            self.silences = [item for item in self.silences if rest and item >= base]
+            self.pauses = [item for item in self.pauses if rest and item >= base]
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
@@ -90,15 +96,12 @@ class Stream:
     def times_of(self, start: int, end: int) -> tuple[int, int]:
         """When the first and the last byte of `buffer[start:end]` came; there has to be one."""
         ends, times = self.ends, self.times
+        if len(ends) == 1 or ends[-2] <= self.base + start:
+            return times[-1], times[-1]
         first = bisect_right(ends, self.base + start)
         if self.base + end <= ends[first]:
             return times[first], times[first]
         return times[first], times[bisect_right(ends, self.base + end - 1)]
-
-    @property
-    def is_uneven(self) -> bool:
-        """Whether something has been taken out behind the position, so that offsets there do not count on evenly."""
-        return bool(self._removed)
 
     def fault_in(self, start: int, end: int) -> LineFault | None:
         """The first fault of a character in `buffer[start:end]`."""
@@ -116,8 +119,8 @@ class Stream:
     def remove(self, start: int, end: int) -> None:
         """Takes `buffer[start:end]` out of the middle; what lies behind moves up."""
         low, count = self.base + start, end - start
-        del self.buffer[start:end]
-        self._removed.append((low + 1, count))
+        self.buffer = self.buffer[:start] + self.buffer[end:]
+        self.taken_out.append((low + 1, count))
         self.ends = [place - count if place > low else place for place in self.ends]
         self.faults = [
             (place - count if place >= low + count else place, fault)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from framekit.link.arrivals import BadFrame
+from framekit.link.arrivals import BadFrame, EitherBad
 from framekit.link.frame_info import FrameInfo
 
 
@@ -75,5 +75,12 @@ Result = Good | Bad | Complete | Unfinished | _No
 
 
 def worse(first: Bad | None, second: Bad) -> Bad:
-    """The one that got further; of two that got equally far, the one asked first."""
-    return second if first is None or second.bad.place > first.bad.place else first
+    """The one that got further; of two that got equally far, the one asked first.
+
+    Where both end at the same place nothing depends on it before somebody asks what was wrong.
+    """
+    if first is None:
+        return second
+    if first.size == second.size and first.known_end == second.known_end:
+        return Bad(lambda: EitherBad(first.bad, second.bad), first.size, first.known_end)
+    return second if second.bad.place > first.bad.place else first

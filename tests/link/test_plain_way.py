@@ -30,11 +30,15 @@ def careful(name: str) -> Receiver:
 
 def told(event: Arrival) -> tuple[Any, ...]:
     if isinstance(event, FrameArrived):
-        return ("frame", event.value.frame, event.value.refusal, plain(event.value), *event[2:7])
+        return ("frame", event.value.frame, event.value.refusal, plain(event.value), *placed(event))
     if isinstance(event, BadFrame):
         fault = event.cause, event.segment, event.place, event.expected, event.found, event.message
         return ("bad", event.frame, *fault, event.raw, event.offset, event.started_at, event.ended_at)
     return ("noise", *event)
+
+
+def placed(event: FrameArrived) -> tuple[Any, ...]:
+    return event.raw, event.offset, event.started_at, event.ended_at, event.other
 
 
 def state(one: Receiver) -> tuple[Any, ...]:

@@ -253,7 +253,7 @@ _ALIASES = {
     "Reads": "Callable[..., dict[str, Any]]",
     "Opened": "tuple[bytes, Sequence[int], str]",
     "Rules": "Mapping[str, Any]",
-    "Taken": "tuple[bytes, dict[str, Any]] | tuple[()] | None",
+    "Taken": "tuple[bytes | None, Any] | tuple[()] | None",
     "Span": "tuple[str, int, int, Any]",
 }
 

@@ -174,9 +174,18 @@ def take_of(found: Any) -> Any:
     return found[0].name, found[0].take
 
 
-def readers_at_once(choice: Choice, readers: dict[str, Reads]) -> list[Reads | None]:
-    """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does."""
-    return [None if one is None else readers.get(one[0]) for one in choice.likely]
+def readers_at_once(choice: Choice, readers: dict[str, Any], where_none_is: Any = None) -> list[Any]:
+    """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does.
+
+    `where_none_is`: what reads where the byte allows no frame.
+    """
+    by_byte = [None if one is None else readers.get(one[0]) for one in choice.likely]
+    return [where_none_is if found == () else one for found, one in zip(choice.readers, by_byte, strict=True)]
+
+
+def take_none(data: bytes, begin: int, end: int, ctx: Context) -> tuple[None, int]:
+    """What takes where no frame may stand."""
+    return None, 0
 
 
 def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
@@ -299,6 +308,5 @@ IMPORTS: dict[str, tuple[str, ...]] = {
     "Frame": ("from collections.abc import Callable", "from typing import NamedTuple"),
     "Structs": ("from struct import Struct",),
     "Packs": ("from collections.abc import Callable", "from struct import Struct"),
-    "readers_at_once": ("from collections.abc import Callable",),
 }
 """The import lines that a helper's source stands on."""

@@ -1,7 +1,8 @@
 """Taking functions: one call finds the end of a frame in a stream, judges it and reads it, out of the buffer itself.
 
-Only for frames that can be read from front to back, and only what is surely good: everything else is left to those who
-measure and decode. A receiver uses them for what comes in rows.
+Only for frames that can be read from front to back. A function gives bytes and values of what is surely good; () of
+what has surely begun and wants more bytes; None and its size, if all but the check code is right; and None if it is
+not sure, which is left to those who measure and decode. A receiver uses them for what comes in rows.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from framekit.codec.python.source import Source, bytes_literal
 from framekit.codec.python.take_reader import BEGIN, NotInARow, PairTakeReader, TakeReader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Const, Field, Inner, Segment, Skip
+from framekit.definition.model.segments import Bits, Const, Field, Inner, Length, Segment, Skip
 from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import DefinitionError
 
@@ -51,7 +52,10 @@ def write_takes(
         if place is not None and pairs:
             found.update({pair.identifier: pair.function_on_line() for pair in pairs.values()})
             readers = {inner: f"take_{pair.identifier}" for inner, pair in pairs.items()}
-            together[name] = place[1], module.at_once(f"take_{identifiers[name]}", place[0].frames, readers)
+            is_measured = place[0].size is None and module.shapes.present(place[0]).fixed is None
+            where_none_is = "take_none" if is_measured else ""  # else nobody looks inside to see how long it is
+            table = module.at_once(f"take_{identifiers[name]}", place[0].frames, readers, where_none_is)
+            together[name] = place[1], table
         asked.update({inner: None for inner in writer.reader.asked if inner not in pairs})
     done: set[str] = set()
     while left := [name for name in asked if name not in done]:
@@ -128,13 +132,23 @@ class TakeWriter:
                 reader.say_begun(*([] if is_short else [f"{place} - begin <= {reader.most}"]))
         if begun != reader.place:
             function.conditions.insert(0, f"{place} > end")
-        function.conditions.extend(reader.checks)
         if not is_short:
             function.misfit_if(f"{place} - begin > {reader.most}")
+        if begun is None:
+            function.conditions.extend(reader.checks)
+        elif reader.checks:
+            function.flush()
+            with function.out.block(f"if {' or '.join(reader.checks)}:"):
+                is_fixed = reader.place.base == BEGIN.base
+                function.add(f"return None, {reader.place.offset if is_fixed else f'{place} - begin'}")
 
     def _begun_behind(self) -> Place | None:
         """The place that is not there yet if the frame has surely begun; None where measuring has to say that."""
         return self.reader.place
+
+    def _front(self) -> int:
+        """With fewer bytes than these the frame has surely begun, whatever they are; 0 where that is not known."""
+        return 0
 
     def _read_delimited(self, before: list[Item], tail: list[Item]) -> None:
         """The first byte of the tail ends the body, wherever it stands behind the head."""
@@ -190,12 +204,13 @@ class TakeWriter:
         result = self.fields.text(function.out)
         header = "data: bytes, begin: int, end: int, ctx: Context"
         with out.block(f"def take_{self.identifier}({header}) -> Taken:"):
-            about = f"The bytes and values of the frame `{self.frame.name}` at data[begin]; () if it is not there yet."
+            about = f"The bytes and values of the frame `{self.frame.name}` at data[begin], if it is surely good."
             self._head(out, about, "return None")
             with out.block("try:"):
                 out.extend(function.out)
             with out.block("except MISFITS:"):
-                out.add("return None")
+                front = self._front()
+                out.add(f"return () if end - begin < {front} else None" if front else "return None")
             out.add(f"return raw, {result}")
         return out
 
@@ -204,6 +219,8 @@ def _fits_always(segment: Segment, needed: set[str]) -> bool:
     """Whether measuring finds nothing wrong with a segment that is there, whatever its bytes are."""
     if isinstance(segment, Field):
         return segment.long is None and (segment.name not in needed or segment.type.kind in ("ascii", "bytes"))
+    if isinstance(segment, Bits):
+        return all(part.name not in needed for part in segment.parts)
     return isinstance(segment, (Const, Skip))
 
 
@@ -224,9 +241,27 @@ class PairTakeWriter(TakeWriter):
         compare_size(self.function, self.pair, scope)
 
     def _begun_behind(self) -> Place | None:
-        """Behind the frame inside, if nothing else may stand there and nothing else says how long it is."""
+        """Behind the frame inside, if that is the only one that may stand there."""
         shapes, inner = self.module.shapes, self.pair.inner
         segments = shapes.segments(self.frame)
         behind = shapes.all(segments[segments.index(inner) + 1 :]).fixed
-        sole = self.pair.inside_name in sole_names(shapes, inner)
-        return self.reader.place.plus(-behind) if sole and behind is not None and inner.size is None else None
+        return self.reader.place.plus(-behind) if self._is_sole and behind is not None else None
+
+    @property
+    def _is_sole(self) -> bool:
+        """Whether nothing else may stand inside, and nothing else says how long it is."""
+        inner = self.pair.inner
+        return inner.size is None and self.pair.inside_name in sole_names(self.module.shapes, inner)
+
+    def _front(self) -> int:
+        """Up to behind the first bytes that measuring may look at, if these are none of those that it compares."""
+        size, needed = 0, needed_names(self.segments)
+        for segment in self.segments if self._is_sole else ():
+            fixed = self.module.shapes.of(segment).fixed
+            is_length = isinstance(segment, Length)
+            if fixed is None or isinstance(segment, Const) or not (is_length or _fits_always(segment, needed)):
+                break
+            size += fixed
+            if is_length:
+                break
+        return size
