@@ -144,22 +144,25 @@ def _run(path: Path) -> Checked:
 
 
 def _vectors(path: Path) -> Checked:
-    from framekit.definition.check.vectors import check_vectors
     from framekit.definition.load import load_protocol
     from framekit.definition.load.library import definition_path
-    from framekit.definition.load.vectors import load_vectors
+    from framekit.definition.load.vectors import read_vectors
     from framekit.definition.problems import DefinitionError, Problem
+    from framekit.service.vectors import vector_problems
 
-    vectors = load_vectors(path)
+    vectors, problems = read_vectors(path)
+    if vectors is None:
+        raise DefinitionError(problems)
     try:
         protocol = load_protocol(definition_path(vectors.protocol, path.parent))
+        problems = [*problems, *vector_problems(vectors, protocol)]
     except DefinitionError as error:
         if error.problems[0].at.file == vectors.protocol:
             what, todo = error.problems[0].what, error.problems[0].todo
         else:
             what, todo = f"the definition of '{vectors.protocol}' is not right", f"framekit check {vectors.protocol}"
-        raise DefinitionError([Problem(vectors.protocol_at, what, todo)]) from None
-    if problems := check_vectors(vectors, protocol):
+        raise DefinitionError([*problems, Problem(vectors.protocol_at, what, todo)]) from None
+    if problems:
         raise DefinitionError(problems)
     what = f"vectors of {vectors.protocol}, {len(vectors.frames)} frames, {len(vectors.conversations)} conversations"
     return Checked(what, [])

@@ -116,6 +116,8 @@ class AddressGrammar:
 
     def _examples(self) -> str:
         """How places are written here: short forms of whole elements first, each with an area of its own."""
+        if not self._forms:
+            return "nothing has an address here"
         forms = sorted(self._forms, key=lambda form: (form.form.unit == "bit", form.variable))
         found = [self._samples(form) for form in forms]
         texts: dict[str, str] = {}

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
+from framekit.definition.check.vectors import check_vectors
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.scalars import parse_number
-from framekit.definition.load.vectors import load_vectors
+from framekit.definition.load.vectors import read_vectors
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.vectors import Conversation
-from framekit.link.addresses import AddressGrammar
+from framekit.definition.model.vectors import Conversation, Vectors
+from framekit.definition.problems import DefinitionError, Problem
+from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.link.client import Client
 from framekit.link.conversation import SideUnderTest, run_conversation
 from framekit.link.engine import Engine
@@ -42,6 +45,51 @@ def vectors_path(definition: Path) -> Path:
     return definition.with_name(definition.stem + SUFFIX)
 
 
+def vector_problems(vectors: Vectors, protocol: Protocol) -> list[Problem]:
+    """Everything in the cases that names what the protocol, or the memory behind it, does not have."""
+    problems = check_vectors(vectors, protocol)
+    _, here = memory_of(protocol)
+    there = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+    for case in vectors.conversations:
+        asked = [
+            (key, text)
+            for key in ("read", "write")
+            for text in _addresses((case.do or {}).get(key))
+            if key in protocol.services
+        ]
+        problems += _no_addresses(case, there, [(f"do.{key}", text) for key, text in asked])
+        problems += _no_addresses(case, here, [(f"memory.{text}", text) for text in case.memory])
+        problems += _no_addresses(case, here, [("result", text) for text in case.result.memory])
+    return problems
+
+
+def _of_another(vectors: Vectors, protocol: str | Path, folder: Path | None) -> Iterator[Problem]:
+    """Cases beside a definition say that they are its own."""
+    path = definition_path(protocol, folder)
+    try:
+        named = definition_path(vectors.protocol, path.parent)
+    except DefinitionError as error:
+        yield from (Problem(vectors.protocol_at, problem.what, problem.todo) for problem in error.problems)
+        return
+    if named.resolve() != path.resolve():
+        what = f"these are vectors of '{vectors.protocol}', and they stand beside {path.name}"
+        yield Problem(vectors.protocol_at, what, f"write vectors: {path.stem}, or rename the file")
+
+
+def _addresses(asked: Any) -> list[str]:
+    """The addresses of a read or write: one, a list, or those to which values belong."""
+    return [str(text) for text in ([asked] if isinstance(asked, str) else asked or ())]
+
+
+def _no_addresses(case: Conversation, grammar: AddressGrammar, given: list[tuple[str, str]]) -> Iterator[Problem]:
+    for key, text in given:
+        try:
+            grammar.parse(text, check=False)
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            yield Problem(case.places.get(key, case.at), what, todo)
+
+
 def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseResult]:
     """Runs all cases; none where there are no vectors. Raises DefinitionError when definition or vectors are wrong."""
     loaded = load_protocol(protocol, folder)
@@ -49,7 +97,11 @@ def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseRe
     if not path.is_file():
         return []
     codec = compile_protocol(loaded)
-    vectors = load_vectors(path)
+    vectors, wrong = read_vectors(path)
+    if vectors is not None:
+        wrong += list(_of_another(vectors, protocol, folder)) or vector_problems(vectors, loaded)
+    if vectors is None or wrong:
+        raise DefinitionError(wrong)
     results = []
     for vector in vectors.frames:
         name = vector.name or vector.frame or str(vector.wire)[:32]

@@ -283,6 +283,32 @@ def test_a_file_of_another_kind_is_one_problem(capsys: pytest.CaptureFixture[str
     assert "this is a vectors file, not a protocol" in call(capsys, "test", str(vectors))[2]
 
 
+WRONG_VECTORS = """
+vectors: p
+frames:
+  - {frame: b, values: {x: 1}, bytes: 01}
+  - {frame: a, values: {y: 1}, byts: 01}
+conversations:
+  - {name: c, role: one, state: {s: 1}, do: {read: D0}, script: [], result: {memory: {D1: 1}, state: {t: 1}}}
+"""
+
+
+def test_vectors_are_looked_at_in_the_same_way_by_check_and_test(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "p.yaml").write_text(
+        "protocol: p\ngroups: {g: {from: both, head: [{const: 05}]}}\n"
+        "frames: {a: {group: g, body: [{field: x, type: u8}]}}\n"
+    )
+    (tmp_path / "p.vectors.yaml").write_text(WRONG_VECTORS)
+    status, out, tested = call(capsys, "test", str(tmp_path / "p.yaml"))
+    assert status == 1 and out == "" and len(tested.splitlines()) == 7
+    assert tested == call(capsys, "check", str(tmp_path / "p.vectors.yaml"))[2]
+    (tmp_path / "p.vectors.yaml").write_text("vectors: modbus-rtu\nframes: []\n")
+    status, _, told = call(capsys, "test", str(tmp_path / "p.yaml"))
+    assert status == 1 and "these are vectors of 'modbus-rtu', and they stand beside p.yaml" in told
+
+
 def test_vectors_that_are_missing_are_named_as_they_would_be_found(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,8 +1,12 @@
-"""Vectors held against their protocol: frames, fields, roles, services, parameters and state that there are."""
+"""Vectors held against their protocol: frames, fields, roles, services, parameters and state that there are.
+
+Addresses are looked at elsewhere: they belong to a layer above.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from typing import Any
 
 from framekit.definition.check.kinds import KindChecker
 from framekit.definition.model.protocol import Protocol
@@ -38,14 +42,23 @@ class _Case:
     ) -> Iterator[Problem]:
         for name in names:
             if name not in known:
-                at = self.places.get(f"{key}.{name}", self.places.get(key, self.at))
+                at = self.places.get(f"{key}.{name}") or self.places.get(key) or self.places.get("do", self.at)
                 yield Problem(at, f"{whose} no {kind} '{name}'", did_you_mean(name, known))
+
+    def made(self, key: str, frames: Any, protocol: Protocol) -> Iterator[Problem]:
+        """`{FRAME: {field: value}}`."""
+        for frame, fields in frames.items() if isinstance(frames, Mapping) else ():
+            yield from self.unknown(key, [frame], protocol.frames, "frame")
+            if frame in protocol.frames and isinstance(fields, Mapping):
+                known = field_names(protocol.frames[frame].segments)
+                yield from self.unknown(key, fields, known, "field", f"frame '{frame}' has")
 
 
 def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
     case = _Case(vector.at, vector.places)
     yield from case.unknown("params", vector.params, protocol.params, "parameter")
     yield from case.unknown("state", vector.state, protocol.state, "variable")
+    yield from case.made("request", vector.request, protocol)
     if vector.frame is None:
         return
     if vector.frame not in protocol.frames:
@@ -66,5 +79,24 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
         for time in (line.time, line.not_before, line.within):
             checker.wants(time, "time")
     yield from checker.problems
-    services = [name for name in conversation.do or () if name not in BESIDE_SERVICES]
+    yield from case.unknown("result", conversation.result.state, {*protocol.state, *protocol.params}, "variable")
+    if conversation.do is not None:
+        yield from _asked(case, conversation.do, protocol)
+
+
+def _asked(case: _Case, do: Mapping[str, Any], protocol: Protocol) -> Iterator[Problem]:
+    """What the tested side is to do."""
+    for key in ("send", "exchange"):
+        yield from case.made(f"do.{key}", do.get(key), protocol)
+    expected = do.get("expected", [])
+    groups = {group for frame in protocol.frames.values() for group in frame.groups}
+    wanted = expected if isinstance(expected, list) else [expected]
+    yield from case.unknown("do.expected", wanted, {*protocol.frames, *groups}, "frame")
+    yield from case.unknown("do.run", [do["run"]] if "run" in do else [], protocol.sequences, "sequence")
+    services = [name for name in do if name not in BESIDE_SERVICES]
     yield from case.unknown("do", services, protocol.services, "service")
+    for name in services:
+        arguments = do[name]
+        if name in protocol.services and name not in ("read", "write") and isinstance(arguments, Mapping):
+            known = {"addresses", *(argument.name for row in protocol.services[name] for argument in row.takes)}
+            yield from case.unknown(f"do.{name}", arguments, known, "argument", f"'{name}' takes")

@@ -12,7 +12,7 @@ from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.vectors import Conversation, FrameVector, Result, ScriptLine, Vectors, Wire
 from framekit.definition.nodes import Mapping, Node, Scalar
-from framekit.definition.problems import DefinitionError, Position
+from framekit.definition.problems import DefinitionError, Position, Problem
 
 KINDS = ("send", "receive", "break", "silence", "wait", "line", "connection")
 WORDS = {
@@ -25,15 +25,20 @@ _MOST_REPEATED = 65_536
 
 def load_vectors(path: str | Path) -> Vectors:
     """The cases of a file. Raises DefinitionError with every problem of it."""
+    vectors, problems = read_vectors(path)
+    if vectors is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return vectors
+
+
+def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:
+    """The cases of a file that can be read, and every problem of it; None for what is no vectors file at all."""
     reader = Reader()
     documents = Documents(reader)
     vectors = None
     with suppress(Broken):
         vectors = _VectorsLoader(reader).load(documents.root(Path(path), "vectors"))
-    problems = documents.first_words(reader.problems)
-    if vectors is None or any(not problem.warning for problem in problems):
-        raise DefinitionError(problems)
-    return vectors
+    return vectors, documents.first_words(reader.problems)
 
 
 def parse_wire(text: str) -> Wire:
