@@ -38,6 +38,8 @@ class Poll:
         if on_error is not None:
             _check_callback("on_error", on_error)
         self.failures = 0
+        self._address, self._every = address, every
+        self._error: Exception | None = None
         self._reads = 0
         self._how = how
         self._on_values = on_values
@@ -64,6 +66,15 @@ class Poll:
         self._polling.stop()
         if not self._ended.done():
             self._ended.set_result(None)
+
+    def __repr__(self) -> str:
+        how, first = self._how, self._address
+        what = first if how.count == 1 else f"{how.count} × {how.type} from {first} on"
+        often = f"every {self._every:g} s" if self._every else "without pause"
+        state = "running" if self.is_running else "stopped"
+        if not self.is_running and self._error is not None:
+            state = f"ended by {self._error!r}"
+        return f"<Poll of {what}, {often}: {self.reads} reads, {self.failures} failures, {state}>"
 
     def __await__(self) -> Generator[Any, None, None]:
         yield from asyncio.wait([self._ended]).__await__()  # cancelled, it leaves the end to come, and others waiting
@@ -93,6 +104,7 @@ class Poll:
     def _fail(self, error: Exception) -> None:
         self._polling.stop()
         if not self._ended.done():
+            self._error = error
             self._ended.set_exception(error)
 
 

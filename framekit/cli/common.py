@@ -173,6 +173,8 @@ def hex_bytes(text: str) -> bytes:
 
 def existing(file: Path) -> Path:
     """A file to be read. Raises WrongWords where there is none."""
+    if file.is_dir():
+        raise WrongWords(f"{file}: this is a folder, not a file – name a file in it")
     if not file.exists():
         raise WrongWords(f"{file}: there is no such file – check its name and folder")
     return file

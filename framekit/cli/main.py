@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from framekit import __version__
+from framekit.cli.words import Parser
 
 VERBS = {
     "check": "check definitions and run files",
@@ -57,13 +58,13 @@ class NoPort(Failure):
     status = 3
 
 
-def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+def build_parser(only: str | None = None) -> Parser:
     """The parser with every verb; or, quicker, with this one alone; or, with '', with all of them by name only."""
-    parser = argparse.ArgumentParser(prog="framekit", description="Protocols of serial field devices in YAML, and run.")
+    parser = Parser(prog="framekit", description="Protocols of serial field devices in YAML, and run.")
     parser.add_argument("--version", action="version", version=f"framekit {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
     for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
-        one = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
+        one = parser.verbs[verb] = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
         if only is None or only == verb:
             importlib.import_module(f"framekit.cli.{verb}_verb").add_arguments(one)
     return parser
@@ -72,7 +73,10 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the console script; returns the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    parsed = build_parser(words[0] if words and words[0] in VERBS else "").parse_args(words)
+    parser = build_parser(words[0] if words and words[0] in VERBS else "")
+    parsed, unknown = parser.parse_known_args(words)
+    if unknown:
+        parser.verbs[parsed.verb].refuse(unknown)
     module = importlib.import_module(f"framekit.cli.{parsed.verb}_verb")
     try:
         return _run(module, parsed)

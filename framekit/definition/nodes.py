@@ -43,7 +43,7 @@ def read_nodes(source: Path, noted: list[Problem] | None = None) -> Node:
         with source.open("rb") as stream:
             data = stream.read(LARGEST_FILE + 1)
     except OSError as error:
-        line = 0 if isinstance(error, FileNotFoundError) else 1
+        line = 0 if isinstance(error, (FileNotFoundError, IsADirectoryError)) else 1
         raise DefinitionError([Problem(Position(file, line, line), *_unreadable(error))]) from None
     if len(data) > LARGEST_FILE:
         raise _too_large(file)

@@ -102,9 +102,13 @@ def test_values_are_those_of_each_reply(watch: dict[str, Any]) -> None:
             poll = client.poll("40001", 3, on_values=kept.on_values)
             await kept.enough(30)
             assert poll.is_running
+            assert (
+                repr(poll)
+                == f"<Poll of 3 × word from 40001 on, without pause: {poll.reads} reads, 0 failures, running>"
+            )
             poll.stop()
             await poll
-            assert not poll.is_running
+            assert not poll.is_running and repr(poll).endswith(" reads, 0 failures, stopped>")
             assert kept.values == [(number, number + 1, number + 2) for number in range(len(kept.values))]
             assert (poll.reads, poll.failures) == (len(kept.values), 0)
 
@@ -299,6 +303,8 @@ def test_a_callback_that_raises_is_the_end(number: int, type_: str | None) -> No
             with pytest.raises(LookupError, match="mine"):
                 await poll
             assert not poll.is_running and len(got) == number
+            told = f"{poll.reads} reads, 0 failures, ended by LookupError('mine')>"
+            assert repr(poll) == f"<Poll of 40001, without pause: {told}"
             assert (await client.read("40001")).value == number
 
     run(scenario)

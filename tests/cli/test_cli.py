@@ -320,3 +320,44 @@ def test_vectors_that_are_missing_are_named_as_they_would_be_found(
             1,
             "framekit test: there are no vectors beside 'some.yaml' – write some.vectors.yaml\n",
         )
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            ("run", "--virtal", "x.run.yaml"),
+            "framekit run: error: there is no option '--virtal' – did you mean '--virtual'?",
+        ),
+        (
+            ("run", "x", "--forr=10s", "--zzzz"),
+            "no option '--forr' – did you mean '--for'?; there is no option '--zzzz'\n",
+        ),
+        (("check", "mldp", "--lod"), "framekit check: error: there is no option '--lod' – did you mean '--load'?"),
+        (("frames", "mldp", "read", "more"), "framekit frames: error: nothing takes 'read', 'more'"),
+        (("rnu", "x.run.yaml"), "did you mean 'run'?"),
+        (("generate", "pyton", "mldp"), "did you mean 'python'?"),
+    ],
+)
+def test_words_nobody_knows_get_a_suggestion(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], says: str
+) -> None:
+    status, out, err = call(capsys, *words)
+    assert (status, out) == (2, "") and says in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", "FOLDER"),
+        ("run", "FOLDER"),
+        ("test", "FOLDER"),
+        ("frames", "FOLDER"),
+        ("decode", "mldp", "--capture", "FOLDER"),
+        ("replay", "FOLDER", "--port", "loop://"),
+    ],
+)
+def test_a_folder_is_no_file(capsys: pytest.CaptureFixture[str], tmp_path: Path, words: tuple[str, ...]) -> None:
+    given = [str(tmp_path) if word == "FOLDER" else word for word in words]
+    status, out, err = call(capsys, *given)
+    assert (status, out) == (2, "") and f"{tmp_path}: this is a folder, not a file – name a file in it" in err

@@ -99,6 +99,9 @@ def load_protocol_text(text: str, name: str = "definition", folder: Path | None 
 def definition_path(name: str | Path, folder: Path | None = None) -> Path:
     """Where a definition stands. Raises DefinitionError when there is none of that name."""
     found = definition_file(name, folder or Path.cwd())
+    if found is None and Path(folder or Path.cwd(), name).is_dir():
+        what = "this is a folder, not a file"
+        raise DefinitionError([Problem(Position(str(name), 0, 0), what, "name a file in it")])
     if found is None and Path(name).suffix in (".yaml", ".yml"):
         what = f"there is no file '{Path(name).name}'"
         raise DefinitionError([Problem(Position(str(name), 0, 0), what, "check its name and folder")])
