@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import table, told
 from framekit.cli.load_output import percent, what_of
 from framekit.cli.main import Failure
 from framekit.cli.seen_output import seen_data, seen_text
+from framekit.definition.problems import plural
 from framekit.memory.numbers import unit_bits
 
 if TYPE_CHECKING:
     from framekit.blocks.block_state import BlockState
     from framekit.blocks.feasibility import ChannelLoad
     from framekit.blocks.model import Run
+    from framekit.blocks.removed_blocks import RemovedBlocks
     from framekit.blocks.run_edit import Edit
     from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
@@ -90,6 +93,7 @@ class TextOutput(Output):
 
     def summary(self, service: RunService) -> None:
         rows = [_row(state) for state in service.states.values()]
+        rows += [_removed_row(one) for one in service.removed]
         print()
         print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
         loads = [row for load in self.loads if (row := _load_row(load, service))]
@@ -142,6 +146,8 @@ class JsonOutput(Output):
                 "last": state.last_outcome,
             }
             print(json.dumps(line, ensure_ascii=False), flush=True)
+        for one in service.removed:
+            print(json.dumps({"event": "removed", **asdict(one)}, ensure_ascii=False), flush=True)
         for number, found in _published(service):
             if found:
                 line = {"event": "status", "channel": number, "status": found}
@@ -195,6 +201,11 @@ def _row(state: BlockState) -> tuple[str, ...]:
     numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
     last = state.last_outcome or "-"
     return (block.label, what_of(block), *map(str, numbers), f"{last}, station is dead" if state.dead else last)
+
+
+def _removed_row(one: RemovedBlocks) -> tuple[str, ...]:
+    numbers = (one.started, one.done, one.failed, 0, one.overruns)
+    return ("-", f"{plural(one.blocks, 'removed block')} of channel {one.channel}", *map(str, numbers), "-")
 
 
 def measured_load(load: ChannelLoad, service: RunService) -> float | None:

@@ -12,6 +12,7 @@ from framekit.link.codes import code_text
 if TYPE_CHECKING:
     from framekit.blocks.block_status import BlockStatus
     from framekit.blocks.jobs.diagnosis import JobStatus
+    from framekit.blocks.removed_blocks import RemovedBlocks
     from framekit.service.status import ChannelStatus, JobsStatus, RunStatus
 
 CHANNEL_HEAD = (
@@ -24,7 +25,8 @@ BLOCK_HEAD = ("set", "block", "what", "channel", "state", "done", "failed", "ove
 def status_text(status: RunStatus, began: int) -> str:
     """The channels, the blocks and the jobs; `began`: when the run did, by its clock."""
     parts = [table([channel_row(one) for one in status.channels], CHANNEL_HEAD)] if status.channels else []
-    parts.append(table([block_row(one) for one in status.blocks], BLOCK_HEAD))
+    blocks = [block_row(one) for one in status.blocks]
+    parts.append(table([*blocks, *(removed_row(one) for one in status.removed)], BLOCK_HEAD))
     if status.jobs is not None:
         parts += jobs_text(status.jobs, began)
     return "\n\n".join(parts)
@@ -90,6 +92,17 @@ def block_row(one: BlockStatus) -> tuple[str, ...]:
     )  # fmt: skip
 
 
+def removed_row(one: RemovedBlocks) -> tuple[str, ...]:
+    """What is left of blocks that an edit took out."""
+    from framekit.definition.problems import plural
+
+    why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
+    return (
+        "-", "-", plural(one.blocks, "removed block"), str(one.channel), "gone", str(one.done), str(one.failed),
+        str(one.overruns), why or "-",
+    )  # fmt: skip
+
+
 def status_data(status: RunStatus, began: int) -> dict[str, Any]:
     """The same for programs; times in seconds of the run."""
     blocks = []
@@ -101,6 +114,8 @@ def status_data(status: RunStatus, began: int) -> dict[str, Any]:
     channels = [_plain(asdict(one)) for one in status.channels]
     time = (status.at - began) / 1e9
     shown = {"event": "status", "time": time, "run": status.run, "channels": channels, "blocks": blocks}
+    if status.removed:
+        shown["removed"] = [asdict(one) for one in status.removed]
     return shown if status.jobs is None else shown | {"jobs": _jobs_data(status.jobs, began)}
 
 

@@ -66,7 +66,9 @@ class RunEditor:
         service, edit = self.service, prepared.edit
         scheduler, now = service.scheduler, service.clock.now()
         for number in (*edit.blocks_gone, *edit.blocks_changed):
-            service.block_memory.remove(scheduler.remove(number).block)
+            state = scheduler.remove(number)
+            service.removed.add(state)
+            service.block_memory.remove(state.block)
             service.exchanges.forget(number)
         if service.jobs is not None:
             service.jobs.give_up((*edit.blocks_gone, *edit.blocks_changed))

@@ -14,6 +14,7 @@ from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.memory_settings import put_values
 from framekit.blocks.model import Block, Channel, Run
 from framekit.blocks.own_memory import addresses_of
+from framekit.blocks.removed_blocks import Removed
 from framekit.blocks.triggers import awaited_bits
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
@@ -67,6 +68,7 @@ class RunService:
         for number in run.channels:
             lines.put(number, lines.of_run(run, number))
         self.editor = RunEditor(self)
+        self.removed = Removed()
         self.on_channel: OnChannel = lambda number, channel: None
         self.jobs = blocks.jobs = self._jobs(resolve or resolver_for(clock))
         put_values(self.memory, run.initial)
@@ -224,6 +226,7 @@ class RunService:
         now = self.clock.now()
         self.system.start(now)
         self.exchanges.reset()
+        self.removed.clear()
         if self.jobs is not None:
             self.jobs.reset()
         self.scheduler.reset(now)

@@ -5,13 +5,13 @@ The items are those of the Snet module guide, chapter 10 (diagnosis). Views for 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.jobs.diagnosis import Event, JobStatus, TableCounters
+from framekit.blocks.removed_blocks import RemovedBlocks
 from framekit.service.frame_log import USER_DEFINED
 
 if TYPE_CHECKING:
@@ -66,7 +66,10 @@ class JobsStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunStatus:
-    """Everything at one moment; `at` is in nanoseconds of the run's clock. `jobs`: None where the run has none."""
+    """Everything at one moment; `at` is in nanoseconds of the run's clock. `jobs`: None where the run has none.
+
+    `removed`: what blocks counted that edits took out; the channels' totals have it too.
+    """
 
     run: str
     at: int
@@ -74,6 +77,7 @@ class RunStatus:
     channels: tuple[ChannelStatus, ...]
     blocks: tuple[BlockStatus, ...]
     jobs: JobsStatus | None = None
+    removed: tuple[RemovedBlocks, ...] = ()
 
 
 def run_status(service: RunService) -> RunStatus:
@@ -86,6 +90,7 @@ def run_status(service: RunService) -> RunStatus:
         channels=tuple(_channel_status(service, channel, now) for channel in service.channels.values()),
         blocks=tuple(service.status()),
         jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
+        removed=tuple(replace(one, reasons=one.reasons.copy()) for one in service.removed),
     )
 
 
@@ -97,7 +102,8 @@ def _jobs_status(table: JobTable) -> JobsStatus:
 def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:
     channel, counters, load = at_work.channel, at_work.engine.counters, at_work.driver.load
     states = [state for state in service.states.values() if state.block.channel == channel.number]
-    reasons: Counter[str] = Counter()
+    removed = service.removed.of(channel.number)
+    reasons = removed.reasons.copy()
     for state in states:
         reasons.update(state.reasons)
     protocol = channel.protocol
@@ -112,8 +118,8 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         mode="run" if service.running else "stop",
         state=at_work.state,
         blocks=len(states),
-        services=sum(state.counters.done for state in states),
-        errors=sum(state.counters.failed for state in states),
+        services=removed.done + sum(state.counters.done for state in states),
+        errors=removed.failed + sum(state.counters.failed for state in states),
         reasons=dict(reasons),
         frames_in=counters.received,
         bad=counters.bad,

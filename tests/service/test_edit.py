@@ -8,9 +8,11 @@ import pytest
 
 from framekit.blocks.load import load_run
 from framekit.blocks.run_edit import Edit, plan_edit
+from framekit.cli.status_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen
 from framekit.service.run import RunService
+from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000
@@ -100,6 +102,39 @@ def test_blocks_come_and_go(tmp_path: Path) -> None:
     bench.edit()
     bench.clock.run_for(SECOND)
     assert set(bench.service.states) == {0, 1, 2}
+
+
+def test_what_removed_blocks_counted_stays_in_the_totals(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.clock.run_for(5 * SECOND + 500 * MS)
+    before = {one.number: (one.services, one.errors) for one in run_status(bench.service).channels}
+    assert before == {1: (11, 0), 2: (5, 0)} and run_status(bench.service).removed == ()
+    bench.edit(("into: M1, every: 1 s", "into: M101, every: 2 s"), (RUN[RUN.index('  2: {read: "40002"') :], ""))
+    status = run_status(bench.service)
+    assert {one.number: (one.services, one.errors) for one in status.channels} == before
+    assert [(one.channel, one.blocks, one.started, one.done) for one in status.removed] == [(1, 1, 5, 5), (2, 1, 5, 5)]
+    text = status_text(status, 0)
+    assert "-    -      1 removed block  1        gone   5     0       0         -" in text
+    shown = status_data(status, 0)["removed"][1]
+    assert shown == {
+        "channel": 2, "blocks": 1, "started": 5, "done": 5, "failed": 0, "overruns": 0, "reasons": {},
+    }  # fmt: skip
+    bench.clock.run_for(2 * SECOND + 500 * MS)
+    assert [one.services for one in run_status(bench.service).channels] == [13, 6]
+    bench.service.reset()
+    assert run_status(bench.service).removed == () and run_status(bench.service).channels[0].services == 0
+
+
+def test_failures_of_removed_blocks_stay_with_their_reasons(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.edit(('{read: "40002", channel: 1, station: 1', '{read: "40002", channel: 1, station: 9'))
+    bench.clock.run_for(3 * SECOND + 900 * MS)
+    errors = run_status(bench.service).channels[0].errors
+    assert errors and run_status(bench.service).channels[0].reasons == {"no_reply": errors}
+    bench.edit()
+    channel = run_status(bench.service).channels[0]
+    assert (channel.errors, channel.reasons) == (errors, {"no_reply": errors})
+    assert f"{errors} × no_reply" in status_text(run_status(bench.service), 0).splitlines()[-1]
 
 
 def test_channels_change_come_and_go(tmp_path: Path) -> None:
