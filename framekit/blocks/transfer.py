@@ -70,6 +70,11 @@ class BlockTransfers:
         for ended in sending:
             ended(Failure(outcome="closed", cause=reason))
 
+    def forget(self, block: Block) -> None:
+        """A block is no more: what was prepared for it is not kept."""
+        self._fields.pop(block.id, None)
+        self._reads.pop((block.set, block.number), None)
+
     def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
         """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
         try:

@@ -149,9 +149,11 @@ class Driver:
                 self.pending.extend(self.engine.receive(data, now, faults))
                 self._next_commands()
         finally:
-            if moment is not None:
-                moment.end()
-        self.look_at_time()
+            try:
+                if moment is not None:
+                    moment.end()
+            finally:  # whatever went wrong, the engine's times still come
+                self.look_at_time()
 
     def line_break(self, now: int) -> None:
         self.carry_out(self.engine.line_break(now))

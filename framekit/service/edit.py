@@ -69,7 +69,7 @@ class RunEditor:
             state = scheduler.remove(number)
             service.removed.add(state)
             service.block_memory.remove(state.block)
-            service.exchanges.forget(number)
+            service.exchanges.forget(state.block)
         if service.jobs is not None:
             service.jobs.give_up((*edit.blocks_gone, *edit.blocks_changed))
         for number in (*edit.channels_gone, *edit.channels_changed):

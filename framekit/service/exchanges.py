@@ -41,10 +41,13 @@ class Exchanges:
         """Reads that were refused together may be tried together again."""
         self._alone.clear()
 
-    def forget(self, number: int) -> None:
+    def forget(self, block: Block) -> None:
         """A block is no more, or another one: nothing is known of it."""
-        self._alone.discard(number)
-        self._stations.pop(number, None)
+        self._alone.discard(block.id)
+        self._stations.pop(block.id, None)
+        channel = self._channels.get(block.channel)
+        if channel is not None:
+            channel.transfers.forget(block)
 
     def station_of(self, state: BlockState) -> Hashable:
         """The station a block talks to as its settings are now; None where there is none."""

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable, Mapping
 
+import pytest
 from link.service_loop import codec_of
 
+from framekit.definition.times import NEVER
+from framekit.link.events import CharacterFault, Command
 from framekit.link.transfer import TransferResult
 from framekit.service.client import ClientService
+from framekit.service.driver import Driver
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.port import Port, PortEvents
 
@@ -78,3 +83,54 @@ def test_a_clock_keeps_nothing_of_a_driver_that_has_been_stopped() -> None:
         assert clock.pending == 0 and [result.outcome for result in results] == ["closed"]
 
     asyncio.run(at_work())
+
+
+class FaultyEngine:
+    """Raises for what comes, after it has begun to wait for a time."""
+
+    def __init__(self) -> None:
+        self.deadline = NEVER
+        self.rung: list[int] = []
+
+    def opened(self, now: int) -> list[Command]:
+        return []
+
+    def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
+        self.deadline = now + SECOND
+        raise ArithmeticError(data)
+
+    def tick(self, now: int) -> list[Command]:
+        self.rung.append(now)
+        self.deadline = NEVER
+        return []
+
+    def closed(self, now: int, reason: str = "") -> list[Command]:
+        return []
+
+    def line_break(self, now: int) -> list[Command]:
+        return []
+
+    def sent(self, now: int) -> list[Command]:
+        return []
+
+    def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
+        return []
+
+
+class FaultyMoment:
+    inside = False
+
+    def end(self) -> None:
+        raise LookupError("at the end of the event")
+
+
+@pytest.mark.parametrize("moment", [None, FaultyMoment()])
+def test_times_come_although_an_event_went_wrong(moment: FaultyMoment | None) -> None:
+    clock, engine = VirtualClock(), FaultyEngine()
+    driver = Driver(engine, QuickPort(clock), clock, moment=moment)
+    driver.start()
+    clock.run_for(SECOND)
+    with pytest.raises(ArithmeticError if moment is None else LookupError):
+        driver.received(b"\x01", clock.now())
+    clock.run_for(2 * SECOND)
+    assert engine.rung == [2 * SECOND]
