@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Mapping
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -13,11 +14,12 @@ from shipped import APPLICATIONS, PROTOCOLS
 from framekit.codec.builders import Builders
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
-from framekit.codec.python.flat import NotPlain, Together
+from framekit.codec.python.builder_module import builder_name
+from framekit.codec.python.flat import write_plain_builder
+from framekit.codec.python.generate import MOST_BUILDERS, generate_source
 from framekit.codec.python.module import Module
 from framekit.codec.python.normal import normal_protocol
 from framekit.codec.python.parameters import Parameters, inner_frames, levels_of
-from framekit.codec.python.shape import Shapes
 from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
@@ -33,6 +35,7 @@ class Both:
     """The builders of a protocol, and its encoders."""
 
     def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
         self.codec = compile_protocol(protocol)
         self.context = sample_context(protocol)
         self.builders = Builders(self.codec, self.context)
@@ -83,9 +86,12 @@ class Both:
                 values = values[level.inner.name][frames[depth + 1]]
         return found
 
+    def build(self, frames: tuple[str, ...]) -> Any:
+        return self.builders.builder(*frames)
+
     def compare(self, frames: tuple[str, ...]) -> int:
         """How often both gave bytes."""
-        build, found = self.builders.builder(*frames), 0
+        build, found = self.build(frames), 0
         for values in self.nested(frames):
             keywords = self.keywords(frames, values)
             wanted = result(lambda: self.codec.encode(frames[0], values, self.context))  # noqa: B023
@@ -97,7 +103,7 @@ class Both:
         return found
 
     def compare_spoilt(self, frames: tuple[str, ...], keywords: dict[str, Any], name: str) -> None:
-        build = self.builders.builder(*frames)
+        build = self.build(frames)
         for strange in self.random.sample(STRANGE, 5):
             spoilt = {**keywords, name: strange}
             wanted = result(lambda: self.codec.encode(frames[0], self.as_nested(frames, spoilt), self.context))  # noqa: B023
@@ -117,18 +123,15 @@ class Both:
         return whole
 
     def is_plain(self, frames: tuple[str, ...]) -> bool:
-        try:
-            Together(Shapes(self.frames), levels_of(self.frames, frames))
-        except NotPlain:
-            return False
-        return True
+        levels = levels_of(self.frames, frames)
+        return write_plain_builder(self.module, "build", "encode", levels, "ctx") is not None
 
 
 def result(build: Any) -> Any:
     try:
         return build()
-    except EncodeError as error:
-        return str(error), error.field, error.more
+    except ValueError as error:  # a module that stands alone has an EncodeError of its own
+        return str(error), vars(error)
 
 
 @pytest.mark.parametrize("name", [*PROTOCOLS, *APPLICATIONS])
@@ -298,3 +301,72 @@ def test_frames_that_depend_on_the_context() -> None:
     assert many(a=20) == b"\x14"
     with pytest.raises(EncodeError, match="it must hold that a <= limit"):
         few(a=20)
+
+
+def test_what_is_given_counts_before_what_the_context_says() -> None:
+    body = "{field: a, type: u8, build: limit if limit > 3 else 1}"
+    codec = compile_protocol(protocol_of(body, more="params: {limit: {type: number, default: 3}}"))
+    build = Builders(codec, {"limit": 30}).builder("f")
+    assert (build(), build(a=2)) == (b"\x1e", b"\2")
+
+
+@pytest.mark.parametrize(
+    "body", ["{data: d, size: rest}, {check: sum8}", "{data: d, size: rest}", "{data: d, size: 2}"]
+)
+def test_the_result_is_bytes(body: str) -> None:
+    codec = compile_protocol(protocol_of(body))
+    for data in (codec.encode("f", {"d": bytearray(b"ab")}), Builders(codec, {}).builder("f")(d=bytearray(b"ab"))):
+        assert type(data) is bytes
+
+
+# ---- modules that stand alone -------------------------------------------------------------------------------
+
+
+class Alone(Both):
+    """The builders in a module that stands alone."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        super().__init__(protocol)
+        self.names: dict[str, Any] = {"__name__": "alone"}
+        exec(compile(generate_source(protocol), "alone", "exec"), self.names)
+
+    def build(self, frames: tuple[str, ...]) -> Any:
+        name = builder_name(frames)
+        if name not in self.names:
+            assert not self.is_plain(frames) or inner_frames(self.frames[frames[-1]])
+            return None
+        return partial(self.names[name], ctx=self.context)
+
+
+@pytest.mark.parametrize("name", ["modbus-rtu", "ccm", "snp-x", "mldp", "third-party-plc", "modbus-pdu"])
+def test_modules_that_stand_alone_have_them(name: str) -> None:
+    alone = Alone(load_protocol(name))
+    built = {frames: alone.compare(frames) for frames in alone.chains() if alone.build(frames) is not None}
+    assert built
+    assert all(built.values())
+
+
+def test_defaults_of_a_module_that_stands_alone() -> None:
+    alone = Alone(load_protocol("modbus-rtu")).names
+    build = alone["build_reply_adu_with_read_holding_reply"]
+    assert build(station=17, values=b"\0\1") == bytes.fromhex("11030200 01b8 47")
+    with pytest.raises(alone["EncodeError"], match=r"^'station' is 300, more than 255$"):
+        build(station=300, values=b"")
+    assert "= build_request_adu_with_read_coils(…)" in alone["__doc__"]
+
+
+def test_names_of_builders_that_are_taken() -> None:
+    frames = (
+        "frames:\n  hex: {body: [{field: a, type: u8}]}\n  A.B: {body: [{const: 01}]}\n  a-b: {body: [{const: 02}]}"
+    )
+    names = Alone(load_protocol_text(f"protocol: built\n{frames}", "built")).names
+    found = [name for name in names if name.startswith("build_")]
+    assert "build_a_b" in found and "build_a_b_2" in found
+    assert [names[name]() for name in ("build_a_b", "build_a_b_2")] == [b"\1", b"\2"]
+    assert names["build_hex_2"](a=7) == b"\7"
+
+
+def test_there_is_a_bound() -> None:
+    frames = [f"body: [{{field: kind, type: u8, is: {number}}}]" for number in range(MOST_BUILDERS + 5)]
+    source = generate_source(protocol_of(f"{{field: a, type: u8}}, {INNER}", *frames))
+    assert source.count("\ndef build_f_with_x") == MOST_BUILDERS

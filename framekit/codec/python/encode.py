@@ -6,6 +6,7 @@ from framekit.codec.python.branches import numbers_of
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import Given
+from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter
@@ -19,11 +20,13 @@ from framekit.definition.model.segments import (
     Choose,
     Const,
     Count,
+    Data,
     Field,
     Length,
     Optional,
     Record,
     Repeat,
+    Require,
     Segment,
     Value,
 )
@@ -52,7 +55,7 @@ def write_encoder(
         write_docstring(out, f"Build the {kind} `{name}`. Raises EncodeError.", summary(segments))
         with out.block("try:"):
             out.extend(writer.out)
-            out.add(f"return {_bytes(text)}")
+            out.add(f"return {as_bytes(text, segments)}")
         with out.block("except MISFITS as error:"):
             out.add(f"raise {module.function('encode_error')}(values, {rules}, error) from None")
     return out
@@ -66,9 +69,12 @@ def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int] | None:
     return None if head is None else (frame.tail[0], head)
 
 
-def _bytes(text: str) -> str:
-    """The result is bytes even if it is nothing but a value that was given."""
-    return f'b"" + {text}' if text.isidentifier() and text != "frame" else text
+def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
+    """The result is bytes even if it begins with a value that was given, which may be a bytearray."""
+    first = next((leaf for leaf in leaves(segments) if not isinstance(leaf, (Require, Value))), None)
+    is_given = isinstance(first, Data) or (isinstance(first, Field) and first.type.kind == "bytes")
+    is_packed = text[0].isupper() or text.startswith('b"')
+    return f'b"" + {text}' if is_given and not is_packed else text
 
 
 class EncodeWriter(PieceWriter):

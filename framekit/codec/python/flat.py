@@ -8,169 +8,59 @@ from __future__ import annotations
 
 import builtins
 import re
-from dataclasses import replace
 
 from framekit.codec.python.describe import summary, write_docstring
-from framekit.codec.python.encode import EncodeWriter, tail_of
+from framekit.codec.python.encode import EncodeWriter, as_bytes, tail_of
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.field_values import Given
-from framekit.codec.python.joined import counting, is_plain, names_of, renamed
 from framekit.codec.python.module import Module
 from framekit.codec.python.parameters import LEFT_OUT, Level, Parameters
-from framekit.codec.python.shape import Fill, Shapes, everything, names_read
 from framekit.codec.python.source import Source
+from framekit.codec.python.together import NotPlain, Together, shown
 from framekit.definition.expression.emit import BIT_OR
-from framekit.definition.expression.syntax import Binary, Expression, Name, Node, Number
-from framekit.definition.model.segments import (
-    Check,
-    Choose,
-    FieldType,
-    Inner,
-    Length,
-    Optional,
-    Repeat,
-    Require,
-    Segment,
-    Value,
-    Wrap,
-)
+from framekit.definition.model.segments import FieldType, Repeat, Value
 
 _MOST_PACKS = 256
 """As many numbers of values in a list are prepared at most."""
 
 
-class NotPlain(Exception):  # noqa: N818 - no error, the encoder does it then
-    """Some frames cannot be built by one function without a look at nested values."""
-
-
-def write_builder(module: Module, name: str, encoder: str, levels: tuple[Level, ...], context: str = "") -> Source:
+def write_builder(module: Module, name: str, encoder: str, levels: tuple[Level, ...]) -> Source:
     """The source of the builder `name` of some frames; `encoder` is the name of the outermost frame's.
 
-    `context`: the text of a last parameter, if there is to be one.
+    The context is a name of the module.
     """
     parameters = Parameters(module, levels)
-    out, lines = Source(), Source()
-    careful = f"return {encoder}({parameters.nested()}, ctx)"
     try:
-        lines.extend(FlatWriter(module, name, parameters).lines(careful))
+        lines = FlatWriter(module, name, parameters).lines(encoder)
     except NotPlain:
-        lines.add(careful)
+        parameters.write_call(lines := Source(), encoder)
+    return _function(name, parameters, lines, "")
+
+
+def write_plain_builder(
+    module: Module, name: str, encoder: str, levels: tuple[Level, ...], context: str
+) -> Source | None:
+    """As `write_builder`, with a last parameter `context`; None where it would only hand values on to the encoder."""
+    parameters = Parameters(module, levels)
+    try:
+        lines = FlatWriter(module, name, parameters).lines(encoder)
+    except NotPlain:
+        return None
+    return _function(name, parameters, lines, context)
+
+
+def _function(name: str, parameters: Parameters, lines: Source, context: str) -> Source:
+    out, levels = Source(), parameters.levels
     keywords = [parameter.text for parameter in parameters.all]
-    header = ", ".join([*(["*", *keywords] if keywords else []), *([context] if context else [])])
+    keywords += [context] if context else []
+    header = ", ".join(["*", *keywords] if keywords else [])
     with out.block(f"def {name}({header}) -> bytes:"):
-        shown = [f"`{level.frame.name}`" for level in levels]
-        inside = f" with {' with '.join(shown[1:])} inside" if shown[1:] else ""
-        about = f"Build the frame {shown[0]}{inside} of single values. Raises EncodeError."
-        write_docstring(out, about, summary(_shown(levels)), notes=parameters.notes())
+        names = [f"`{level.frame.name}`" for level in levels]
+        inside = f" with {' with '.join(names[1:])} inside" if names[1:] else ""
+        about = f"Build the frame {names[0]}{inside} of single values. Raises EncodeError."
+        write_docstring(out, about, summary(shown(levels)), notes=parameters.notes())
         out.extend(lines)
     return out
-
-
-def _shown(levels: tuple[Level, ...]) -> tuple[Segment, ...]:
-    """The segments of the frames, each in the place where it stands in the one before it."""
-    *before, last = levels
-    found = last.frame.segments
-    for level in reversed(before):
-        assert level.inner is not None
-        found = _put_in(level.frame.segments, level.inner, found)
-    return found
-
-
-def _put_in(segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """The segments with others in the place of an inner frame."""
-    found: list[Segment] = []
-    for segment in segments:
-        if segment is inner:
-            found.extend(inside)
-        elif isinstance(segment, (Wrap, Optional)):
-            found.append(replace(segment, of=_put_in(segment.of, inner, inside)))
-        elif isinstance(segment, Choose):
-            cases = tuple((keys, _put_in(of, inner, inside)) for keys, of in segment.cases)
-            otherwise = None if segment.otherwise is None else _put_in(segment.otherwise, inner, inside)
-            found.append(replace(segment, cases=cases, otherwise=otherwise))
-        else:
-            found.append(segment)
-    return tuple(found)
-
-
-# ---- frames as one ------------------------------------------------------------------------------------------
-
-
-class Together:
-    """Some frames as one list of segments, and the sizes that have to come out: expression, names of what it counts.
-
-    Raises NotPlain where they cannot be built so.
-    """
-
-    def __init__(self, shapes: Shapes, levels: tuple[Level, ...]) -> None:
-        self.shapes = shapes
-        self.sizes: list[tuple[Expression, tuple[str, ...]]] = []
-        found: tuple[Segment, ...] = ()
-        for level in reversed(levels):
-            segments = shapes.segments(level.frame)
-            found = segments if level.inner is None else self._around(segments, level.inner, found)
-            if level is not levels[0]:
-                found = self._inside(level, tuple(renamed(segment) for segment in found))
-        self.segments = found
-        if not all(_is_simple(segment) for segment in everything(found)):
-            raise NotPlain
-
-    def _inside(self, level: Level, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-        """A frame that is to stand in another one, if it may."""
-        frame, most = level.frame, self.shapes.all(segments).most
-        if frame.delimited or not is_plain(segments):
-            raise NotPlain
-        if frame.most is not None and (most is None or most > frame.most):
-            raise NotPlain
-        return segments
-
-    def _around(self, segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, ...]) -> tuple[Segment, ...]:
-        around = _put_in(segments, inner, ())
-        theirs, ours = names_of(inside), names_of(around) | {inner.name}
-        if theirs & ours or names_read(around) & (theirs | {inner.name}):
-            raise NotPlain
-        if names_read(inside) & ours or inner.when is not None:
-            raise NotPlain
-        if any(isinstance(one, Check) and inner.name in (one.span or ()) for one in everything(around)):
-            raise NotPlain
-        parts = tuple(one.name for one in inside if one.name and not isinstance(one, (Require, Value)))
-        if isinstance(inner.size, int) and self.shapes.all(inside).fixed != inner.size:
-            raise NotPlain
-        if isinstance(inner.size, Expression) and not self._is_told(inner, inner.size, segments):
-            self.sizes.append((inner.size, parts))
-        return _put_in(_counting_in(segments, inner, parts), inner, inside)
-
-    def _is_told(self, inner: Inner, size: Expression, segments: tuple[Segment, ...]) -> bool:
-        """Whether a size is nothing but a length that counts the frame, less what else it counts."""
-        root, less = _without_number(size.root)
-        named = {one.name: one for one in segments if one.name is not None}
-        length = named.get(root.name) if isinstance(root, Name) else None
-        if not isinstance(length, Length) or length.unit != 1 or length.plus or inner.name not in length.of:
-            return False
-        others = [named[name] for name in length.of if name != inner.name and name in named]
-        return len(others) == len(length.of) - 1 and self.shapes.all(others).fixed == less
-
-
-def _without_number(node: Node) -> tuple[Node, int]:
-    """What a number is taken from, and the number."""
-    if isinstance(node, Binary) and node.operator == "-" and isinstance(node.right, Number):
-        return node.left, node.right.value
-    return node, 0
-
-
-def _counting_in(segments: tuple[Segment, ...], inner: Inner, parts: tuple[str, ...]) -> tuple[Segment, ...]:
-    """The segments, those in wraps too, with lengths and checks over the frame inside being over its segments."""
-    return tuple(
-        replace(one, of=_counting_in(one.of, inner, parts)) if isinstance(one, Wrap) else counting(one, inner, parts)
-        for one in segments
-    )
-
-
-def _is_simple(segment: Segment) -> bool:
-    """Whether the values of a segment are always there, and it holds no frame."""
-    if isinstance(segment, Check):
-        return True
-    return (isinstance(segment, (Fill, Wrap)) and segment.when is None) or is_plain((segment,))
 
 
 # ---- the function -------------------------------------------------------------------------------------------
@@ -190,7 +80,7 @@ class ByKeyword(Given):
         return self.value_or_worked_out(name, otherwise) if name in self.worked_out else self.keywords[name]
 
     def value_or_worked_out(self, name: str, otherwise: str) -> str:
-        return f"{otherwise} if {self.value(name)} is {LEFT_OUT} else {self.value(name)}"
+        return f"{self.value(name)} if {self.value(name)} is not {LEFT_OUT} else {otherwise}"
 
 
 class FlatWriter(EncodeWriter):
@@ -215,8 +105,8 @@ class FlatWriter(EncodeWriter):
         if "frame" in self.keywords.values():
             self.buffer = self.names.fresh("frame")
 
-    def lines(self, careful: str) -> Source:
-        """The lines of the function; `careful` is the one for values that do not fit."""
+    def lines(self, encoder: str) -> Source:
+        """The lines of the function; `encoder` gets values that do not fit."""
         frame, segments = self.parameters.levels[0].frame, self.segments
         given, scope, out = ByKeyword(self.keywords, self.worked_out), Scope(), Source()
         self.values(segments, scope, given)
@@ -233,9 +123,9 @@ class FlatWriter(EncodeWriter):
             text = self.buffer
         with out.block("try:"):
             out.extend(self.out)
-            out.add(f'return b"" + {text}' if text in self.keywords.values() else f"return {text}")
+            out.add(f"return {as_bytes(text, segments)}")
         with out.block("except MISFITS:"):
-            out.add(careful)
+            self.parameters.write_call(out, encoder)
         return out
 
     def _limit_list(self, most: int, scope: Scope) -> bool:

@@ -6,9 +6,11 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterable
+from itertools import islice
 
 import framekit
 from framekit.codec import errors
+from framekit.codec.python.builder_module import builder_name
 from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.decode import write_decoder
 from framekit.codec.python.defaults import default_values
@@ -16,12 +18,14 @@ from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
 from framekit.codec.python.examination_state import ExaminationState
 from framekit.codec.python.examine import write_examiner
+from framekit.codec.python.flat import write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import Module, pasted_names
 from framekit.codec.python.module_text import MISFITS, constants, helpers, late_constants, sorted_imports
 from framekit.codec.python.names import identifier
 from framekit.codec.python.normal import normal_protocol
+from framekit.codec.python.parameters import Level, inner_frames, rows_of
 from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, names_read, value_names
@@ -33,6 +37,8 @@ from framekit.definition.model.segments import Check, Length, Repeat, Segment
 
 _FUNCTIONS = ("encode", "decode", "measure", "examine")
 """Every frame's; some have `extent_…` besides."""
+MOST_BUILDERS = 100
+"""A frame has so many builders at most, one for every row of frames in it."""
 _RULE = "# " + "-" * 98
 _MEASURE_NOTE = """\
 `measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
@@ -62,11 +68,14 @@ class ModuleWriter:
         self.extents: set[str] = set()
         self.takes: dict[str, Source] = {}
         self.together: Together = {}
+        self.builders: dict[tuple[str, ...], str] = {}
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
             self.identifiers[name] = self._identifier(name)
             self._frame(name, frame)
+        if self.standalone:  # inside framekit they are made when somebody asks for one
+            self._builders()
         if not self.standalone and self.protocol.kind == "protocol":  # receivers use them, and nobody else
             self.takes, self.together = write_takes(self.module, self.protocol, self.identifiers)
             self.frames_part.extend(self.takes.values())
@@ -116,6 +125,27 @@ class ModuleWriter:
             self.extents.add(known)
             self.frames_part.append(extent)
         self.examine_part.append(write_examiner(self.module, known, name, segments, frame))
+
+    def _builders(self) -> None:
+        """What builds the frames that stand in no other, each with what may stand in it."""
+        inside = {name for frame in self.protocol.frames.values() for name in inner_frames(frame)}
+        for name in self.protocol.frames:
+            if name not in inside:
+                for levels in islice(rows_of(self.protocol.frames, name), MOST_BUILDERS):
+                    self._builder(levels)
+
+    def _builder(self, levels: tuple[Level, ...]) -> None:
+        frames = tuple(level.frame.name for level in levels)
+        wanted = builder_name(frames)
+        found, number = wanted, 1
+        while found in self.helpers or found in self.builders.values():
+            number += 1
+            found = f"{wanted}_{number}"
+        encoder, context = f"encode_{self.identifiers[frames[0]]}", "ctx: Context = DEFAULTS"
+        builder = write_plain_builder(self.module, found, encoder, levels, context)
+        if builder is not None:
+            self.builders[frames] = found
+            self.frames_part.append(builder)
 
     def _layout(self, name: str, layout: Layout) -> None:
         known, segments = self.layouts[name], layout.segments
@@ -174,10 +204,13 @@ class ModuleWriter:
         if name is None:
             return ["It has no frames."]
         known = self.identifiers[name]
+        builder = next(iter(self.builders.values()), None)
+        built = [] if builder is None else [f"    data = {builder}(…)  # bytes of named values"]
         return [
             "Use it like this (`ctx`: parameters and state that frames depend on; DEFAULTS when left out):",
             "",
             f"    data = encode_{known}(values)      # bytes; raises EncodeError",
+            *built,
             f"    values = decode_{known}(data)      # a dict; raises FrameError",
             f"    FRAMES[{quoted(name)}].decode(data)".ljust(len(f"    values = decode_{known}(data)      "))
             + "# the same by the definition's name",

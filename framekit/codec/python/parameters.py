@@ -18,7 +18,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.names import identifier
 from framekit.codec.python.rules import is_needed
 from framekit.codec.python.shape import everything, flat
-from framekit.codec.python.source import literal, quoted
+from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
@@ -41,6 +41,8 @@ from framekit.definition.times import format_time
 LEFT_OUT = "None"
 """The default of what may be left out, and is worked out then."""
 _MOST_NAMED = 8
+_LONG = 60
+"""A text longer than this gets a line of its own."""
 _OWN_NAMES = ("ctx", "without_none")
 
 
@@ -93,6 +95,16 @@ def levels_of(frames: Mapping[str, Frame], names: Iterable[str]) -> tuple[Level,
         found.append(Level(frame, inner_frames(frame)[name]))
         frame = frames[name]
     return (*found, Level(frame, None))
+
+
+def rows_of(frames: Mapping[str, Frame], *names: str) -> Iterator[tuple[Level, ...]]:
+    """The rows of frames, each inside the one before it, that begin like this, up to one in which none stands."""
+    inside = inner_frames(frames[names[-1]])
+    if not inside:
+        yield levels_of(frames, names)
+    for name in inside:
+        if name not in names:
+            yield from rows_of(frames, *names, name)
 
 
 class Parameters:
@@ -180,18 +192,27 @@ class Parameters:
 
     # ---- texts --------------------------------------------------------------------------------------------
 
-    def nested(self) -> str:
-        """Text of the values that an encoder takes."""
-        return self._nested(0)
+    def write_call(self, out: Source, encoder: str) -> None:
+        """Writes what gives the result of an encoder, which takes nested values."""
+        text, local = "", "inside"
+        while any(one.name == local for one in self.all):
+            local += "_"
+        for depth, level in reversed(list(enumerate(self.levels))):
+            if len(text) > _LONG:
+                out.add(f"{local} = {text}")
+                text = local
+            inside = "" if level.inner is None else f"{{{quoted(self.levels[depth + 1].frame.name)}: {text}}}"
+            text = self._values(depth, inside)
+        out.add(f"return {encoder}({text}, ctx)")
 
-    def _nested(self, depth: int) -> str:
-        level, always, perhaps = self.levels[depth], list[str](), list[str]()
+    def _values(self, depth: int, inside: str) -> str:
+        """Text of the values of one frame."""
+        inner, always, perhaps = self.levels[depth].inner, list[str](), list[str]()
         for one in self.all:
             if one.depth == depth:
                 (perhaps if one.default == LEFT_OUT else always).append(f"{quoted(one.key)}: {one.name}")
-        if level.inner is not None:
-            inside = self.levels[depth + 1].frame.name
-            always.append(f"{quoted(level.inner.name)}: {{{quoted(inside)}: {self._nested(depth + 1)}}}")
+        if inner is not None:
+            always.append(f"{quoted(inner.name)}: {inside}")
         if perhaps:
             always.append(f"**{self._module.function('without_none')}({{{', '.join(perhaps)}}})")
         return f"{{{', '.join(always)}}}"

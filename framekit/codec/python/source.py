@@ -8,10 +8,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import groupby
 from typing import Any
 
 WIDTH = 110
 INDENT = "    "
+_NAMED_ALIKE = re.compile(r'"(\w+)": \1_?')
+_MANY = 5
+"""So many entries of a mapping that are called like their values share lines."""
 _OPENING, _CLOSING = "([{", ")]}"
 
 
@@ -75,10 +79,16 @@ def broken(line: str) -> list[str]:
     loop = _split(line[opening + 1 : closing], " for ")
     if len(loop) > 1:
         inner = [f"{indent}{INDENT}{'for ' if place else ''}{part.strip()}" for place, part in enumerate(loop)]
-    elif len(items) > 12 and all(re.fullmatch(r"[\w.\"']+", item) for item in items):
+    elif len(items) > 12 and all(re.fullmatch(r"[\w.\"'\\]+", item) for item in items):
         inner = _packed(items, indent)
     else:
-        inner = [row for item in items for row in broken(f"{indent}{INDENT}{item}{',' if is_tuple else ''}")]
+        inner = []
+        for is_plain, some in groupby(items, lambda item: _NAMED_ALIKE.fullmatch(item) is not None):
+            row = list(some)
+            if is_plain and len(row) >= _MANY:
+                inner += _packed(row, indent)
+            else:
+                inner += [one for item in row for one in broken(f"{indent}{INDENT}{item}{',' if is_tuple else ''}")]
     return [line[: opening + 1], *inner, indent + line[closing:]]
 
 
