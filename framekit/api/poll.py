@@ -47,7 +47,7 @@ class Poll:
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._polling = Polling(
             service, address, station=station, unit=how.unit, count=how.units, every=round(every * 1e9),
-            on_result=self._result, on_numbers=on_values if how.view is None else None, on_raised=self._fail,
+            on_result=self._result, on_numbers=how.taking(on_values), on_raised=self._fail,
         )  # fmt: skip
         self._polling.start()
 

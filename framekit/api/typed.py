@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,7 +11,7 @@ from framekit.definition.model.services import UNIT_BITS
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import unit_bits
+from framekit.memory.numbers import as_signed, unit_bits
 from framekit.memory.views import NumberView, Order, TextView, view_of
 
 IntType = Literal[
@@ -46,6 +46,18 @@ class Typed:
             case TextView() as view:
                 return [view.read(data, self.count, self.place)]
         return list(numbers)
+
+    def taking(self, on_values: Callable[[tuple[int, ...]], None]) -> Callable[[tuple[int, ...]], None] | None:
+        """What takes the numbers of transfers for somebody who wants values; None where that takes more than these."""
+        view = self.view
+        if view is None:
+            return on_values
+        if not isinstance(view, NumberView) or view.kind == "float" or view.words_reversed or view.bytes_swapped:
+            return None
+        if view.kind == "unsigned":
+            return on_values
+        unit = view.unit
+        return lambda numbers: on_values(tuple(as_signed(numbers, unit)))
 
     def numbers(self, values: Sequence[Value]) -> list[int]:
         """What a transfer carries for the values. Raises RequestError for values that do not fit."""

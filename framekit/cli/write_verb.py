@@ -24,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     def values_at(place: Address) -> list[Value]:
-        values = [value_of(text, arguments.type or place.type) for text in arguments.values]
+        values = [
+            value_of(text, arguments.type) if arguments.type else value_at(place, text) for text in arguments.values
+        ]
         refuse_signs(place.unit, values, arguments.type or place.type)
         return values
 
@@ -64,6 +66,22 @@ def refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
     bits = UNIT_BITS.get(unit, 0)
     hint = f" – for a number with sign write --type int{bits}" if bits in (8, 16, 32, 64) else ""
     raise RequestError(f"{negative} does not fit into a {unit}: 0 to {(1 << bits) - 1 if bits else '…'}{hint}")
+
+
+def value_at(place: Address, text: str) -> Value:
+    """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
+    from framekit.link.packing import PackingError, memory_of
+    from framekit.memory.views import NumberView, view_of
+
+    view = None if place.type is None or "x" not in text.lower() else view_of(place.type)
+    if not isinstance(view, NumberView):
+        return value_of(text, place.type)
+    try:
+        return view.read(memory_of([int(value_of(text, None))], place.unit))[0]
+    except PackingError as error:
+        from framekit.api.errors import RequestError
+
+        raise RequestError(str(error)) from None
 
 
 def value_of(text: str, type_: str | None) -> Value:

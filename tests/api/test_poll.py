@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import json
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -152,7 +153,7 @@ LINES: dict[str, tuple[str, str, str, dict[str, Any]]] = {
     "modbus-rtu": ("40001: [100, 200, 300]", "40001", "station: 7", {}),
     "modbus-ascii": ("40001: [100, 200, 300]", "40001", "station: 7", {}),
     "mldp": ("D100: [100, 200, 300]", "D100", "station: 7", {}),
-    "df1": ("N7:0: [100, 200, 300]", "N7:0", "station: 7", {"own": 1, "params": {"node": 1}}),
+    "df1": ("N7:0: [100, -200, 300]", "N7:0", "station: 7", {"own": 1, "params": {"node": 1}}),
 }
 """By protocol: what its device holds, where, which station it is, and what this side has to say of itself."""
 
@@ -169,14 +170,15 @@ def _port(folder: Path, protocol: str) -> str:
 @pytest.mark.parametrize("protocol", LINES)
 def test_protocols_with_a_short_way_and_without(tmp_path: Path, protocol: str, watch: dict[str, Any]) -> None:
     async def scenario() -> None:
-        _, address, _, settings = LINES[protocol]
+        held, address, _, settings = LINES[protocol]
+        first = tuple(json.loads(held.partition(": ")[2]))
         role = {"role": "full"} if protocol == "df1" else {}
         port = _port(tmp_path, protocol)
         async with framekit.aconnect(protocol, port, station=7, **role, **settings, **watch) as client:
             kept = Kept()
             poll = client.poll(address, 3, on_values=kept.on_values)
             await kept.enough(3)
-            assert set(kept.values) == {(100, 200, 300)}
+            assert set(kept.values) == {first}
             await client.write(address, [1, 2, 3])
             before = len(kept.values)
             read = await client.read(address, 3)

@@ -43,13 +43,19 @@ def test_places_are_read_and_written_as_what_they_hold(tmp_path: Path) -> None:
         client.write_many({"F8:2": 0.25, "N7:0": 7})
         assert client.read("F8:0", 3) == [1.5, -2.0, 0.25]
         mixed = client.read_many(["N7:0", "F8:0", "B3:0/1"])
-        assert (mixed, mixed.type) == ([7, 1.5, 0], "word, float32, bit")
+        assert (mixed, mixed.type) == ([7, 1.5, 0], "int16, float32, bit")
         assert client.read_many(["F8:0", "F8:1"], type="dword") == [0x3FC00000, 0xC0000000]
         assert client.place("F8:0").type == "float32"
+        client.write("N7:1", [-1, 32767])
+        client.write("L11:0", -100000)
+        assert client.read("N7:1", 2) == [-1, 32767] and client.read("N7:1", type="word") == [0xFFFF]
+        assert client.read("L11:0") == [-100000] and client.read("N7:1/15") == [1]
+        with pytest.raises(RequestError, match="40000 does not fit into 16 bits with sign: -32768 to 32767"):
+            client.write("N7:1", 40000)
         with pytest.raises(RequestError, match="'F8:' is not an address"):
             client.place("F8:")
         with pytest.raises(RequestError, match="order= is for numbers and text"):
-            client.read_many(["F8:0", "N7:0"], order="ABCD")
+            client.read_many(["F8:0", "B3:0"], order="ABCD")
 
 
 def test_constants_of_blocks_are_of_the_type_of_their_place(tmp_path: Path) -> None:

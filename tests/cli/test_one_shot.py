@@ -131,15 +131,21 @@ def test_the_address_says_what_it_holds(capsys: pytest.CaptureFixture[str], tmp_
     line = ("df1", "--port", f"sim:{device}", "--role", "full", "--station", "1")
     assert call(capsys, "read", *line, "F8:0", "-n", "2") == (0, "F8:0  1.5 -2\n", "")
     assert call(capsys, "read", *line, "F8:0", "--type", "dword") == (0, f"F8:0  {0x3FC00000}\n", "")
-    assert call(capsys, "read", *line, "F8:0", "N7:0") == (0, "F8:0  1.5\nN7:0  65535\n", "")
+    assert call(capsys, "read", *line, "F8:0", "N7:0") == (0, "F8:0  1.5\nN7:0  -1\n", "")
     assert call(capsys, "read", *line, "N7:0", "F8:1", "--type", "int16")[0] == 0
     status, out, _ = call(capsys, "read", *line, "F8:0", "N7:0", "--json")
     shown = json.loads(out)
-    assert (status, shown["type"], shown["values"]) == (0, "float32, word", [1.5, 65535])
+    assert (status, shown["type"], shown["values"]) == (0, "float32, int16", [1.5, -1])
     status, _, err = call(capsys, "write", *line, "--frames", "F8:1", "0.5")
     assert status == 0 and "8A 01 00 00 00 00 3F 10 03" in err
     assert call(capsys, "write", *line, "F8:1", "much")[::2] == (2, "framekit write: 'much' is no float32\n")
-    assert "'0.5' is no whole number" in call(capsys, "write", *line, "N7:1", "0.5")[2]
+    assert "'0.5' is no int16" in call(capsys, "write", *line, "N7:1", "0.5")[2]
+    for place, text, octets in [("N7:1", "-2", "FE FF"), ("N7:1", "0xFFFE", "FE FF"), ("F8:1", "0x3FC00000", "C0 3F")]:
+        status, _, err = call(capsys, "write", *line, "--frames", place, text)
+        assert status == 0 and f"{octets} 10 03" in err
+    assert "65535 does not fit into 16 bits with sign" in call(capsys, "write", *line, "N7:1", "65535")[2]
+    assert "65536 does not fit into a word" in call(capsys, "write", *line, "N7:1", "0x10000")[2]
+    assert call(capsys, "read", *line, "L11:0", "N7:0", "--type", "word")[0] == 0
 
 
 @pytest.mark.parametrize(("there", "asker", "station"), [("slave", "master", 2), ("full", "full", 1)])

@@ -242,8 +242,11 @@ def test_bits_that_no_command_writes_are_refused(address: str) -> None:
 
 def test_places_know_what_they_hold() -> None:
     grammar = Pair("plc5").client.grammar
-    types = {text: grammar.parse(text).type for text in ("F8:1", "F8:1/3", "N7:0", "PD13:1.SP", "PD13:1")}
-    assert types == {"F8:1": "float32", "F8:1/3": None, "N7:0": None, "PD13:1.SP": "float32", "PD13:1": None}
+    types = {text: grammar.parse(text).type for text in ("F8:1", "F8:1/3", "N7:0", "N7:0/3", "PD13:1.SP", "PD13:1")}
+    assert types == {
+        "F8:1": "float32", "F8:1/3": None, "N7:0": "int16", "N7:0/3": None, "PD13:1.SP": "float32", "PD13:1": None,
+    }  # fmt: skip
+    assert Pair("slc").client.grammar.parse("L11:1").type == "int32"
     assert grammar.parse("F8:1", "word").type is None
 
 
