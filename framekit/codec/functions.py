@@ -15,7 +15,7 @@ from framekit.codec.errors import FrameError
 Context = Mapping[str, Any]
 Encode = Callable[..., bytes]
 Decode = Callable[..., dict[str, Any]]
-Take = Callable[..., tuple[bytes, dict[str, Any]] | tuple[()] | None]
+Take = Callable[..., tuple[bytes | None, Any] | tuple[()] | None]
 Span = tuple[str, int, int, Any]
 
 
@@ -29,7 +29,8 @@ def module_of(protocol: str, code: CodeType) -> ModuleType:
 class FrameFunctions:
     """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for those who call often.
 
-    `together`: by a frame's name the place of a byte, and by that byte what takes it together with the frame inside it.
+    `together`: by a frame's name the place of a byte, and by that byte what takes it together with the frame inside it;
+    `rows`: what takes many of a frame in a row.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).
     """
 
@@ -40,6 +41,7 @@ class FrameFunctions:
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]
         self.together: Mapping[str, tuple[int, Sequence[Take | None]]] = names.get("TOGETHER", {})
+        self.rows: Mapping[str, Callable[..., tuple[int, Any]]] = names.get("ROWS", {})
         self.QUIET: int = names["QUIET"]
         self.LOST: int = names["LOST"]
         self.encoders: dict[str, Encode] = {name: frame.encode for name, frame in self.frames.items()}

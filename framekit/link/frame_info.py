@@ -61,6 +61,9 @@ Make = Callable[[dict[str, Any], bytes, int | None], FrameValue]
 Take = Callable[..., Taken]
 """What measures and decodes a frame at once."""
 
+Rows = Callable[..., tuple[int, Taken]]
+"""Makes arrivals of all good frames in a row; gives the place behind them, and what is taken there, as far as known."""
+
 Together = tuple[int, Sequence[Take | None]]
 """The place of a byte, and by that byte what takes a frame together with the one inside it."""
 
@@ -74,14 +77,14 @@ class FrameInfo:
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `constant`: its bytes, if
     it is nothing else. `intact`: a quick look at its check code, where there is one. `take`: measures and decodes at
-    once what is surely good; `together`: as `take`, the frame inside as well. The table of all frames sets that, and
-    `make`. `carries`: frames that may be put into this one when `insert` holds.
+    once what is surely good; `together`: as `take`, the frame inside as well; `rows`: many of them. The table of all
+    frames sets these two, and `make`. `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
         "_examine", "_may_refuse", "_proof", "announces", "behind", "carries", "computed", "constant", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "take", "together",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "rows", "shape", "take", "together",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
@@ -98,6 +101,7 @@ class FrameInfo:
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.take = codec.take
         self.together: Together | None = None
+        self.rows: Rows | None = None
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
         self.constant = _constant(frame.segments)

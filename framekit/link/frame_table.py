@@ -16,7 +16,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.visit import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
-from framekit.link.frame_info import FrameCodec, FrameInfo, Shape, Together
+from framekit.link.frame_info import FrameCodec, FrameInfo, Rows, Shape, Together
 from framekit.link.values import FrameValue, plain
 
 Context = Mapping[str, Any]
@@ -31,6 +31,8 @@ class Codec(Protocol):
     def layouts(self) -> Mapping[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]]: ...
     @property
     def together(self) -> Mapping[str, Together]: ...
+    @property
+    def rows(self) -> Mapping[str, Rows]: ...
     @property
     def QUIET(self) -> int: ...  # noqa: N802 - a constant of the generated module
     @property
@@ -53,6 +55,7 @@ class FrameTable:
         inner = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
         for info in self.infos.values():
             info.together = codec.together.get(info.name)
+            info.rows = codec.rows.get(info.name)
             info.make = partial(self.received_as, info)
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]

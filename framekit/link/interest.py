@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
@@ -23,13 +24,13 @@ Level = tuple[FrameInfo, ...]
 class Left:
     """The expected candidates that two bytes leave.
 
-    `alone`: the only one; for that, how it is got: by `take`, or as `constant` if it is nothing else; and what
-    `make`s a value of it. `is_slow`: it has to be measured first. `sure`: every other candidate, the others included,
-    begins with other constants than there are, so that it is surely none. `is_none`: nothing begins here; `is_plain`:
-    surely only the one, with none inside.
+    `alone`: the only one; for that, what takes it, and what `make`s a value of it. `whole`: its bytes, if it is only
+    those two. `is_slow`: it has to be measured first. `sure`: every other candidate, the others included, begins with
+    other constants than there are, so that it is surely none. `is_none`: nothing begins here; `is_plain`: surely only
+    the one, with none inside.
     """
 
-    __slots__ = ("alone", "constant", "infos", "is_none", "is_plain", "is_slow", "make", "sure", "take")
+    __slots__ = ("alone", "infos", "is_none", "is_plain", "is_slow", "make", "sure", "take", "whole")
 
     def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None, take: Take | None = None) -> None:
         self.infos = infos
@@ -38,18 +39,32 @@ class Left:
         self.is_none = sure and not infos
         self.is_plain = sure and len(infos) == 1 and inside is None
         self.is_slow = False
-        self.constant: bytes | None = None
+        self.whole: bytes | None = None
         self.take: Take = take_nothing
         self.make: Make = make_nothing
         if self.alone is not None and (inside is None or sure):
-            info = self.alone
-            self.constant, self.make = info.constant, info.make
+            info, self.make = self.alone, self.alone.make
             self.is_slow = take is None and info.take is None and info.constant is None
-            self.take = take or info.take or take_slowly(info, None if inside is None else inside.search_in(info))
+            if info.constant is not None:
+                self.take = partial(take_constant, info.constant)
+            else:
+                self.take = take or info.take or take_slowly(info, None if inside is None else inside.search_in(info))
+
+    def told_apart_at(self, place: int) -> Left:
+        """Itself, which the byte at `place` and the first one leave."""
+        constant = None if self.alone is None else self.alone.constant
+        if constant is not None and self.make is not make_nothing and len(constant) == place + 1 <= 2:
+            self.whole = constant
+        return self
 
 
 def take_nothing(data: bytes, begin: int, end: int, names: Mapping[str, Any]) -> None:
     """What takes where there is nobody, or more than one."""
+
+
+def take_constant(constant: bytes, data: bytes, begin: int, end: int, names: Mapping[str, Any]) -> Taken:
+    """What takes a frame that is nothing but these bytes."""
+    return (constant, {}) if data.startswith(constant, begin) else None
 
 
 def make_nothing(fields: dict[str, Any], raw: bytes, refusal: int | None) -> FrameValue:
@@ -91,7 +106,11 @@ class Start:
 
 
 class Interest:
-    """The candidates for one pair of name lists. `starting`: what `start` has found, by the first byte."""
+    """The candidates for one pair of name lists. `starting`: what `start` has found, by the first byte.
+
+    `starts` matches such a byte where not any may be one; `stops` as well the symbol before a byte that belongs to it.
+    `rows`: what takes many of the only one that is expected, and that one; None where there is no such thing.
+    """
 
     __slots__ = (
         "_found",
@@ -101,8 +120,10 @@ class Interest:
         "_wanted",
         "expected",
         "others",
+        "rows",
         "starting",
         "starts",
+        "stops",
     )
 
     def __init__(
@@ -111,6 +132,7 @@ class Interest:
         expected: tuple[str, ...],
         others: tuple[str, ...] = (),
         inside: InsideFinder | None = None,
+        symbol: int | None = None,
     ) -> None:
         self._inside = inside
         self.expected = expected
@@ -121,6 +143,9 @@ class Interest:
         self._starts: dict[tuple[Level, Level], Start] = {}
         self.starting: list[Start | None] = [None] * 256
         self.starts = self._start_pattern()
+        self.stops = self.starts if symbol is None else self._start_pattern(symbol)
+        only = self._wanted[0] if len(self._wanted) == 1 and inside is None else None
+        self.rows = None if only is None or only.rows is None else (only.rows, only)
 
     def at(self, byte: int) -> tuple[Level, Level]:
         """The candidates that may begin with `byte`."""
@@ -169,7 +194,7 @@ class Interest:
             if fewest < most:
                 every, most = (*infos, *rest), fewest
                 by_value = {
-                    value: self._left(group, _sure(every, group, place, {value}, False))
+                    value: self._left(group, _sure(every, group, place, {value}, False)).told_apart_at(place)
                     for value, group in left.items()
                 }
                 best = Start(place, by_value, self._left(others, _sure(every, others, place, values, True)))
@@ -178,9 +203,9 @@ class Interest:
     def _left(self, infos: Level, sure: bool) -> Left:
         return Left(infos, sure, self._inside)
 
-    def _start_pattern(self) -> re.Pattern[bytes] | None:
-        """Matches a byte that some candidate begins with; None when any byte may begin one."""
-        firsts = {info.first for info in (*self._wanted, *self._rest)}
+    def _start_pattern(self, *more: int) -> re.Pattern[bytes] | None:
+        """Matches a byte that some candidate begins with, or one `more`; None when any byte may begin one."""
+        firsts = {*more, *(info.first for info in (*self._wanted, *self._rest))}
         known = bytes(sorted(first for first in firsts if first is not None))
         if len(known) < len(firsts):
             return None

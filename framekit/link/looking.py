@@ -152,8 +152,7 @@ class Looking(Recovery):
         stream, arrived = self.stream, FrameArrived()
         arrived.make, arrived.decoded, arrived.raw, arrived.other = info.make, fields, raw, False
         arrived.offset = stream.offset + place - stream.position
-        arrived.started_at = stream.time_of(place)
-        arrived.ended_at = stream.time_of(place + len(raw) - 1)
+        arrived.started_at, arrived.ended_at = stream.times_of(place, place + len(raw))
         return arrived
 
     def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
@@ -202,7 +201,8 @@ class Looking(Recovery):
         """The prepared interest; it keeps these very tuples, so that the next call sees at once they are the same."""
         interest = self._interests.get((expected, others))
         if interest is None:
-            interest = self._interests[expected, others] = Interest(self.table, expected, others, self._inside)
+            interest = Interest(self.table, expected, others, self._inside, self._rules.symbols)
+            self._interests[expected, others] = interest
         interest.expected, interest.others = expected, others
         self._interest = interest
         self.starts = interest.starts

@@ -12,7 +12,7 @@ from framekit.link.arrivals import Arrival, BadFrame, Noise
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.frame_info import FrameInfo
 from framekit.link.interest import Interest, Left
-from framekit.link.rough import GOING_ON, UNSURE, WANTING
+from framekit.link.rough import UNSURE, WANTING
 from framekit.link.rows import RowLooking
 from framekit.link.verdicts import Good, Unfinished
 
@@ -79,7 +79,7 @@ class PlainLooking(RowLooking):
     def _reported(self, found: list[Arrival], info: FrameInfo, size: int, fault: FrameError) -> int:
         """A bad frame that is a new one, after the noise before it."""
         stream = self.stream
-        if self._rules.resync not in GOING_ON:
+        if not self._goes_on:
             return UNSURE
         if self._noise:
             found.append(self._noise.take())

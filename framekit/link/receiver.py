@@ -127,9 +127,12 @@ class Receiver(PlainLooking):
         For those who wait for the same whatever comes: it is much quicker.
         """
         found: list[Arrival] = []
-        interest = self._begin(expected, others)
-        if interest is None:
-            return found
+        interest = self._interest
+        if self._given or self._candidates.said or interest.expected is not expected or interest.others is not others:
+            begun = self._begin(expected, others)
+            if begun is None:
+                return found
+            interest = begun
         data = bytes(self.stream.buffer)
         while (ended := self._rows(interest, found, data)) == UNSURE:
             one: list[Arrival] = []

@@ -14,6 +14,9 @@ from framekit.link.pauses import Pauses
 from framekit.link.stream import Stream
 from framekit.link.verdicts import Bad
 
+GOING_ON = ("next_start", "after_frame")
+"""How to go on after a bad frame without waiting for anything."""
+
 
 class Again:
     """The place has changed: look again."""
@@ -39,6 +42,7 @@ class Recovery:
         self._noise = NoiseRun()
         self._bad_until = 0
         self._skipping = False
+        self._goes_on = rules.resync in GOING_ON
 
     def _moved(self) -> None:
         """The place in the stream has changed."""

@@ -6,11 +6,15 @@ It finds what looking at every place finds; where it is not sure of that, it sto
 from __future__ import annotations
 
 from bisect import bisect_right
+from typing import Any
 
 from framekit.link.arrivals import Arrival, FrameArrived
 from framekit.link.evaluate import EVALUATION_ERRORS
+from framekit.link.frame_info import Taken
 from framekit.link.interest import NOT_LOOKED, Interest
-from framekit.link.rough import GOING_ON, NOTHING, UNSURE, WANTING, RoughLooking
+from framekit.link.rough import NOTHING, UNSURE, WANTING, RoughLooking
+
+NONE_TAKEN: tuple[Any, Any] = (None, None)
 
 
 class RowLooking(RoughLooking):
@@ -22,11 +26,11 @@ class RowLooking(RoughLooking):
         `data` are the bytes of the stream's buffer. All frames count as used.
         """
         stream, noise = self.stream, self._noise
-        rough = not stream.silences and self._rules.resync in GOING_ON
+        rough = not stream.silences and self._goes_on
         place = stream.position
         if self._is_strange() or place >= len(data) or (noise.data and not rough):
             return UNSURE
-        place, ended = self._row(interest, found, data, rough)
+        place, ended = (self._row if interest.rows is None else self._many)(interest, found, data, rough)
         if place != stream.position:
             stream.position = place
             if self._candidates.said or self._inside is not None:
@@ -45,20 +49,20 @@ class RowLooking(RoughLooking):
         add, ends, times, base = found.append, stream.ends, stream.times, stream.base
         piece = 0 if base + place < ends[0] else bisect_right(ends, base + place)
         until, at = ends[piece] - base, times[piece]
-        left = NOT_LOOKED
-        behind_noise = bool(self._noise.data)
+        left, behind_noise = NOT_LOOKED, bool(self._noise.data)
         try:
             while place < end:
-                raw = taken = None
-                if not behind_noise:
+                taken: Taken = None
+                if behind_noise:
+                    raw = None
+                else:
                     start = starting[data[place]] or interest.start(data[place])
                     left = start.left[data[place + start.at]]
-                    if left.constant is None:
+                    if left.whole is None:
                         taken = left.take(data, place, end, names)
-                        if taken:
-                            raw, fields = taken
-                    elif data.startswith(left.constant, place):
-                        raw, fields = left.constant, {}
+                        raw, fields = taken or NONE_TAKEN
+                    else:
+                        raw, fields = left.whole, {}
                 if raw is None:
                     if taken == () or not rough:
                         return place, WANTING if taken == () else UNSURE
@@ -67,22 +71,73 @@ class RowLooking(RoughLooking):
                         return place, fields
                     behind_noise = False
                 behind = place + len(raw)
-                while place >= until:
-                    piece += 1
-                    until, at = ends[piece] - base, times[piece]
                 arrived = FrameArrived()
                 arrived.make, arrived.decoded, arrived.raw = left.make, fields, raw
                 arrived.offset, arrived.other = offset + place, False
-                arrived.started_at = at
-                while behind > until:
-                    piece += 1
-                    until, at = ends[piece] - base, times[piece]
-                arrived.ended_at = at
+                if behind > until:
+                    while place >= until:
+                        piece += 1
+                        until = ends[piece] - base
+                    arrived.started_at = times[piece]
+                    while behind > until:
+                        piece += 1
+                        until = ends[piece] - base
+                    arrived.ended_at = at = times[piece]
+                else:
+                    arrived.started_at = arrived.ended_at = at
                 add(arrived)
                 place = behind
         except EVALUATION_ERRORS:
             pass
         return place, UNSURE
+
+    def _many(self, interest: Interest, found: list[Arrival], data: bytes, rough: bool) -> tuple[int, int]:
+        """As `_row`, where one frame is expected, many of which are taken at once."""
+        assert interest.rows is not None
+        (rows, only), stream, names, add = interest.rows, self.stream, self._names, found.append
+        place, end, offset = stream.position, len(data), stream.base + stream.removed
+        ends, now = stream.ends, stream.last
+        newest = 0 if len(ends) == 1 else ends[-2] - stream.base
+        left = NOT_LOOKED
+        behind_noise = bool(self._noise.data)
+        try:
+            while place < end:
+                raw = taken = None
+                if not behind_noise:
+                    since, count = now if place >= newest else stream.time_of(place), len(found)
+                    place, taken = rows(data, place, end, names, since, now, offset, FrameArrived, only.make, add)
+                    if since != now and count < len(found):
+                        one = found[count]  # a frame begun in older bytes ends in the newest, unless they are read anew
+                        if isinstance(one, FrameArrived) and one.offset + len(one.raw) <= offset + newest:
+                            self._date(found[count:])
+                    if place >= end or taken == ():
+                        break
+                    start = interest.starting[data[place]] or interest.start(data[place])
+                    left = start.left[data[place + start.at]]
+                    if taken is None:
+                        taken = left.take(data, place, end, names)
+                    if taken:
+                        raw, fields = taken
+                if raw is None:
+                    if taken == () or not rough:
+                        break
+                    place, left, raw, fields = self._over(interest, found, data, place, left, taken)
+                    if left is NOT_LOOKED:
+                        return place, fields
+                    behind_noise = False
+                add(self._arrival(only, fields, raw, place))
+                place += len(raw)
+        except EVALUATION_ERRORS:
+            return place, UNSURE
+        return place, WANTING if taken == () else UNSURE
+
+    def _date(self, found: list[Arrival]) -> None:
+        """When frames came that do not all reach into the newest bytes."""
+        stream = self.stream
+        for arrived in found:
+            if isinstance(arrived, FrameArrived):
+                place = arrived.offset - stream.removed - stream.base
+                arrived.started_at, arrived.ended_at = stream.times_of(place, place + len(arrived.raw))
 
     def _is_begun(self, interest: Interest, data: bytes) -> bool:
         """Whether surely a frame has begun at the present place, and wants more bytes."""
@@ -95,9 +150,13 @@ class RowLooking(RoughLooking):
                     return False
                 size = info.extent(data, place, len(data), names)
                 return quiet < size < 0 and quiet < info.checked(data, place, size, names) < 0
-            if self._inside is not None or left is not None:
+            if left is not None:
                 return False
-            infos = interest.at(data[place])[0]
+            infos, others = interest.at(data[place])
+            if self._inside is not None:
+                for info in (*infos, *others):
+                    if not self._inside.nothing_from(info, data, place):
+                        return False
             sizes = [info.measure(data, place, len(data), names, 0) for info in infos]
             return bool(sizes) and max(sizes) <= 0 and any(quiet < size < 0 for size in sizes)
         except EVALUATION_ERRORS:

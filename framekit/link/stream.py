@@ -55,8 +55,7 @@ class Stream:
         buffer, position = self.buffer, self.position
         rest = len(buffer) - position
         if position and (position >= rest or rest <= COPIED):
-            self.tidy()
-            buffer = self.buffer
+            buffer = self._tidy(position, rest)
         if not rest:
             self.buffer = bytes(data)
         elif rest <= COPIED:
@@ -73,25 +72,28 @@ class Stream:
 
     def tidy(self) -> None:
         """Forgets the used part of the buffer."""
-        self.buffer = self.buffer[self.position :]
-        self.base = base = self.base + self.position
+        self.buffer = self._tidy(self.position, len(self.buffer) - self.position)
+
+    def _tidy(self, position: int, rest: int) -> bytes | bytearray:
+        """As `tidy`, for `rest` bytes that are left; gives these, which are to be put into the buffer."""
+        self.base = base = self.base + position
         self.position = 0
-        if not self.buffer:
+        if not rest:
             self.ends.clear()
             self.times.clear()
         elif self.ends[0] <= base:
             used = bisect_right(self.ends, base)
             del self.ends[:used], self.times[:used]
         if self.faults or self.silences or self.pauses:
-            rest = bool(self.buffer)
             self.faults = [item for item in self.faults if rest and item[0] >= base]
             self.silences = [item for item in self.silences if rest and item >= base]
             self.pauses = [item for item in self.pauses if rest and item >= base]
+        return self.buffer[position:]
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
-        times = self.times
-        return times[0] if len(times) == 1 else times[bisect_right(self.ends, self.base + index)]
+        place = self.base + index
+        return self.times[0 if place < self.ends[0] else bisect_right(self.ends, place)]
 
     def times_of(self, start: int, end: int) -> tuple[int, int]:
         """When the first and the last byte of `buffer[start:end]` came; there has to be one."""

@@ -30,7 +30,7 @@ from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
-from framekit.codec.python.take import Together, write_takes
+from framekit.codec.python.takes import Together, write_takes
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Length, Repeat, Segment
@@ -69,6 +69,7 @@ class ModuleWriter:
         self.takes: dict[str, Source] = {}
         self.together: Together = {}
         self.builders: dict[tuple[str, ...], str] = {}
+        self.rows: dict[str, Source] = {}
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
@@ -77,8 +78,8 @@ class ModuleWriter:
         if self.standalone:  # inside framekit they are made when somebody asks for one
             self._builders()
         if not self.standalone and self.protocol.kind == "protocol":  # receivers use them, and nobody else
-            self.takes, self.together = write_takes(self.module, self.protocol, self.identifiers)
-            self.frames_part.extend(self.takes.values())
+            self.takes, self.together, self.rows = write_takes(self.module, self.protocol, self.identifiers)
+            self.frames_part.extend((*self.takes.values(), *self.rows.values()))
         for name, layout in self.protocol.layouts.items():
             if self._stands_alone(layout):
                 self.layouts[name] = self._identifier(f"layout_{name}")
@@ -268,6 +269,8 @@ class ModuleWriter:
         if self.together:
             entries = ", ".join(f"{quoted(name)}: ({place}, {table})" for name, (place, table) in self.together.items())
             out.add(f"TOGETHER = {{{entries}}}")
+            rows = ", ".join(f"{quoted(name)}: rows_{self.identifiers[name]}" for name in self.rows)
+            out.add(f"ROWS = {{{rows}}}")
         return out
 
 

@@ -7,12 +7,10 @@ not sure, which is left to those who measure and decode. A receiver uses them fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import MISFIT, Function
-from framekit.codec.python.joined import Apart, Pair, compare_size, function_of, pairs_of, place_of, sole_names
+from framekit.codec.python.joined import Apart, Pair, compare_size, function_of, sole_names
 from framekit.codec.python.measuring import needed_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Fields, Place, between
@@ -21,75 +19,24 @@ from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Source, bytes_literal
 from framekit.codec.python.take_reader import BEGIN, NotInARow, PairTakeReader, TakeReader
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, Const, Field, Inner, Length, Segment, Skip
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.segments import Bits, Const, Field, Length, Segment, Skip
 from framekit.definition.problems import DefinitionError
-
-Together = dict[str, tuple[int, str]]
-"""Of a frame that is taken together with the one inside it: the place of a byte, the table of what takes them by it."""
-
-
-def write_takes(
-    module: Module, protocol: Protocol, identifiers: Mapping[str, str]
-) -> tuple[dict[str, Source], Together]:
-    """The sources of `take_…` by identifiers: of all frames that are looked for on the line and can be read so.
-
-    And of those inside them, as far as they are read from the same buffer, and of both at once.
-    """
-    found: dict[str, Source] = {}
-    together: dict[str, tuple[int, str]] = {}
-    inside = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
-    asked: dict[str, None] = {}
-    for name, frame in protocol.frames.items():
-        if frame.inner or name in inside:
-            continue
-        writer = TakeWriter(module, identifiers[name], frame)
-        if not writer.can_be_taken:
-            continue
-        found[identifiers[name]] = writer.function_on_line()
-        place, pairs = place_of(module.shapes, frame), _pairs(module, identifiers[name], frame)
-        if place is not None and pairs:
-            found.update({pair.identifier: pair.function_on_line() for pair in pairs.values()})
-            readers = {inner: f"take_{pair.identifier}" for inner, pair in pairs.items()}
-            is_measured = place[0].size is None and module.shapes.present(place[0]).fixed is None
-            where_none_is = "take_none" if is_measured else ""  # else nobody looks inside to see how long it is
-            table = module.at_once(f"take_{identifiers[name]}", place[0].frames, readers, where_none_is)
-            together[name] = place[1], table
-        asked.update({inner: None for inner in writer.reader.asked if inner not in pairs})
-    done: set[str] = set()
-    while left := [name for name in asked if name not in done]:
-        for name in left:
-            writer = TakeWriter(module, identifiers[name], protocol.frames[name], is_inner=True)
-            if writer.can_be_taken:
-                found[identifiers[name]] = writer.inner_function()
-                asked.update(writer.reader.asked)
-        done.update(left)
-    return found, together
-
-
-def _pairs(module: Module, identifier: str, frame: Frame) -> dict[str, PairTakeWriter]:
-    """What takes a frame and the plain one inside it at once, by the name of that."""
-    found = {}
-    for pair in pairs_of(module.shapes, frame):
-        known = module.names.fresh(f"take_{identifier}_with_{pair.inside_name}").removeprefix("take_")
-        writer = PairTakeWriter(module, known, frame, pair)
-        if writer.can_be_taken:
-            found[pair.inside_name] = writer
-    return found
 
 
 class TakeWriter:
-    """Writes one taking function."""
+    """Writes one taking function. `answer`: how what it finds is returned."""
+
+    answer = "return "
 
     def __init__(self, module: Module, identifier: str, frame: Frame, is_inner: bool = False) -> None:
         self.module, self.identifier, self.frame, self.is_inner = module, identifier, frame, is_inner
         self.function, self.segments = self._function()
         self.function.names.fresh(BEGIN.base)
         if not is_inner:
-            self.function.misfit = "return None"  # raising and catching would cost as much as reading
+            self.function.misfit = f"{self.answer}None"  # raising and catching would cost as much as reading
         self.fields = Fields(self.function.names.fresh("fields"))
         self.reader = self._reader()
+        self.reader.answer = self.answer
         is_constant = all(isinstance(segment, Const) for segment in self.segments)
         self.can_be_taken = frame.surplus is None and not is_constant
         try:
@@ -130,23 +77,27 @@ class TakeWriter:
             function.flush()
             with function.out.block(f"if {begun.text('data')} > end:"):
                 reader.say_begun(*([] if is_short else [f"{place} - begin <= {reader.most}"]))
-        if begun != reader.place:
+        if begun is None:
             function.conditions.insert(0, f"{place} > end")
         if not is_short:
             function.misfit_if(f"{place} - begin > {reader.most}")
+        if begun not in (None, reader.place):
+            function.flush()
+            with function.out.block(f"if {place} > end:"):
+                reader.say_begun()
         if begun is None:
             function.conditions.extend(reader.checks)
         elif reader.checks:
             function.flush()
             with function.out.block(f"if {' or '.join(reader.checks)}:"):
                 is_fixed = reader.place.base == BEGIN.base
-                function.add(f"return None, {reader.place.offset if is_fixed else f'{place} - begin'}")
+                function.add(f"{self.answer}(None, {reader.place.offset if is_fixed else f'{place} - begin'})")
 
     def _begun_behind(self) -> Place | None:
         """The place that is not there yet if the frame has surely begun; None where measuring has to say that."""
         return self.reader.place
 
-    def _front(self) -> int:
+    def front(self) -> int:
         """With fewer bytes than these the frame has surely begun, whatever they are; 0 where that is not known."""
         return 0
 
@@ -178,6 +129,10 @@ class TakeWriter:
 
     def _head(self, out: Source, sentence: str, refusal: str) -> None:
         write_docstring(out, sentence, "")
+        self.hoist(out, refusal)
+
+    def hoist(self, out: Source, refusal: str) -> None:
+        """Writes what fetches context values."""
         for context, local in self.function.hoisted.items():
             out.add(f"{local} = {self.module.given(context)}")
             state = self.module.protocol.state.get(context)
@@ -196,12 +151,17 @@ class TakeWriter:
             out.add(f"return {self.reader.place.text('data')}, {result}")
         return out
 
-    def function_on_line(self) -> Source:
-        function, reader, out = self.function, self.reader, Source()
+    def result(self) -> str:
+        """The values as an expression, when everything else has been written; the local `raw` has the bytes."""
+        function, reader = self.function, self.reader
         if reader.raw_until != reader.place:
             function.add(f"raw = {between('data', BEGIN, reader.place)}")
         function.flush()
-        result = self.fields.text(function.out)
+        return self.fields.text(function.out)
+
+    def function_on_line(self) -> Source:
+        function, out = self.function, Source()
+        result = self.result()
         header = "data: bytes, begin: int, end: int, ctx: Context"
         with out.block(f"def take_{self.identifier}({header}) -> Taken:"):
             about = f"The bytes and values of the frame `{self.frame.name}` at data[begin], if it is surely good."
@@ -209,7 +169,7 @@ class TakeWriter:
             with out.block("try:"):
                 out.extend(function.out)
             with out.block("except MISFITS:"):
-                front = self._front()
+                front = self.front()
                 out.add(f"return () if end - begin < {front} else None" if front else "return None")
             out.add(f"return raw, {result}")
         return out
@@ -253,7 +213,7 @@ class PairTakeWriter(TakeWriter):
         inner = self.pair.inner
         return inner.size is None and self.pair.inside_name in sole_names(self.module.shapes, inner)
 
-    def _front(self) -> int:
+    def front(self) -> int:
         """Up to behind the first bytes that measuring may look at, if these are none of those that it compares."""
         size, needed = 0, needed_names(self.segments)
         for segment in self.segments if self._is_sole else ():

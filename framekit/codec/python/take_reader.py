@@ -33,6 +33,7 @@ class TakeReader(Reader):
 
     `is_ended`: the local `stop` is the place where the body ends. `raw_until`: what the local `raw` holds already.
     `checks`: conditions that hold only when everything is there. `asked`: the frames inside that have to be taken.
+    `answer`: how what it finds is returned.
     """
 
     def __init__(self, function: Function, frame: Frame, is_inner: bool = False) -> None:
@@ -40,6 +41,7 @@ class TakeReader(Reader):
         self.most = MOST if frame.most is None else frame.most
         self.room = f"end - begin < {self.most}"
         self._is_inner = is_inner
+        self.answer = "return "
         self.is_ended = False
         self.raw_until: Place | None = None
         self.asked: dict[str, None] = {}
@@ -53,7 +55,7 @@ class TakeReader(Reader):
         if self._is_inner:
             self.function.add(MISFIT)
         else:
-            self.function.add(f"return () if {' and '.join(tests)} else None" if tests else "return ()")
+            self.function.add(f"{self.answer}() if {' and '.join(tests)} else None" if tests else f"{self.answer}()")
 
     def keep(self, place: Place) -> Place:
         return place if place.base in ("begin", "stop") else super().keep(place)
