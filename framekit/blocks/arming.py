@@ -79,6 +79,19 @@ class Arming:
         if waiting:
             self.fired.extend(waiting)
 
+    def ended_at_once(self, state: BlockState, ok: bool, later: int) -> None:
+        """A block has ended while it was being started; one in whose chain it is already is due only `later`."""
+        waiting = self._after.get((state.id, ok))
+        if not waiting:
+            return
+        chain = (*state.chain, state.id)
+        for one in waiting:
+            if one.id in chain:
+                self.at(later, one)
+            else:
+                one.chain = chain
+                self.fired.append(one)
+
     def take_fired(self) -> list[BlockState]:
         """Those that have come due since this was asked last."""
         fired = self.fired.copy()

@@ -24,11 +24,12 @@ class BlockState:
 
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
     counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: its quick
-    start, False where it has none, None before somebody has asked. `key`: its set, and its number there.
+    start, False where it has none, None before somebody has asked. `key`: its set, and its number there. `chain`: the
+    blocks that made it due one after the other, each of which ended while it was being started.
     """
 
     __slots__ = (
-        "block", "companions", "counters", "dead", "enabled", "has_station", "id", "key", "lane", "last_end",
+        "block", "chain", "companions", "counters", "dead", "enabled", "has_station", "id", "key", "lane", "last_end",
         "last_failure", "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at",
         "starts_left", "waiting",
     )  # fmt: skip
@@ -39,6 +40,7 @@ class BlockState:
         self.key = block.set, block.number
         self.has_station = block.instruction in STATIONED
         self.lane = block.lane
+        self.chain: tuple[int, ...] = ()
         self.counters = Counters()
         self.enabled = block.enabled
         self.waiting = False

@@ -19,7 +19,8 @@ from framekit.memory.memory import DeviceMemory
 
 LEAST_TIME = 1_000_000
 """One that ends at once, or fails within 1 ms, holds its channel for 1 ms; a `while` block starts again 1 ms after its
-end at the earliest: so blocks that fail at once and start each other, or themselves, stop nobody."""
+end at the earliest, and so does one that blocks have started in a circle without waiting for anything: so blocks that
+start each other, or themselves, and never wait for the other side, stop nobody."""
 
 
 Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
@@ -57,6 +58,7 @@ class SchedulerCore:
         self._died = died
         self._prompt = prompt
         self._active = False
+        self._starting: BlockState | None = None
         for channel, rules in channels.items():
             self._turns.add(channel, LaneRules(silence=Silence(between=rules)) if isinstance(rules, int) else rules)
         for state in self.states.values():
@@ -131,10 +133,12 @@ class SchedulerCore:
             state.companions = ()
             afterwards = state.prompt()
             state.begun(now)
+            self._starting = state
             if afterwards is None:
                 self._start(state, now)
             else:
                 afterwards()
+            self._starting = None
 
     def _prepare(self, state: BlockState) -> None:
         state.prompt = self._prompt(state) or False
@@ -142,7 +146,9 @@ class SchedulerCore:
     def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()
         state.begun(now)
+        self._starting = state
         self._start(state, now)
+        self._starting = None
 
     def _start_next(self, lane: Lane, now: int) -> None:
         state = lane.take(now)
@@ -199,4 +205,9 @@ class SchedulerCore:
     def _ended(self, state: BlockState, failure: Failure | None, now: int) -> None:
         state.ended(failure, now)
         self._tell_ended(state, failure is None, now)
-        self._arming.ended(state, failure is None)
+        if self._starting is state:
+            self._arming.ended_at_once(state, failure is None, now + LEAST_TIME)
+        else:
+            self._arming.ended(state, failure is None)
+        if state.chain:
+            state.chain = ()

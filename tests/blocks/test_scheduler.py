@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
 from framekit.blocks.block_state import BlockState
@@ -216,3 +218,62 @@ def test_exchanges_that_end_well_within_a_millisecond_wait_for_nothing() -> None
     bench.duration = MS // 10
     bench.run_until(100)
     assert len(bench.starts) > 900
+
+
+class AtOnce:
+    """A scheduler whose exchanges end while they are started, but for those that wait; that takes time all the same."""
+
+    TAKES = 20_000
+
+    def __init__(self, *blocks: Block) -> None:
+        self.now = 0
+        self.waits: set[int] = set()
+        self.starts: list[tuple[int, int]] = []
+        channels = {one.channel: 0 for one in blocks}
+        memory = DeviceMemory([Area("M", size=100)])
+        self.scheduler = Scheduler(blocks, memory, resolve, channels, self._start, lambda: None)
+        for number in channels:
+            self.scheduler.set_open(number, True)
+        self.scheduler.begin(0)
+
+    def _start(self, state: BlockState, now: int) -> None:
+        self.starts.append((now, state.block.number))
+        if state.id in self.waits:
+            return
+        self.now += self.TAKES
+        self.scheduler.finished(state.id, None, self.now)
+
+    def run_until(self, time: int) -> None:
+        while (due := max(self.scheduler.deadline, self.now)) < time:
+            self.now = due
+            self.scheduler.tick(due)
+        self.now = time
+
+
+@pytest.mark.parametrize("channels", [(1, 1, 1), (1, 2, 3)])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_blocks_in_a_circle_that_wait_for_nothing_stop_nobody(count: int, channels: tuple[int, ...]) -> None:
+    bench = AtOnce(*(block(n, BlockEnd(block=(n - 1) % count, ok=True), channel=channels[n]) for n in range(count)))
+    bench.scheduler.fire(0, 0)
+    bench.run_until(10 * MS)
+    rounds = [now for now, number in bench.starts if number == 0]
+    assert 8 <= len(rounds) <= 10 and min(after - now for now, after in itertools.pairwise(rounds)) >= MS
+    assert [number for _, number in bench.starts[: 2 * count]] == [*range(count)] * 2
+
+
+def test_a_row_of_blocks_that_wait_for_nothing_is_not_held_up() -> None:
+    bench = AtOnce(block(0), block(1, BlockEnd(block=0, ok=True)), block(2, BlockEnd(block=1, ok=True)))
+    for round_ in range(10):
+        bench.scheduler.fire(0, bench.now)
+        bench.run_until(bench.now + 3 * bench.TAKES)
+        assert [number for _, number in bench.starts] == [0, 1, 2] * (round_ + 1)
+
+
+def test_an_exchange_that_is_waited_for_makes_it_no_circle() -> None:
+    bench = AtOnce(block(0, BlockEnd(block=1, ok=True)), block(1, BlockEnd(block=0, ok=True)))
+    bench.waits.add(1)
+    bench.scheduler.fire(0, 0)
+    for _ in range(5):
+        bench.run_until(bench.now + 2 * bench.TAKES)
+        assert bench.starts[-1][1] == 1, "block 0 started at once, and has started block 1"
+        bench.scheduler.finished(1, None, bench.now)
