@@ -110,6 +110,10 @@ class FlatWriter(EncodeWriter):
         frame, segments = self.parameters.levels[0].frame, self.segments
         given, scope, out = ByKeyword(self.keywords, self.worked_out), Scope(), Source()
         self.values(segments, scope, given)
+        for there, names in self.conditions_of(given):
+            wrong = [f"{known} is not {LEFT_OUT}" for name in names if (known := self.keywords.get(name)) is not None]
+            if wrong:
+                self.refuse_if(f"(not ({there}) and ({' or '.join(wrong)}))")
         for size, names in self.together.sizes:
             self.refuse_if(f"{self.text(size, scope, BIT_OR)} != {self.room(names, scope)}")
         self.flush()

@@ -51,12 +51,13 @@ class PieceWriter(PackingWriter):
     """Writes the bytes of segments whose values are known.
 
     `buffer`: the local of the whole frame. `parts`: what checks may ask for. `late`: the cases of choices with check
-    codes: header, segments, scope.
+    codes: header, segments, scope. `gathered`: the buffers that hold sums of bytes, by the text of the sum.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, title, segments)
         self.buffer = "frame"
+        self.gathered: dict[str, str] = {}
         self.parts: list[Part] = []
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
@@ -142,6 +143,9 @@ class PieceWriter(PackingWriter):
             first = buffer not in self.begun
             self.begun.add(buffer)
             self.add(f"{buffer}{': bytes' if first else ''} = {text}")
+            self.gathered = {known: local for known, local in self.gathered.items() if local != buffer}
+            if " + " in text and buffer not in text and not self.out.depth:
+                self.gathered[text] = buffer
         return buffer
 
     def _filled(self, fill: Fill, behind: list[Placed], texts: list[str], buffer: str) -> str:
@@ -157,6 +161,7 @@ class PieceWriter(PackingWriter):
         room = " - ".join([str(fill.total - fixed), *parts])
         message = f"the values take {{len({buffer})}} bytes, more than {{{room}}}"
         self.complain(f"len({buffer}) > {room}", '""', f'f"{message}"')
+        self.gathered.clear()
         self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
         return buffer
 
@@ -179,6 +184,9 @@ class PieceWriter(PackingWriter):
         covered = sum_of([text for text in before if text])
         if check.name not in self.coverage.whole:
             covered = sum_of(self._parts_of(self.coverage.names(check) or []))
+            for text, buffer in self.gathered.items():
+                if covered == text or covered.startswith(f"{text} + "):
+                    covered = buffer + covered.removeprefix(text)
         return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered), 'b""')
 
     def _parts_of(self, names: list[str]) -> list[str]:

@@ -10,16 +10,23 @@ from dataclasses import replace
 
 from framekit.codec.python.joined import counting, is_plain, names_of, renamed
 from framekit.codec.python.parameters import Level
-from framekit.codec.python.shape import Fill, Shapes, everything, names_read
+from framekit.codec.python.shape import Fill, Shapes, everything, names_read, without_when
 from framekit.definition.expression.syntax import Binary, Expression, Name, Node, Number
 from framekit.definition.model.segments import (
+    Bits,
     Check,
     Choose,
+    Const,
+    Count,
+    Data,
+    Field,
     Inner,
     Length,
     Optional,
+    Repeat,
     Require,
     Segment,
+    Skip,
     Value,
     Wrap,
 )
@@ -78,7 +85,7 @@ class Together:
     def _inside(self, level: Level, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
         """A frame that is to stand in another one, if it may."""
         frame, most = level.frame, self.shapes.all(segments).most
-        if frame.delimited or not is_plain(segments):
+        if frame.delimited or not is_plain(_as_if_there(segments)):
             raise NotPlain
         if frame.most is not None and (most is None or most > frame.most):
             raise NotPlain
@@ -127,7 +134,15 @@ def _counting_in(segments: tuple[Segment, ...], inner: Inner, parts: tuple[str, 
 
 
 def _is_simple(segment: Segment) -> bool:
-    """Whether the values of a segment are always there, and it holds no frame."""
+    """Whether a segment has its values at hand, and holds no frame."""
     if isinstance(segment, Check):
         return True
-    return (isinstance(segment, (Fill, Wrap)) and segment.when is None) or is_plain((segment,))
+    return (isinstance(segment, (Fill, Wrap)) and segment.when is None) or is_plain(_as_if_there((segment,)))
+
+
+def _as_if_there(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    """The segments without the conditions under which single values are there."""
+    return tuple(without_when(one) if isinstance(one, _MAY_BE_ABSENT) else one for one in segments)
+
+
+_MAY_BE_ABSENT = (Bits, Const, Count, Data, Field, Length, Repeat, Require, Skip)

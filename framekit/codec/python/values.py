@@ -56,7 +56,7 @@ class ValueWriter(FieldValueWriter):
         check = self.module.function("check_given")
         computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
         options = f", {filled_in(given.path)}" if given.path else ""
-        absent = [f"() if {there} else {literal(names)}" for there, names in self._conditions(given)]
+        absent = [f"() if {there} else {literal(names)}" for there, names in self.conditions_of(given)]
         if absent:
             options += f", absent={absent[0] if len(absent) == 1 else ' + '.join(f'({text})' for text in absent)}"
         if given.in_cases is not None:
@@ -67,13 +67,14 @@ class ValueWriter(FieldValueWriter):
 
     def more_than_needed(self, given: Given) -> str:
         """Text that tells whether there are values beyond those that anybody may give."""
-        free = set(given.names) - set(given.computed) - {name for _, names in self._conditions(given) for name in names}
+        conditional = {name for _, names in self.conditions_of(given) for name in names}
+        free = set(given.names) - set(given.computed) - conditional
         beyond = ""
         if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
             beyond = f" and not {self.module.among(free, self.title)}({given.text})"
         return f"len({given.text}) != {given.needed}{beyond}"
 
-    def _conditions(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
+    def conditions_of(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
         """Under what (a text) values are part of the frame, with their names."""
         found: dict[str, list[str]] = {}
         for segment, scope in given.conditional:
@@ -91,7 +92,7 @@ class ValueWriter(FieldValueWriter):
 
     def refuse_absent(self, given: Given) -> None:
         """In a case: what is given although the case leaves it out is refused as what belongs to another case."""
-        for there, names in self._conditions(given):
+        for there, names in self.conditions_of(given):
             assert given.in_cases is not None
             with self.out.block(f"if not ({there}):"):
                 nothing = f"if {given.text}.get(name) is not None"
