@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from benchmarks.by_hand import (
@@ -18,6 +19,8 @@ from benchmarks.by_hand import (
     encode_write,
 )
 from benchmarks.by_hand_links import decode_mailbox, decode_typed_read, encode_mailbox, encode_typed_read
+from benchmarks.by_hand_named import build_numbers, build_registers, build_request, build_typed_read, build_write
+from framekit.codec.builders import Builders
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.load import load_protocol
 
@@ -58,6 +61,12 @@ def registers(count: int) -> Fields:
     return {"station": 17, "pdu": {"read_holding_reply": {"values": bytes(range(2 * count))}}}
 
 
+def builder_of(protocol: str, *frames: str) -> Callable[..., bytes]:
+    """What builds these frames, each inside the one before it, of named values."""
+    codec = codec_of(protocol)
+    return Builders(codec, codec.defaults).builder(*frames)
+
+
 VARIABLES = [{"data": bytes([number, 0x34])} for number in range(4)]
 REQUEST = {"station": 17, "pdu": {"read_holding": {"address": 107, "count": 3}}}
 INDIVIDUAL = {"station": 32, "command": "r", "values": VARIABLES}
@@ -81,4 +90,47 @@ CASES = (
     Case("DF1 typed-read reply, 16 words", "df1", "message", TYPED_READ, encode_typed_read, decode_typed_read),
     Case("SNP mailbox, completion", "snp", "mailbox", MAILBOX, encode_mailbox, decode_mailbox),
     Case("WR.REQ", "third-party-plc", "WR.REQ", WRITE, encode_write, decode_write),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """Frames inside each other with the named values that one function builds them of, and what does so by hand."""
+
+    name: str
+    protocol: str
+    frames: tuple[str, ...]
+    values: Fields
+    by_hand: Callable[..., bytes]
+
+    def checked(self) -> Callable[..., bytes]:
+        """The builder; by hand the bytes are the same, or this raises."""
+        build = builder_of(self.protocol, *self.frames)
+        assert build(**self.values) == self.by_hand(**self.values), self.name
+        return build
+
+
+REGISTERS = str(Path(__file__).parent / "registers.yaml")
+"""The register reply with registers as numbers."""
+REPLY = ("reply_adu", "read_holding_reply")
+PACKET_VALUES = TYPED_READ["packet"]["reply"]
+
+
+def data_of(count: int) -> Fields:
+    return {"station": 17, "values": bytes(range(2 * count))}
+
+
+def numbers_of(count: int) -> Fields:
+    return {"station": 17, "values": list(range(100, 100 + count))}
+
+
+READ = {"station": 17, "address": 107, "count": 3}
+NAMED = (
+    Named("Modbus read request", "modbus-rtu", ("request_adu", "read_holding"), READ, build_request),
+    Named("Modbus reply, 10 registers", "modbus-rtu", REPLY, data_of(10), build_registers),
+    Named("Modbus reply, 125 registers", "modbus-rtu", REPLY, data_of(125), build_registers),
+    Named("Modbus reply, 10 registers as numbers", REGISTERS, REPLY, numbers_of(10), build_numbers),
+    Named("Modbus reply, 125 registers as numbers", REGISTERS, REPLY, numbers_of(125), build_numbers),
+    Named("DF1 typed-read reply, 16 words", "df1", ("message", "reply"), PACKET_VALUES, build_typed_read),
+    Named("WR.REQ", "third-party-plc", ("WR.REQ",), WRITE, build_write),
 )

@@ -1,8 +1,10 @@
-"""Decode and encode in generated Python, against code by hand that makes the same checks and gives the same values."""
+"""Decode, encode and build in generated Python, against code by hand with the same checks and the same values."""
 
 from __future__ import annotations
 
-from benchmarks.cases import CASES, Case
+from functools import partial
+
+from benchmarks.cases import CASES, NAMED, Case, Named
 from benchmarks.measure import compare
 from benchmarks.row import Row, Target, slower
 
@@ -12,7 +14,16 @@ AT_MOST = Target("at most", 1.3)
 
 
 def run(rounds: int) -> list[Row]:
-    return [row for case in CASES for row in _measure(case, rounds)]
+    return [row for case in CASES for row in _measure(case, rounds)] + [_build(named, rounds) for named in NAMED]
+
+
+def _build(named: Named, rounds: int) -> Row:
+    """Of named values; by hand, too."""
+    build = named.checked()
+    found = compare(
+        {"framekit": partial(build, **named.values), "by hand": partial(named.by_hand, **named.values)}, rounds
+    )
+    return slower(f"{named.name}: build", "by hand", found["framekit"], found["by hand"], AT_MOST)
 
 
 def _measure(case: Case, rounds: int) -> list[Row]:

@@ -26,7 +26,7 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
     code = code_text(module, check, covered)
     little = "_little" if check.order == "little" else ""
     if check.form == "raw":
-        if check.size in forms.INT_CODES:  # a third less than to_bytes takes
+        if check.size in forms.INT_CODES:  # a little sooner than to_bytes
             order = "" if check.size == 1 else "<" if check.order == "little" else ">"
             struct = module.struct(forms.INT_CODES[check.size], order)
             return f"{struct}.pack({_number(module, check, covered)})"
