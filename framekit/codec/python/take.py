@@ -7,6 +7,8 @@ not sure, which is left to those who measure and decode. A receiver uses them fo
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import MISFIT, Function
@@ -24,7 +26,10 @@ from framekit.definition.problems import DefinitionError
 
 
 class TakeWriter:
-    """Writes one taking function. `answer`: how what it finds is returned."""
+    """Writes one taking function. `answer`: how what it finds is returned.
+
+    `endings`: conditions and what is returned where one holds, the first that does, behind what has to hold otherwise.
+    """
 
     answer = "return "
 
@@ -35,6 +40,7 @@ class TakeWriter:
         if not is_inner:
             self.function.misfit = f"{self.answer}None"  # raising and catching would cost as much as reading
         self.fields = Fields(self.function.names.fresh("fields"))
+        self.endings: list[tuple[str, str]] = []
         self.reader = self._reader()
         self.reader.answer = self.answer
         is_constant = all(isinstance(segment, Const) for segment in self.segments)
@@ -72,26 +78,43 @@ class TakeWriter:
         place = reader.place.text("data")
         longest = function.shapes.all(self.segments).most
         is_short = longest is not None and longest <= reader.most
+        too_long = [] if is_short else [f"{place} - begin > {reader.most}"]
         begun = self._begun_behind()
-        if begun is not None:
-            function.flush()
-            with function.out.block(f"if {begun.text('data')} > end:"):
-                reader.say_begun(*([] if is_short else [f"{place} - begin <= {reader.most}"]))
         if begun is None:
-            function.conditions.insert(0, f"{place} > end")
-        if not is_short:
-            function.misfit_if(f"{place} - begin > {reader.most}")
-        if begun not in (None, reader.place):
-            function.flush()
-            with function.out.block(f"if {place} > end:"):
-                reader.say_begun()
-        if begun is None:
-            function.conditions.extend(reader.checks)
-        elif reader.checks:
-            function.flush()
-            with function.out.block(f"if {' or '.join(reader.checks)}:"):
-                is_fixed = reader.place.base == BEGIN.base
-                function.add(f"{self.answer}(None, {reader.place.offset if is_fixed else f'{place} - begin'})")
+            function.conditions = [f"{place} > end", *function.conditions, *too_long, *reader.checks]
+            return
+        short = [] if is_short else [f"{place} - begin <= {reader.most}"]
+        self.endings.append((f"{begun.text('data')} > end", reader.begun(*short)))
+        self.endings += [(one, function.misfit) for one in too_long]
+        if begun != reader.place:
+            self.endings.append((f"{place} > end", reader.begun()))
+        if reader.checks:
+            size = reader.place.offset if reader.place.base == BEGIN.base else f"{place} - begin"
+            self.endings.append((" or ".join(reader.checks), f"{self.answer}(None, {size})"))
+
+    def end(self, known: Collection[str] = ()) -> None:
+        """Writes what is found where it is no good frame, which one condition tells; `known` ones do not hold."""
+        function = self.function
+        conditions = [one for one in function.conditions if one not in known]
+        function.conditions = []
+        endings = ([(" or ".join(conditions), function.misfit)] if conditions else []) + self.endings
+        if not endings:
+            return
+        if function.misfit == MISFIT:
+            self.module.function("Misfit")
+        *before, (_, last) = endings
+        with function.out.block(f"if {' or '.join(self._tests(conditions))}:"):
+            for condition, answer in before:
+                with function.out.block(f"if {condition}:"):
+                    function.add(answer)
+            function.add(last)
+
+    def _tests(self, conditions: list[str]) -> list[str]:
+        """What does not hold of a good frame: what is there if its end is there needs no test of its own."""
+        tests = [condition for condition, _ in self.endings]
+        if len(tests) > 1 and self._begun_behind() not in (None, self.reader.place):
+            del tests[0]
+        return [*conditions, *tests]
 
     def _begun_behind(self) -> Place | None:
         """The place that is not there yet if the frame has surely begun; None where measuring has to say that."""
@@ -142,7 +165,7 @@ class TakeWriter:
 
     def inner_function(self) -> Source:
         function, out = self.function, Source()
-        function.flush()
+        self.end()
         result = self.fields.text(function.out)
         header = "data: bytes, begin: int, end: int, ctx: Context"
         with out.block(f"def take_{self.identifier}({header}) -> tuple[int, dict[str, Any]]:"):
@@ -151,12 +174,12 @@ class TakeWriter:
             out.add(f"return {self.reader.place.text('data')}, {result}")
         return out
 
-    def result(self) -> str:
+    def result(self, known: Collection[str] = ()) -> str:
         """The values as an expression, when everything else has been written; the local `raw` has the bytes."""
         function, reader = self.function, self.reader
+        self.end(known)
         if reader.raw_until != reader.place:
             function.add(f"raw = {between('data', BEGIN, reader.place)}")
-        function.flush()
         return self.fields.text(function.out)
 
     def function_on_line(self) -> Source:

@@ -47,15 +47,18 @@ class TakeReader(Reader):
         self.asked: dict[str, None] = {}
         self.checks: list[str] = []
 
-    def say_begun(self, *tests: str) -> None:
-        """Writes what is returned where bytes are wanted: that the frame has begun, if these tests hold.
+    def begun(self, *tests: str) -> str:
+        """What is returned where bytes are wanted: that the frame has begun, if these tests hold.
 
         Measuring has to say so as well: it must not be too long, and what has been read must fit.
         """
         if self._is_inner:
-            self.function.add(MISFIT)
-        else:
-            self.function.add(f"{self.answer}() if {' and '.join(tests)} else None" if tests else f"{self.answer}()")
+            return MISFIT
+        return f"{self.answer}() if {' and '.join(tests)} else None" if tests else f"{self.answer}()"
+
+    def say_begun(self, *tests: str) -> None:
+        """Writes that."""
+        self.function.add(self.begun(*tests))
 
     def keep(self, place: Place) -> Place:
         return place if place.base in ("begin", "stop") else super().keep(place)

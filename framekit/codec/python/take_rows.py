@@ -16,14 +16,15 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.shape import Shapes
 from framekit.codec.python.source import Source
 from framekit.codec.python.take import PairTakeWriter
+from framekit.codec.python.take_reader import BEGIN
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Inner, Segment
 
 FEWEST = 4
 """Frames that hold fewer plain ones than these are worth no function more."""
 _LOCALS = ("add", "arrival", "arrived", "behind", "decoded", "kind", "last", "make", "now", "offset", "since")
-_Branch = tuple[int, "RowWriter | str"]
-"""The first of the bytes that lead here, and what takes the frame; or what is returned instead."""
+_Branch = tuple[int, int, "RowWriter | str"]
+"""The first of the bytes that lead here, how many do, and what takes the frame; or what is returned instead."""
 
 
 class RowWriter(PairTakeWriter):
@@ -37,16 +38,23 @@ class RowWriter(PairTakeWriter):
             function.names.fresh(name)
         return function, segments
 
-    def write(self, out: Source) -> None:
-        """The locals `raw`, `decoded` and `behind`."""
-        result, front = self.result(), self.front()
-        if front:
+    def write(self, out: Source, there: int, place: int, byte: int | None) -> None:
+        """The locals `raw`, `decoded` and `behind`. So many bytes are `there`; `byte`: the one at `place`, if known."""
+        known = [] if byte is None else [f"{name} != {byte}" for name in self._read_at(place)]
+        result, front = self.result(known), self.front()
+        if front > there:
             with out.block(f"if begin + {front} > end:"):
                 out.add(f"{self.answer}()")
         self.hoist(out, f"{self.answer}None")
         out.extend(self.function.out)
         out.add(f"decoded = {result}")
         out.add(f"behind = {self.reader.place.text('data')}")
+
+    def _read_at(self, place: int) -> list[str]:
+        """The locals of fields that are the byte at a place."""
+        function, first, last = self.function, BEGIN.plus(place), BEGIN.plus(place + 1)
+        names = [name for name, found in function.bounds.items() if (found.first, found.last) == (first, last)]
+        return [function.names_of_values[name] for name in names if name in function.names_of_values]
 
 
 def write_rows(
@@ -59,14 +67,15 @@ def write_rows(
     inner, place = found
     writers = {name: RowWriter(module, identifier, frame, writer.pair) for name, writer in pairs.items()}
     branches = _branches(module.shapes, inner, writers, none_is)
+    there = max(place + 1, min(writer.front() for writer in writers.values()))
     parameters = "data: bytes, begin: int, end: int, ctx: Context, since: int, now: int, offset: int"
     out = Source()
     with out.block(f"def rows_{identifier}({parameters}, arrival: Any, make: Any, add: Any) -> tuple[int, Taken]:"):
         out.add(f'"""Add all `{frame.name}` in a row from data[begin] on; where it ends, and what is taken there."""')
-        out.add(f"last = end - {place}")
+        out.add(f"last = end - {there - 1}")
         with out.block("try:"), out.block("while begin < last:"):
             out.add(f"kind = data[begin + {place}]")
-            _choose(out, branches)
+            _choose(out, branches, there, place)
             out.lines.extend(_arrival(out.depth))
         with out.block("except MISFITS:"):
             out.add("pass")
@@ -98,22 +107,22 @@ def _branches(shapes: Shapes, inner: Inner, writers: Mapping[str, RowWriter], no
         names = leaf.frames if isinstance(leaf, Leaf) and len(leaf.frames) <= 2 else ("",)
         by_byte.append(names[0] if names else none_is)
     return [
-        (first, left.pop(name, none_is if name == none_is else "None"))
-        for name, ((first, _), *_) in groupby(enumerate(by_byte), key=lambda item: item[1])
+        (first, 1 + len(others), left.pop(name, none_is if name == none_is else "None"))
+        for name, ((first, _), *others) in groupby(enumerate(by_byte), key=lambda item: item[1])
     ]
 
 
-def _choose(out: Source, branches: list[_Branch]) -> None:
-    """Halves the bytes until one branch is left."""
+def _choose(out: Source, branches: list[_Branch], there: int, place: int) -> None:
+    """Halves the bytes at `place` until one branch is left; so many bytes are `there`."""
     if len(branches) > 1:
         half = len(branches) // 2
         with out.block(f"if kind < {branches[half][0]:#04x}:"):
-            _choose(out, branches[:half])
+            _choose(out, branches[:half], there, place)
         with out.block("else:"):
-            _choose(out, branches[half:])
+            _choose(out, branches[half:], there, place)
         return
-    ((_, writer),) = branches
+    ((first, count, writer),) = branches
     if isinstance(writer, str):
         out.add(f"{RowWriter.answer}{writer}")
     else:
-        writer.write(out)
+        writer.write(out, there, place, first if count == 1 else None)
