@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 from framekit.definition.check.addresses import is_unit
-from framekit.definition.check.backwards import check_backwards
+from framekit.definition.check.backwards import NOT_COMPARED, check_backwards, serves
+from framekit.definition.check.known_names import OFFERED
 from framekit.definition.check.segments import constant_number
 from framekit.definition.check.unserved import check_unserved
 from framekit.definition.expression.syntax import Expression, Name, Text, names_in
+from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Repeat
 from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, ServiceRow
-from framekit.definition.model.sizes import field_names, flat
+from framekit.definition.model.sizes import field_names, flat, names_needed
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
-from framekit.definition.problems import Problem, did_you_mean
+from framekit.definition.problems import Problem, did_you_mean, listed
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
@@ -38,16 +40,37 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
     """`{frame: {field: …}}` may only name fields of that frame."""
     holders = [protocol.sequences, protocol.services, protocol.errors]
     asked = {id(step.ask) for step in parts_of(dict(protocol.sequences), Step) if step.ask is not None}
+    never_built = _never_built(protocol)
     for made in parts_of(holders, FrameOf):
         frame = None if id(made) in asked else protocol.frames.get(made.frame)  # what is asked are services
         if frame is not None and made.frame not in broken:
             yield from _fields(made, "frame", made.frame, field_names(frame.segments))
+            yield from () if id(made) in never_built else _missing(made, frame)
     for layout in parts_of(holders, LayoutOf):
         if layout.layout in protocol.layouts:
             yield from _fields(layout, "layout", layout.layout, field_names(protocol.layouts[layout.layout].segments))
     for read in parts_of(holders, ReadAs):
         if read.layout not in protocol.layouts and read.layout not in broken:
             yield Problem(read.at, f"there is no layout '{read.layout}'", did_you_mean(read.layout, protocol.layouts))
+
+
+def _never_built(protocol: Protocol) -> set[int]:
+    """What is only compared with what comes: requests nobody asks, replies nobody gives."""
+    rows = [row for rows in protocol.services.values() for row in rows]
+    asks = protocol.commands is None
+    found = {id(row.request) for row in rows if row.server_only or not asks}
+    return found | {id(reply.frame) for row in rows if row.client_only or not serves(protocol) for reply in row.reply}
+
+
+def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
+    """A frame is built from what is given, what its definition says itself, and what it repeats of a request."""
+    if made.fields.keys() - field_names(frame.segments):
+        return  # one of them is misspelt, which has been told
+    missing = [name for name in names_needed(frame.segments) if name not in made.fields and name not in frame.echo]
+    if missing:
+        what = f"nothing gives {listed(repr(name) for name in missing)} of '{made.frame}'"
+        todo = ", ".join(f"{name}: {name if name in (*NOT_COMPARED, *OFFERED) else '…'}" for name in missing)
+        yield Problem(made.at, what, f"add {todo}")
 
 
 def _fields(made: FrameOf | LayoutOf, kind: str, name: str, known: set[str]) -> Iterator[Problem]:

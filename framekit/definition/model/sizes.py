@@ -9,7 +9,10 @@ from framekit.definition.model.segments import (
     Check,
     Choose,
     Const,
+    Data,
+    Field,
     FieldType,
+    Inner,
     Optional,
     Segment,
     Skip,
@@ -34,6 +37,24 @@ def field_names(segments: Iterable[Segment]) -> set[str]:
     found: set[str] = set()
     for segment in flat(segments):
         found |= _own_names(segment)
+    return found
+
+
+def names_needed(segments: Iterable[Segment]) -> list[str]:
+    """Those without which no frame can be built: nothing else gives them a value, and they cannot be empty."""
+    found: list[str] = []
+    for segment in segments:
+        if segment.when is not None:
+            continue
+        if isinstance(segment, Wrap):
+            found += names_needed(segment.of)
+        elif isinstance(segment, Inner) or (
+            isinstance(segment, Data) and segment.size != "rest" and segment.pad is None
+        ):
+            found.append(segment.name)
+        elif isinstance(segment, Field):
+            given = (segment.is_, segment.build, segment.default, segment.constants)
+            found += [segment.name] if all(one is None for one in given) else []
     return found
 
 
