@@ -12,7 +12,7 @@ from framekit.codec.python.order import Task
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import AND, OR
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
-from framekit.definition.model.segments import BitsPart, Data, Field, Segment
+from framekit.definition.model.segments import BitsPart, Count, Data, Field, Length, Segment
 
 
 @dataclass(slots=True)
@@ -79,6 +79,9 @@ class FieldValueWriter(Building):
             given.computed[item.name] = entry.text
         elif item.is_ is not None:
             entry.text = self._computed(item.name, item.is_, local, scope, given)
+            self.refuse_digits(item, scope, entry.text)
+            if sized and isinstance(item.type.size, int) and entry.text == local:
+                self._judge_text(item, scope, local)
         else:
             self.bind(local, self._given(item, scope, given, needed, missing))
             if item.values is not None:
@@ -152,6 +155,12 @@ class FieldValueWriter(Building):
             if item.when is not None:
                 condition = f"{self.text(item.when, scope, AND)} and {condition}"
             self.complain_if(condition, item.name, f"'{item.name}' holds its own end")
+
+    def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
+        """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
+        is_told = not isinstance(item, Field) and (item.limits is not None or item.zero_means is not None)
+        if forms.hex_places(item.type) is not None and not text.isdigit() and not is_told:
+            self.judge_range(item, scope, text, forms.value_range(item))
 
     def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
         if item.when is not None:

@@ -161,6 +161,7 @@ class ValueWriter(FieldValueWriter):
         self.add(f"{local} = {text}{plus}")
         scope.entries[number.name] = Entry(local, sized=False, wire=self._fixed_room(number, scope))
         given.computed[number.name] = local
+        self.refuse_digits(number, scope, local)
         if number.limits is not None or number.zero_means is not None:
             limits = forms.value_range(number)
             message = (
