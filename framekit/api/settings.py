@@ -75,7 +75,7 @@ class LineSettings:
         if given is not None:
             return checked_station(self.protocol, given)
         if self.station is None and needed and self.names_station:
-            raise RequestError(f"'{self.protocol.name}' needs a station – say which")
+            raise RequestError(f"'{self.protocol.name}' needs a station – say which (station=N, --station N)")
         return self.station
 
 

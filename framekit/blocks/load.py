@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from framekit.blocks.block_settings import check_items
 from framekit.blocks.jobs.section import JobsSection
@@ -35,16 +35,32 @@ from framekit.memory.profile import MemoryProfile
 
 def load_run(path: Path) -> Run:
     """The run in a file. Raises DefinitionError with everything that is wrong."""
+    reading = read_run(path)
+    if reading.run is None:
+        raise DefinitionError(reading.problems)
+    return reading.run
+
+
+class RunReading(NamedTuple):
+    """What a file says: the run, if nothing is wrong; the channels that are all right; and every problem."""
+
+    run: Run | None
+    channels: tuple[Channel, ...]
+    problems: list[Problem]
+
+
+def read_run(path: Path) -> RunReading:
+    """As much of the run in a file as can be read."""
     reader = Reader()
     documents = Documents(reader)
-    run = None
+    run, loader = None, None
     with suppress(Broken):
-        root = documents.root(path, "run")
-        run = RunLoader(reader, path, root).load()
+        loader = RunLoader(reader, path, documents.root(path, "run"))
+        run = loader.load()
     problems = documents.first_words(reader.problems)
-    if run is None or any(not problem.warning for problem in problems):
-        raise DefinitionError(problems)
-    return run
+    if any(not problem.warning for problem in problems):
+        run = None
+    return RunReading(run, () if loader is None else loader.read_channels, problems)
 
 
 class RunLoader:
@@ -55,6 +71,7 @@ class RunLoader:
         self.path = path
         self.root = root
         self.channels = ChannelLoader(reader, path.parent, root)
+        self.read_channels: tuple[Channel, ...] = ()
 
     def load(self) -> Run:
         """The run. Raises Broken when its memory is none; everything else is read before that."""
@@ -65,6 +82,7 @@ class RunLoader:
                 if channel.number in channels:
                     self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
                 channels[channel.number] = channel
+        self.read_channels = tuple(channels.values())
         profile = self._profile()
         if profile is not None:
             self.reader.problems.extend(check_items(profile.flags.values()))

@@ -27,7 +27,7 @@ from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import did_you_mean, is_nearly
 from framekit.link.addresses import AddressError, AddressGrammar
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
@@ -53,6 +53,7 @@ class BlockLoader:
         self.attempts = attempts = Attempts()
         self.without_own: set[int] = set()
         self.rules = RulesLoader(reader, root)
+        self.channel_nodes = reader.entries(root.get("channels"))
         self.triggers = TriggerLoader(reader, self.place, self.condition)
         self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
         self.calls = CallLoader(reader, attempts)
@@ -188,6 +189,11 @@ class BlockLoader:
             raise self.reader.broken(node.at, f"there is no channel {number}", did_you_mean(str(number), self.known))
         return self.channels[number]
 
+    def _misspelt(self, channel: Channel) -> bool:
+        """Whether the channel has a key that is nearly `station`; that it is none has been told."""
+        keys = next((one.value for one in self.channel_nodes if one.key.text == str(channel.number)), None)
+        return any(is_nearly("station", one.key.text) for one in getattr(keys, "entries", ()))
+
     def _station(self, instruction: str, keys: MappingNode, channel: Channel, entry: Entry) -> dict[str, Any]:
         node = keys.get("station")
         asks = instruction in ("read", "write", "call")
@@ -197,7 +203,7 @@ class BlockLoader:
             what = f"requests of '{channel.protocol.name}' name the asking side, and this channel has no number"
             self.reader.note(channel.at, what, "add own: to the channel")
         if node is None:
-            if asks and channel.station is None and needs_station(channel.protocol):
+            if asks and channel.station is None and needs_station(channel.protocol) and not self._misspelt(channel):
                 what = f"block {entry.key.text} does not say which station it talks to"
                 self.reader.note(entry.key.at, what, "add station: to the block or to its channel")
             return {"station": channel.station}

@@ -12,6 +12,7 @@ from framekit.blocks.typed_numbers import number_for
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
+from framekit.definition.problems import is_nearly
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
 from framekit.memory.numbers import unit_bits
@@ -114,6 +115,9 @@ class TransferLoader:
             if given is None
             else self.attempts.to(lambda: self._numbers(reader.items(given), types, max(targets, count)))
         )
+        misspelt = any(is_nearly(name, entry.key.text) for entry in keys.entries for name in (word, "values"))
+        if misspelt and node is None and given is None:
+            raise Broken("the schema has told what is wrong with the key")
         if node is None and given is None and wrong is None:
             what = f"the block does not say where its data {does}"
             raise reader.broken(keys.at, what, f"add {word}: with an address of the own memory")

@@ -121,19 +121,21 @@ def _device(path: Path) -> Checked:
 
 def _run(path: Path) -> Checked:
     from framekit.blocks.feasibility import load_problems
-    from framekit.blocks.load import load_run
+    from framekit.blocks.load import read_run
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.problems import DefinitionError
     from framekit.service.ports import devices_of
     from framekit.service.rehearsal import loads_of
 
-    loaded = load_run(path)
+    loaded, channels, found = read_run(path)
     problems: list[Problem] = []
-    for channel in loaded.channels.values():
+    for channel in channels:
         try:
             devices_of(channel, path.parent)
         except DefinitionError as error:
             problems += error.problems
+    if loaded is None:
+        raise DefinitionError([*found, *problems])
     for protocol in {id(channel.protocol): channel.protocol for channel in loaded.channels.values()}.values():
         problems += [problem for problem in check_matrices(protocol) if not problem.warning]
     if problems:

@@ -59,6 +59,11 @@ def listed(things: Iterable[object]) -> str:
     return f"{', '.join(some)} and {last}" if some else last
 
 
+def is_nearly(word: str, other: str) -> bool:
+    """Whether the other word is probably this one misspelt."""
+    return other not in (word, word + "s") and bool(difflib.get_close_matches(other, [word], cutoff=0.75))
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """A hint naming the known words nearest to `word`, or all of them when they are few, or ''."""
     words = sorted(set(known))

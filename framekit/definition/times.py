@@ -83,6 +83,13 @@ def _scaled(number: str, unit: int) -> int:
     return value + int(fraction) * unit // 10 ** len(fraction) if fraction else value
 
 
+def readable_time(time: int) -> str:
+    """For people: to the microsecond, in seconds from one second on: `12.5 ms`, `0.002 ms`, `1.25 s`, `never`."""
+    if time >= NEVER:
+        return "never"
+    return f"{round(time / 1e9, 6):.10g} s" if time >= UNITS["s"] else f"{round(time / 1e6, 3):.10g} ms"
+
+
 def format_time(time: int) -> str:
     """The shortest exact form in one unit: `50 ms`, `1500 ms`, `3 s`, `never`."""
     if time >= NEVER:

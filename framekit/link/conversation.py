@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation, ScriptLine
-from framekit.definition.times import NEVER, LineFormat, format_time
+from framekit.definition.times import NEVER, LineFormat, readable_time
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
 from framekit.link.events import Break, CharacterFault, Command, LineFault, Reopen, Send
@@ -202,9 +202,9 @@ class _Player:
     def _check_times(self, script: ScriptLine, what: str, at: int) -> None:
         after = at - self.before
         if script.not_before is not None and after < (least := self._time(script.not_before)):
-            self._note(script, f"{what} after {format_time(after)}, not before {format_time(least)}")
+            self._note(script, f"{what} after {readable_time(after)}, not before {readable_time(least)}")
         if script.within is not None and after > (most := self._time(script.within)):
-            self._note(script, f"{what} after {format_time(after)}, not within {format_time(most)}")
+            self._note(script, f"{what} after {readable_time(after)}, not within {readable_time(most)}")
 
     def _receive(self, script: ScriptLine) -> None:
         """The bytes arrive one by one, as on a wire; on a stream all at once."""
@@ -262,7 +262,7 @@ class _Player:
         """Notes what was sent although the script says nothing of it."""
         for sent in self.line.sent:
             data = sent.data.hex(" ").upper()
-            self._note(script, f"sent {data} at {format_time(sent.started)}, which nobody expected")
+            self._note(script, f"sent {data} at {readable_time(sent.started)}, which nobody expected")
         return bool(self.line.sent)
 
     # ---- the end ------------------------------------------------------------------------------------------
@@ -274,7 +274,9 @@ class _Player:
                 self._note(None, "what was asked for has not ended")
         self._something_sent(None)
         if self.line.closed_at is not None:
-            self._note(None, f"the connection was closed at {format_time(self.line.closed_at)}, which nobody expected")
+            self._note(
+                None, f"the connection was closed at {readable_time(self.line.closed_at)}, which nobody expected"
+            )
         if self.results:
             self._judge(self.results[0])
         self._compare_afterwards()
