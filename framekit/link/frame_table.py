@@ -9,12 +9,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
-from framekit.codec.python.shape import Shapes
+from framekit.codec.python.shape import Shapes, everything
 from framekit.definition.model import protocol as model
 from framekit.definition.model.segments import (
     Inner,
 )
-from framekit.definition.model.visit import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
 from framekit.link.frame_info import FrameCodec, FrameInfo, Rows, Shape, Together
 from framekit.link.values import FrameValue, plain
@@ -52,7 +51,8 @@ class FrameTable:
             name: FrameInfo(frame, codec.frames[name], partial(shapes.may_refuse, frame.segments))
             for name, frame in protocol.frames.items()
         }
-        inner = {name for frame in protocol.frames.values() for part in parts_of(frame, Inner) for name in part.frames}
+        every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
+        inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
         for info in self.infos.values():
             info.together = codec.together.get(info.name)
             info.rows = codec.rows.get(info.name)
