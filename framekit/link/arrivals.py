@@ -129,4 +129,7 @@ class Noise(NamedTuple):
     skipped: bool = False
 
 
+new_tuple = tuple.__new__
+"""Makes a named tuple in a quarter of the time that calling its class takes."""
+
 Arrival = FrameArrived | BadFrame | Noise

@@ -64,14 +64,17 @@ def plain_end(buffer: bytes | bytearray, position: int, end: int, escape: int) -
 
 
 class InsideFinder:
-    """Looks through what is arriving for frames in the middle of others, every byte once."""
+    """Looks through what is arriving for frames in the middle of others, every byte once.
 
-    __slots__ = ("_marks", "_names", "_places", "_rules")
+    `places`: how far it has looked in each frame that may have begun at the present place.
+    """
+
+    __slots__ = ("_marks", "_names", "_rules", "places")
 
     def __init__(self, table: FrameTable, names: Names) -> None:
         self._names = names
         self._rules = inside_rules(table)
-        self._places: dict[str, int] = {}
+        self.places: dict[str, int] = {}
         self._marks = marks_of(self._rules.values())
 
     def __bool__(self) -> bool:
@@ -79,8 +82,8 @@ class InsideFinder:
 
     def forget(self) -> None:
         """The place in the stream has changed."""
-        if self._places:
-            self._places.clear()
+        if self.places:
+            self.places.clear()
 
     def search_in(self, outer: FrameInfo) -> Callable[[bytes], Any] | None:
         """What finds something in `outer` that may be a frame inside; None if there never is one."""
@@ -98,14 +101,14 @@ class InsideFinder:
 
     def end_for(self, outer: str, limit: int, base: int) -> int:
         """How far `outer` may be measured: not over what has not been looked through."""
-        place = self._places.get(outer, DONE) if self._places else DONE
+        place = self.places.get(outer, DONE) if self.places else DONE
         return limit if place == DONE else min(limit, place - base)
 
     def find(self, stream: Stream, infos: tuple[FrameInfo, ...]) -> tuple[FrameInfo, int, int] | None:
         """The first frame inside one of `infos`, which begin at the stream's position, and its place."""
         for info in infos:
             rule = self._rules.get(info.name)
-            if rule is not None and self._places.get(info.name, 0) != DONE:
+            if rule is not None and self.places.get(info.name, 0) != DONE:
                 found = self._find(stream, info.name, rule)
                 if found is not None:
                     return found
@@ -113,17 +116,17 @@ class InsideFinder:
 
     def _find(self, stream: Stream, outer: str, rule: InsideRule) -> tuple[FrameInfo, int, int] | None:
         end = len(stream.buffer)
-        place = self._places.get(outer)
+        place = self.places.get(outer)
         start = rule.region(stream.buffer, stream.position, end) if place is None else place - stream.base
         if start is None:
             return None
         while True:
             found = stream.buffer.find(rule.escape, start, end)
             if found < 0 or found + 1 >= end:
-                self._places[outer] = stream.base + (end if found < 0 else found)
+                self.places[outer] = stream.base + (end if found < 0 else found)
                 return None
             if stream.buffer[found + 1] != rule.escape:
-                self._places[outer] = stream.base + found
+                self.places[outer] = stream.base + found
                 return self._at(stream, outer, rule, found)
             start = found + 2
 
@@ -134,7 +137,7 @@ class InsideFinder:
                 return info, place, place + length
             if length < 0:
                 return None
-        self._places[outer] = DONE
+        self.places[outer] = DONE
         return None
 
 

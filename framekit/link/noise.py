@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.link.arrivals import Noise
+from framekit.link.arrivals import Noise, new_tuple
 from framekit.link.stream import Stream
 
 LONGEST = 65536
@@ -36,6 +36,6 @@ class NoiseRun:
 
     def take(self) -> Noise:
         """The run as it stands; it begins anew."""
-        noise = Noise(bytes(self.data), self._offset, self._started, self._last, self.skipped)
+        noise = new_tuple(Noise, (bytes(self.data), self._offset, self._started, self._last, self.skipped))
         self.data.clear()
         return noise

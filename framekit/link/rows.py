@@ -33,7 +33,7 @@ class RowLooking(RoughLooking):
         place, ended = (self._row if interest.rows is None else self._many)(interest, found, data, rough)
         if place != stream.position:
             stream.position = place
-            if self._candidates.said or self._inside is not None:
+            if self._candidates.said or (self._inside is not None and self._inside.places):
                 self._moved()
         if place >= len(data):
             return UNSURE if noise.data else NOTHING

@@ -52,16 +52,15 @@ class Stream:
 
     def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
         """More bytes, the last of which came at `now`; what has been used is forgotten, unless much more follows it."""
-        buffer, position = self.buffer, self.position
-        rest = len(buffer) - position
-        if position and (position >= rest or rest <= COPIED):
-            buffer = self._tidy(position, rest)
+        rest = len(self.buffer) - self.position
+        if self.position and (rest <= COPIED or self.position > rest):
+            self.tidy()
         if not rest:
             self.buffer = bytes(data)
         elif rest <= COPIED:
-            self.buffer = bytes(buffer) + data
+            self.buffer = bytes(self.buffer) + data
         else:
-            self.buffer = bytearray(buffer) if type(buffer) is bytes else buffer
+            self.buffer = bytearray(self.buffer) if type(self.buffer) is bytes else self.buffer
             self.buffer += data
         end = self.base + len(self.buffer)
         self.ends.append(end)
@@ -72,23 +71,20 @@ class Stream:
 
     def tidy(self) -> None:
         """Forgets the used part of the buffer."""
-        self.buffer = self._tidy(self.position, len(self.buffer) - self.position)
-
-    def _tidy(self, position: int, rest: int) -> bytes | bytearray:
-        """As `tidy`, for `rest` bytes that are left; gives these, which are to be put into the buffer."""
-        self.base = base = self.base + position
-        self.position = 0
-        if not rest:
-            self.ends.clear()
-            self.times.clear()
-        elif self.ends[0] <= base:
-            used = bisect_right(self.ends, base)
-            del self.ends[:used], self.times[:used]
+        self.buffer = buffer = self.buffer[self.position :]
+        self.base = base = self.base + self.position
+        self.position, ends = 0, self.ends
+        if not buffer:
+            self.ends, self.times = [], []
+        elif len(ends) == 1 or ends[-2] <= base:
+            self.ends, self.times = ends[-1:], self.times[-1:]
+        else:
+            used = bisect_right(ends, base)
+            del ends[:used], self.times[:used]
         if self.faults or self.silences or self.pauses:
-            self.faults = [item for item in self.faults if rest and item[0] >= base]
-            self.silences = [item for item in self.silences if rest and item >= base]
-            self.pauses = [item for item in self.pauses if rest and item >= base]
-        return self.buffer[position:]
+            self.faults = [item for item in self.faults if buffer and item[0] >= base]
+            self.silences = [item for item in self.silences if buffer and item >= base]
+            self.pauses = [item for item in self.pauses if buffer and item >= base]
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
