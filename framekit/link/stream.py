@@ -52,12 +52,31 @@ class Stream:
 
     def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
         """More bytes, the last of which came at `now`; what has been used is forgotten, unless much more follows it."""
+        ends, rest = self.ends, len(self.buffer) - self.position
+        if rest > COPIED or self.faults or self.silences or self.pauses or faults:
+            self._add(data, now, faults)
+            return
+        self.base = base = self.base + self.position
+        if not rest:
+            self.buffer = bytes(data)
+            self.ends, self.times = [base + len(data)], [now]
+        else:
+            self.buffer = bytes(self.buffer[self.position :]) + data
+            end = base + len(self.buffer)
+            if len(ends) == 1 or ends[-2] <= base:
+                self.ends, self.times = [ends[-1], end], [self.times[-1], now]
+            else:
+                used = bisect_right(ends, base)
+                self.ends, self.times = [*ends[used:], end], [*self.times[used:], now]
+        self.position = 0
+        self.last = now
+
+    def _add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
+        """As `add`, whatever there is to be remembered."""
         rest = len(self.buffer) - self.position
         if self.position and (rest <= COPIED or self.position > rest):
             self.tidy()
-        if not rest:
-            self.buffer = bytes(data)
-        elif rest <= COPIED:
+        if rest <= COPIED:
             self.buffer = bytes(self.buffer) + data
         else:
             self.buffer = bytearray(self.buffer) if type(self.buffer) is bytes else self.buffer
