@@ -12,7 +12,7 @@ from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived
 from framekit.link.candidates import Candidates, Trouble
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_info import FrameInfo, Make
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.interest import Interest
@@ -142,15 +142,15 @@ class Looking(Recovery):
         size = len(good.raw)
         self._given = size
         self._declined.append(good.info.name)
-        arrived = self._arrival(good.info, good.fields, good.raw, stream.position)
+        arrived = self._arrival(good.info.make, good.fields, good.raw, stream.position)
         arrived.other = other
         arrived.value = good.info.make(good.fields, good.raw, good.refusal)
         return arrived
 
-    def _arrival(self, info: FrameInfo, fields: dict[str, Any], raw: bytes, place: int) -> FrameArrived:
+    def _arrival(self, make: Make, fields: dict[str, Any], raw: bytes, place: int) -> FrameArrived:
         """A frame that stands at buffer index `place`."""
         stream, arrived = self.stream, FrameArrived()
-        arrived.make, arrived.decoded, arrived.raw, arrived.other = info.make, fields, raw, False
+        arrived.make, arrived.decoded, arrived.raw, arrived.other = make, fields, raw, False
         arrived.offset = stream.offset + place - stream.position
         arrived.started_at, arrived.ended_at = stream.times_of(place, place + len(raw))
         return arrived
@@ -164,7 +164,7 @@ class Looking(Recovery):
         except EVALUATION_ERRORS as error:
             self._trouble(info.name, error)
             fields = {}
-        arrived = self._arrival(info, fields, raw, start)
+        arrived = self._arrival(info.make, fields, raw, start)
         stream.remove(start, end)
         self._candidates.forget()
         return arrived

@@ -71,9 +71,9 @@ class Pauses:
         quiet, gap = self.limits()
         place = stream.base + len(stream.buffer) - count
         if pause > quiet:
-            stream.silences.append(place)
+            stream.mark(stream.silences, place)
         if gap is not None and pause > gap:
-            stream.pauses.append(place)
+            stream.mark(stream.pauses, place)
 
     def is_quiet(self, now: int) -> bool:
         """Whether nothing has come for `quiet`."""

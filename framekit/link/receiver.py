@@ -56,9 +56,8 @@ class Receiver(PlainLooking):
         self._looks_later = False
         stream = self.stream
         last = stream.last
-        goes_on = stream.position < len(stream.buffer) or self._noise.data or self._skipping
-        stream.add(data, now, faults)
-        if goes_on and now - last > self.pauses.character * len(data):
+        goes_on = stream.add(data, now, faults)
+        if now - last > self.pauses.character * len(data) and (goes_on or self._noise.data or self._skipping):
             self.pauses.note(last, len(data))
 
     def tick(self, now: int) -> None:
@@ -74,7 +73,7 @@ class Receiver(PlainLooking):
         stream = self.stream
         place = stream.base + len(stream.buffer)
         if not stream.pauses or stream.pauses[-1] != place:
-            stream.pauses.append(place)
+            stream.mark(stream.pauses, place)
 
     @property
     def is_empty(self) -> bool:

@@ -10,7 +10,6 @@ from typing import Any
 
 from framekit.link.arrivals import Arrival, FrameArrived
 from framekit.link.evaluate import EVALUATION_ERRORS
-from framekit.link.frame_info import Taken
 from framekit.link.interest import NOT_LOOKED, Interest
 from framekit.link.rough import NOTHING, UNSURE, WANTING, RoughLooking
 
@@ -25,51 +24,53 @@ class RowLooking(RoughLooking):
 
         `data` are the bytes of the stream's buffer. All frames count as used.
         """
-        stream, noise = self.stream, self._noise
-        rough = not stream.silences and self._goes_on
-        place = stream.position
-        if self._is_strange() or place >= len(data) or (noise.data and not rough):
+        stream = self.stream
+        first = stream.position
+        if first >= len(data) or self._is_strange() or (self._noise.data and not self._goes_on):
             return UNSURE
-        place, ended = (self._row if interest.rows is None else self._many)(interest, found, data, rough)
-        if place != stream.position:
-            stream.position = place
-            if self._candidates.said or (self._inside is not None and self._inside.places):
-                self._moved()
+        take = self._row if interest.rows is None else self._many
+        stream.position, ended = place, _ = take(interest, found, data, first)
+        if place != first and (self._candidates.said or (self._inside is not None and self._inside.places)):
+            self._moved()
+        if ended == WANTING:
+            return WANTING
         if place >= len(data):
-            return UNSURE if noise.data else NOTHING
-        return WANTING if ended == WANTING or self._is_begun(interest, data) else UNSURE
+            return UNSURE if self._noise.data else NOTHING
+        return WANTING if self._is_begun(interest, data) else UNSURE
 
-    def _row(self, interest: Interest, found: list[Arrival], data: bytes, rough: bool) -> tuple[int, int]:
+    def _row(self, interest: Interest, found: list[Arrival], data: bytes, place: int) -> tuple[int, int]:
         """Adds the frames that stand in a row, and noise before them; gives the place behind, and why it ends there.
 
         Locals and a long loop are for speed: a frame is to cost little more than its decoding.
         """
-        stream, names, starting = self.stream, self._names, interest.starting
-        place, end, offset = stream.position, len(data), stream.base + stream.removed
-        add, ends, times, base = found.append, stream.ends, stream.times, stream.base
+        stream, names, starting, add = self.stream, self._names, interest.starting, found.append
+        end, base, ends, times = len(data), stream.base, stream.ends, stream.times
+        offset = base + stream.removed
         piece = 0 if base + place < ends[0] else bisect_right(ends, base + place)
         until, at = ends[piece] - base, times[piece]
-        left, behind_noise = NOT_LOOKED, bool(self._noise.data)
         try:
+            if self._noise.data:
+                place, left, raw, fields = self._over(interest, found, data, place, NOT_LOOKED, None)
+                if left is NOT_LOOKED:
+                    return place, fields
+                add(self._arrival(left.make, fields, raw, place))
+                place += len(raw)
             while place < end:
-                taken: Taken = None
-                if behind_noise:
-                    raw = None
+                start = starting[data[place]] or interest.start(data[place])
+                left = start.left[data[place + start.at]]
+                if left.whole is not None:
+                    raw, fields = left.whole, {}
                 else:
-                    start = starting[data[place]] or interest.start(data[place])
-                    left = start.left[data[place + start.at]]
-                    if left.whole is None:
-                        taken = left.take(data, place, end, names)
-                        raw, fields = taken or NONE_TAKEN
-                    else:
-                        raw, fields = left.whole, {}
-                if raw is None:
-                    if taken == () or not rough:
-                        return place, WANTING if taken == () else UNSURE
-                    place, left, raw, fields = self._over(interest, found, data, place, left, taken)
-                    if left is NOT_LOOKED:
-                        return place, fields
-                    behind_noise = False
+                    taken = left.take(data, place, end, names)
+                    raw, fields = taken or NONE_TAKEN
+                    if raw is None:
+                        if taken == ():
+                            return place, WANTING
+                        if stream.silences or not self._goes_on:
+                            return place, UNSURE
+                        place, left, raw, fields = self._over(interest, found, data, place, left, taken)
+                        if left is NOT_LOOKED:
+                            return place, fields
                 behind = place + len(raw)
                 arrived = FrameArrived()
                 arrived.make, arrived.decoded, arrived.raw = left.make, fields, raw
@@ -91,18 +92,16 @@ class RowLooking(RoughLooking):
             pass
         return place, UNSURE
 
-    def _many(self, interest: Interest, found: list[Arrival], data: bytes, rough: bool) -> tuple[int, int]:
+    def _many(self, interest: Interest, found: list[Arrival], data: bytes, place: int) -> tuple[int, int]:
         """As `_row`, where one frame is expected, many of which are taken at once."""
         assert interest.rows is not None
         (rows, only), stream, names, add = interest.rows, self.stream, self._names, found.append
-        place, end, offset = stream.position, len(data), stream.base + stream.removed
-        ends, now = stream.ends, stream.last
+        end, offset, now, ends = len(data), stream.base + stream.removed, stream.last, stream.ends
         newest = 0 if len(ends) == 1 else ends[-2] - stream.base
-        left = NOT_LOOKED
         behind_noise = bool(self._noise.data)
         try:
             while place < end:
-                raw = taken = None
+                left, raw, taken = NOT_LOOKED, None, None
                 if not behind_noise:
                     since, count = now if place >= newest else stream.time_of(place), len(found)
                     place, taken = rows(data, place, end, names, since, now, offset, FrameArrived, only.make, add)
@@ -110,26 +109,29 @@ class RowLooking(RoughLooking):
                         one = found[count]  # a frame begun in older bytes ends in the newest, unless they are read anew
                         if isinstance(one, FrameArrived) and one.offset + len(one.raw) <= offset + newest:
                             self._date(found[count:])
-                    if place >= end or taken == ():
+                    if taken == ():
+                        return place, WANTING
+                    if place >= end:
                         break
                     start = interest.starting[data[place]] or interest.start(data[place])
                     left = start.left[data[place + start.at]]
                     if taken is None:
                         taken = left.take(data, place, end, names)
-                    if taken:
-                        raw, fields = taken
+                    raw, fields = taken or NONE_TAKEN
                 if raw is None:
-                    if taken == () or not rough:
+                    if taken == ():
+                        return place, WANTING
+                    if stream.silences or not self._goes_on:
                         break
                     place, left, raw, fields = self._over(interest, found, data, place, left, taken)
                     if left is NOT_LOOKED:
                         return place, fields
                     behind_noise = False
-                add(self._arrival(only, fields, raw, place))
+                add(self._arrival(only.make, fields, raw, place))
                 place += len(raw)
         except EVALUATION_ERRORS:
-            return place, UNSURE
-        return place, WANTING if taken == () else UNSURE
+            pass
+        return place, UNSURE
 
     def _date(self, found: list[Arrival]) -> None:
         """When frames came that do not all reach into the newest bytes."""
@@ -165,11 +167,9 @@ class RowLooking(RoughLooking):
     def _is_strange(self) -> bool:
         """Whether something has happened that needs a look at every place."""
         stream = self.stream
-        return bool(
-            self._now != stream.last
-            or stream.pauses
-            or stream.faults
-            or stream.taken_out
-            or self._skipping
-            or (stream.silences and self._noise.data)
-        )
+        if self._now != stream.last or self._skipping:
+            return True
+        if not stream.is_marked:
+            return False
+        silent_noise = stream.silences and self._noise.data
+        return bool(stream.pauses or stream.faults or stream.taken_out or silent_noise)

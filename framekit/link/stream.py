@@ -20,11 +20,13 @@ class Stream:
 
     `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came. The buffer is
     `bytes` as long as it is short, so that nobody has to copy it. `taken_out`: what has been behind the position, so
-    that offsets there do not count on evenly; `removed`: how many bytes have been before it.
+    that offsets there do not count on evenly; `removed`: how many bytes have been before it. `is_marked`: there may be
+    something in it, or a fault, silence or pause.
     """
 
     __slots__ = (
-        "base", "buffer", "ends", "faults", "last", "pauses", "position", "removed", "silences", "taken_out", "times",
+        "base", "buffer", "ends", "faults", "is_marked", "last", "pauses", "position", "removed", "silences",
+        "taken_out", "times",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -39,6 +41,7 @@ class Stream:
         self.faults: list[tuple[int, LineFault]] = []
         self.silences: list[int] = []
         self.pauses: list[int] = []
+        self.is_marked = False
 
     @property
     def offset(self) -> int:
@@ -50,28 +53,30 @@ class Stream:
             self.removed += self.taken_out.pop(0)[1]
         return place + self.removed
 
-    def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
-        """More bytes, the last of which came at `now`; what has been used is forgotten, unless much more follows it."""
-        ends, rest = self.ends, len(self.buffer) - self.position
-        if rest > COPIED or self.faults or self.silences or self.pauses or faults:
-            self._add(data, now, faults)
-            return
+    def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> bool:
+        """More bytes, the last of which came at `now`; whether there have been others. What has been used is dropped,
+        unless much more follows it.
+        """
+        rest = len(self.buffer) - self.position
+        if rest > COPIED or self.is_marked or faults:
+            return self._add(data, now, faults)
         self.base = base = self.base + self.position
+        self.last = now
         if not rest:
             self.buffer = bytes(data)
             self.ends, self.times = [base + len(data)], [now]
+            self.position = 0
+            return False
+        self.buffer = buffer = bytes(self.buffer[self.position :]) + data
+        self.position, ends = 0, self.ends
+        if len(ends) == 1 or ends[-2] <= base:
+            self.ends, self.times = [ends[-1], base + len(buffer)], [self.times[-1], now]
         else:
-            self.buffer = bytes(self.buffer[self.position :]) + data
-            end = base + len(self.buffer)
-            if len(ends) == 1 or ends[-2] <= base:
-                self.ends, self.times = [ends[-1], end], [self.times[-1], now]
-            else:
-                used = bisect_right(ends, base)
-                self.ends, self.times = [*ends[used:], end], [*self.times[used:], now]
-        self.position = 0
-        self.last = now
+            used = bisect_right(ends, base)
+            self.ends, self.times = [*ends[used:], base + len(buffer)], [*self.times[used:], now]
+        return True
 
-    def _add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
+    def _add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> bool:
         """As `add`, whatever there is to be remembered."""
         rest = len(self.buffer) - self.position
         if self.position and (rest <= COPIED or self.position > rest):
@@ -86,7 +91,14 @@ class Stream:
         self.times.append(now)
         for fault in faults:
             self.faults.append((end - len(data) + fault.index, fault.fault))
+        self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out)
         self.last = now
+        return bool(rest)
+
+    def mark(self, places: list[int], place: int) -> None:
+        """Notes something at a place, behind all that is noted in `places`."""
+        places.append(place)
+        self.is_marked = True
 
     def tidy(self) -> None:
         """Forgets the used part of the buffer."""
@@ -95,15 +107,14 @@ class Stream:
         self.position, ends = 0, self.ends
         if not buffer:
             self.ends, self.times = [], []
-        elif len(ends) == 1 or ends[-2] <= base:
-            self.ends, self.times = ends[-1:], self.times[-1:]
         else:
             used = bisect_right(ends, base)
-            del ends[:used], self.times[:used]
-        if self.faults or self.silences or self.pauses:
+            self.ends, self.times = ends[used:], self.times[used:]
+        if self.is_marked:
             self.faults = [item for item in self.faults if buffer and item[0] >= base]
             self.silences = [item for item in self.silences if buffer and item >= base]
             self.pauses = [item for item in self.pauses if buffer and item >= base]
+            self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out)
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
@@ -138,6 +149,7 @@ class Stream:
         low, count = self.base + start, end - start
         self.buffer = self.buffer[:start] + self.buffer[end:]
         self.taken_out.append((low + 1, count))
+        self.is_marked = True
         self.ends = [place - count if place > low else place for place in self.ends]
         self.faults = [
             (place - count if place >= low + count else place, fault)

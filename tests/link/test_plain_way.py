@@ -41,6 +41,10 @@ def placed(event: FrameArrived) -> tuple[Any, ...]:
     return event.raw, event.offset, event.started_at, event.ended_at, event.other
 
 
+def one_by_one(receiver: Receiver, expected: tuple[str, ...]) -> list[tuple[Any, ...]]:
+    return [told(event) for event in iter(lambda: receiver.next(expected), None)]
+
+
 def state(one: Receiver) -> tuple[Any, ...]:
     since = one.waiting_since if one.waiting else None
     return one.waiting, since, one.deadline, one.broken, one.is_empty
@@ -152,3 +156,43 @@ def test_the_quick_way_finds_the_same_in_noise(name: str) -> None:
         stream = noise_of(name, choose)
         compare(name, stream, choose, [stream], False)
         compare(name, stream, choose, cut_at(stream, [choose.randrange(len(stream)) for _ in range(9)]), False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_quick_way_finds_the_same_in_rows_of_one_kind(name: str) -> None:
+    """Many good frames of those that are expected, noise before some, cut where it is hardest: where they begin."""
+    choose, table = random.Random(f"rows {name}"), receiver(name).table
+    good = {
+        frame: [
+            it for it in loaded(name)[2] if table.infos[frame].measure(it, 0, len(it), receiver(name)._names, 0) > 0
+        ]
+        for frame in table.on_line
+    }
+    frame = max(table.on_line, key=lambda one: len(good[one]))
+    for _ in range(ROUNDS):
+        stream, cuts = b"", []
+        for _ in range(40):
+            noise = choose.randbytes(choose.randrange(1, 9)) if choose.random() < 0.2 else b""
+            stream += noise + choose.choice(good[frame])
+            cuts += [len(stream) + choose.choice((-2, -1, 0, 1, 2, 3, 5))] if choose.random() < 0.4 else []
+        pieces = cut_at(stream, cuts)
+        slow, quick = careful(name), receiver(name)
+        for now, piece in enumerate(pieces):
+            slow.append(piece, now)
+            quick.append(piece, now)
+            assert [told(event) for event in quick.arrivals((frame,))] == one_by_one(slow, (frame,))
+            assert state(slow) == state(quick)
+
+
+def test_a_frame_longer_than_what_is_copied_is_found() -> None:
+    """Behind a long rest bytes are appended to the buffer; it becomes bytes again when the rest is short."""
+    quick, slow = receiver("df1"), careful("df1")
+    expected = ("message", "ack", "enq")
+    begun = b"\x10\x02" + bytes(20_000)
+    for now, piece in enumerate(
+        [begun[at : at + 700] for at in range(0, len(begun), 700)] + [b"\x10\x03\x00\x00\x10\x06"]
+    ):
+        for each in (quick, slow):
+            each.append(piece, now)
+        assert [told(event) for event in quick.arrivals(expected)] == one_by_one(slow, expected)
+        assert state(slow) == state(quick)
