@@ -158,9 +158,13 @@ class FieldValueWriter(Building):
 
     def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
         """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
-        is_told = not isinstance(item, Field) and (item.limits is not None or item.zero_means is not None)
-        if forms.hex_places(item.type) is not None and not text.isdigit() and not is_told:
-            self.judge_range(item, scope, text, forms.value_range(item))
+        if forms.hex_places(item.type) is None or text.isdigit():
+            return
+        limits = forms.value_range(item)
+        if isinstance(item, Field) or item.plus < 0:
+            self.judge_range(item, scope, text, limits)
+        else:
+            self.refuse(item, scope, f"{text} > {limits.most}")
 
     def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
         if item.when is not None:

@@ -161,8 +161,9 @@ class ValueWriter(FieldValueWriter):
         self.add(f"{local} = {text}{plus}")
         scope.entries[number.name] = Entry(local, sized=False, wire=self._fixed_room(number, scope))
         given.computed[number.name] = local
-        self.refuse_digits(number, scope, local)
-        if number.limits is not None or number.zero_means is not None:
+        if number.limits is None and number.zero_means is None:
+            self.refuse_digits(number, scope, local)
+        else:
             limits = forms.value_range(number)
             message = (
                 f"'{given.path}{number.name}' is computed as {{{local}}}, it must be {limits.least}..{limits.most}"
