@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from framekit.api.errors import RequestError
-from framekit.definition.model.services import UNIT_BITS
+from framekit.definition.model.services import COUNTED_STRING, UNIT_BITS
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.errors import MemoryValueError
 from framekit.memory.numbers import as_signed, unit_bits
-from framekit.memory.views import NumberView, Order, TextView, view_of
+from framekit.memory.views import CountedTextView, NumberView, Order, TextView, view_of
 
 IntType = Literal[
     "bit", "byte", "word", "dword", "lword",
@@ -32,7 +32,7 @@ class Typed:
     """How `count` values of a type at a place of the unit `place` travel: as `units` × `unit` (None: its own unit)."""
 
     type: str
-    view: NumberView | TextView | None
+    view: NumberView | TextView | CountedTextView | None
     unit: str | None
     units: int
     count: int
@@ -41,7 +41,7 @@ class Typed:
     def values(self, data: bytes, numbers: Sequence[int]) -> list[Any]:
         """The values in what a transfer brought."""
         match self.view:
-            case NumberView() as view:
+            case NumberView() | CountedTextView() as view:
                 return list(view.read(data))
             case TextView() as view:
                 return [view.read(data, self.count, self.place)]
@@ -65,6 +65,8 @@ class Typed:
             match self.view:
                 case NumberView() as view:
                     return values_of(view.write(_numbers(values, self.type)), view.unit, len(values))
+                case CountedTextView() as view:
+                    return values_of(view.write(values), self.place, len(values))
                 case TextView() as view:
                     data = view.write(_text(values), self.count, self.place)
                     return values_of(data, view.unit(self.place), self.units)
@@ -85,6 +87,8 @@ def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str |
     try:
         where = grammar.parse(address)
         place, type_ = where.unit, type_ or where.type
+        if type_ == COUNTED_STRING and type_ == where.type and order is None:
+            return Typed(type_, CountedTextView(where.unit_bits // 8), None, count, count, place)
         if type_ is None or _is_unit(type_):
             if order is not None:
                 raise ValueError(f"order= is for numbers and text – give a type, such as uint32, not {type_ or 'none'}")
@@ -94,9 +98,8 @@ def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str |
         raise RequestError(str(error)) from None
     if isinstance(view, TextView):
         if place not in UNIT_BITS:  # its octets are a structure, which text would overwrite
-            raise RequestError(
-                f"{address} is an element of {place} with a form of its own – write its bytes as a number"
-            )
+            todo = "leave the type out" if where.type == COUNTED_STRING else "write its bytes as a number"
+            raise RequestError(f"{address} is an element of {place} with a form of its own – {todo}")
         return Typed(type_, view, view.unit(place), view.units(count, place), count, place)
     return Typed(type_, view, view.unit, count, count, place)
 

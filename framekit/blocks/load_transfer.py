@@ -13,7 +13,7 @@ from framekit.definition.check.addresses import is_unit
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import is_nearly
-from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
 from framekit.memory.numbers import unit_bits
 
@@ -46,12 +46,12 @@ class TransferLoader:
             )
         grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
         units: list[str] = []
-        types: list[str | None] = []
+        types: list[Address | None] = []
         for node in nodes:
             with reader.going_on():
                 address = address_at(reader, grammar, node.at, reader.text(node), unit, count if len(nodes) == 1 else 1)
                 units.append(unit or address.unit)
-                types.append(address.type if unit is None else None)
+                types.append(address if unit is None else None)
                 if instruction == "write" and protocol.areas[address.area].access == "read":
                     reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
         places, values = self._own_side(instruction, keys, types or [None], len(nodes), count)
@@ -92,13 +92,13 @@ class TransferLoader:
             self.reader.note(node.at, f"a count of {count} moves nothing", "give 1 or more")
         return max(1, count or 1)
 
-    def _numbers(self, nodes: Sequence[Node], types: list[str | None], wanted: int) -> tuple[int, ...]:
+    def _numbers(self, nodes: Sequence[Node], types: list[Address | None], wanted: int) -> tuple[int, ...]:
         """What the elements get: one number stands for all of them. Raises Broken."""
         given = list(nodes) * wanted if len(nodes) == 1 else nodes
         return tuple(number_for(self.reader, node, types[min(at, len(types) - 1)]) for at, node in enumerate(given))
 
     def _own_side(
-        self, instruction: str, keys: Mapping, types: list[str | None], targets: int, count: int
+        self, instruction: str, keys: Mapping, types: list[Address | None], targets: int, count: int
     ) -> tuple[tuple[Place, ...], tuple[int, ...] | None]:
         """The own places, one for each address, or the constants to write."""
         reader = self.reader

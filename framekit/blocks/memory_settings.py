@@ -85,7 +85,7 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
             address = grammar.parse(text)
         except AddressError as error:
             raise reader.broken(entry.key.at, *_parted(error)) from None
-        values = tuple(number_for(reader, item, address.type) for item in reader.items(entry.value))
+        values = tuple(number_for(reader, item, address) for item in reader.items(entry.value))
         try:
             grammar.check(address, max(1, len(values)))
         except AddressError as error:

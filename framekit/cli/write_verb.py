@@ -70,10 +70,11 @@ def refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
 
 def value_at(place: Address, text: str) -> Value:
     """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
+    from framekit.definition.model.services import NUMBER_BITS
     from framekit.link.packing import PackingError, memory_of
     from framekit.memory.views import NumberView, view_of
 
-    view = None if place.type is None or "x" not in text.lower() else view_of(place.type)
+    view = None if place.type not in NUMBER_BITS or "x" not in text.lower() else view_of(str(place.type))
     if not isinstance(view, NumberView):
         return value_of(text, place.type)
     try:
@@ -88,8 +89,9 @@ def value_of(text: str, type_: str | None) -> Value:
     """A value from its text. Raises RequestError."""
     from framekit.api.errors import RequestError
     from framekit.definition.load.scalars import parse_number
+    from framekit.definition.model.services import COUNTED_STRING
 
-    if type_ == "string":
+    if type_ in ("string", COUNTED_STRING):
         return text
     try:
         if type_ in ("float32", "float64"):

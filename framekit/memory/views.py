@@ -107,6 +107,40 @@ class TextView:
         return data if place == "byte" or self.bytes_swapped else swap(data, 2)
 
 
+@dataclass(frozen=True, slots=True)
+class CountedTextView:
+    """Texts in elements of `size` bytes: a word with the number of characters, then these, the first in the high byte.
+
+    What is behind them is not looked at, and 00 when written.
+    """
+
+    size: int
+    encoding: str = "latin-1"
+
+    def read(self, data: bytes) -> list[str]:
+        """The texts in data in memory's form; a number beyond the element's end counts as all of it."""
+        elements = [data[at : at + self.size] for at in range(0, len(data), self.size)]
+        return [
+            swap(one[2:], 2)[: int.from_bytes(one[:2], "little")].decode(self.encoding) for one in elements
+        ]  # fmt: skip
+
+    def write(self, texts: Sequence[object]) -> bytes:
+        """Memory's form of the texts. Raises MemoryValueError for what is none, or does not fit."""
+        return b"".join(self._element(text) for text in texts)
+
+    def _element(self, text: object) -> bytes:
+        if not isinstance(text, str):
+            raise MemoryValueError(f"{text!r} is no text")
+        try:
+            data = text.encode(self.encoding)
+        except UnicodeEncodeError as error:
+            raise MemoryValueError(f"{error.object[error.start]!r} is no character of {self.encoding}") from None
+        room = self.size - 2
+        if len(data) > room:
+            raise MemoryValueError(f"{text!r} has {len(data)} characters, there is room for {room}")
+        return len(data).to_bytes(2, "little") + swap(data.ljust(room, b"\0"), 2)
+
+
 def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
     """The view of a name of `VIEWS`. Raises ValueError for another name, or an unknown order."""
     if order is not None and order not in ORDERS:

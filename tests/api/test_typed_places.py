@@ -18,8 +18,12 @@ def test_text_does_not_go_into_structures() -> None:
     protocol = framekit.load("df1").definition
     grammar = ServiceRows(protocol, compile_protocol(protocol)).grammar
     assert typed(grammar, "N7:0", "string", None, 5).units == 3
-    with pytest.raises(RequestError, match="ST9:0 is an element of 84 bytes with a form of its own"):
+    with pytest.raises(
+        RequestError, match="ST9:0 is an element of 84 bytes with a form of its own – leave the type out"
+    ):
         typed(grammar, "ST9:0", "string", None, 5)
+    with pytest.raises(RequestError, match="T4:0 is an element of 6 bytes with a form of its own – write its bytes"):
+        typed(grammar, "T4:0", "string", None, 5)
 
 
 DEVICE = "device: one\nprotocol: df1\nrole: full\nstation: 1\n"
@@ -32,6 +36,7 @@ blocks:
   0: {write: "F8:0", values: [1.5], count: 2, every: 1 s}
   1: {write: ["F8:2", "N7:0"], values: [-2, 3], every: 1 s}
   2: {write: "F8:3", values: [0x3F800000], type: dword, every: 1 s}
+  3: {write: "ST9:0", values: [ab], every: 1 s}
 """
 
 
@@ -58,12 +63,34 @@ def test_places_are_read_and_written_as_what_they_hold(tmp_path: Path) -> None:
             client.read_many(["F8:0", "B3:0"], order="ABCD")
 
 
+def test_texts_stand_with_their_length(tmp_path: Path) -> None:
+    file = tmp_path / "one.device.yaml"
+    file.write_text(DEVICE + 'memory: {set: {"ST9:0": [hello, "line 2"]}}\n', encoding="utf-8")
+    with framekit.connect("df1", f"sim:{file}", role="full", station=1) as client:
+        assert client.read("ST9:0", 3) == ["hello", "line 2", ""]
+        assert client.read("ST9:0", 4, type="word") == [5, 0x6865, 0x6C6C, 0x6F00]
+        client.write("ST9:1", ["a" * 82, "ü"])
+        client.write_many({"ST9:3": "odd", "N7:0": -1})
+        mixed = client.read_many(["ST9:2", "N7:0", "ST9:1"])
+        assert (mixed, mixed.type) == (["ü", -1, "a" * 82], "counted_string, int16")
+        client.write("ST9:2", [90], type="word")
+        assert client.read("ST9:2").value == "ü" + 81 * "\0", "a length beyond the element is all of it"
+        for value, why in [
+            ("x" * 83, "has 83 characters, there is room for 82"),
+            (5, "5 is no text"),
+            ("→", "'→' is no char"),
+        ]:
+            with pytest.raises(RequestError, match=why):
+                client.write("ST9:0", value)
+        assert client.read("ST9:3").value == "odd"
+
+
 def test_constants_of_blocks_are_of_the_type_of_their_place(tmp_path: Path) -> None:
     (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
     file = tmp_path / "fractions.run.yaml"
     file.write_text(RUN, encoding="utf-8")
     assert [block.values for block in load_run(file).blocks] == [
-        (0x3FC00000, 0x3FC00000), (0xC0000000, 3), (0x3F800000,),
+        (0x3FC00000, 0x3FC00000), (0xC0000000, 3), (0x3F800000,), (0x61620002,),
     ]  # fmt: skip
 
 

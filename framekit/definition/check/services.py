@@ -14,7 +14,7 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Repeat
-from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, ServiceRow
+from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS, ServiceRow
 from framekit.definition.model.sizes import field_names, flat, names_needed
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
 from framekit.definition.model.visit import expressions_of, parts_of
@@ -190,7 +190,10 @@ def _areas(protocol: Protocol) -> Iterator[Problem]:
     for area in protocol.areas.values():
         if area.size < 1:
             yield Problem(area.at, f"area '{area.name}' has no places", "give size: 1 or more")
-        if area.type is not None and NUMBER_BITS.get(area.type, area.element_bits) != area.element_bits:
+        if area.type == COUNTED_STRING and (area.element_bits < 32 or area.element_bits % 16):
+            what = f"an element of area '{area.name}' is a {area.unit}, which holds no word of a length and characters"
+            yield Problem(area.at, what, "give a unit of 4, 6, … bytes")
+        elif area.type is not None and NUMBER_BITS.get(area.type, area.element_bits) != area.element_bits:
             what = f"a {area.type} is no {area.unit}, which an element of area '{area.name}' is"
             yield Problem(area.at, what, "give a type of that width")
         for unit in area.codes:

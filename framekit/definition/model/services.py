@@ -17,6 +17,8 @@ NUMBER_BITS = {
     **{f"{kind}{bits}": bits for kind in ("int", "uint") for bits in (8, 16, 32, 64)}, "float32": 32, "float64": 64,
 }  # fmt: skip
 """The types of numbers that elements may hold, and their widths."""
+COUNTED_STRING = "counted_string"
+"""The type of an element that is the number of characters in a word, and then these."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
