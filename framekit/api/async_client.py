@@ -147,7 +147,7 @@ class AsyncClient(AsyncLine):
         """One value of each address, in their order; in one request where the protocol has lists. Else as `read`."""
         service = self._working()
         to = self.settings.station_for(station)
-        if type == "string" or not addresses:
+        if type == "string":
             raise RequestError("read_many reads one number of each address – texts are read one by one")
         how = typed_each(service.client.grammar, addresses, type, order)
         result = await self._transfer(
@@ -193,7 +193,7 @@ class AsyncClient(AsyncLine):
         """Writes one value to each address; in one request where the protocol has lists. Else as `write`."""
         service = self._working()
         to = self.settings.station_for(station)
-        if type == "string" or not values:
+        if type == "string":
             raise RequestError("write_many writes one number to each address – texts are written one by one")
         addresses = list(values)
         how = typed_each(service.client.grammar, addresses, type, order)

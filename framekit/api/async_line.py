@@ -44,6 +44,12 @@ class AsyncLine:
         self._waiting: list[tuple[tuple[str, ...], asyncio.Future[FrameValue]]] = []
         self._why = "it has not been opened"
 
+    def __repr__(self) -> str:
+        settings = self.settings
+        station = "" if settings.station is None else f", station {settings.station!r}"
+        state = "open" if self.is_open else "not open"
+        return f"<{type(self).__name__} of {settings.protocol.name} on {settings.port}{station}, {state}>"
+
     # ---- life ---------------------------------------------------------------------------------------------
 
     async def open(self) -> Self:

@@ -148,6 +148,8 @@ def aserve(
     monitor: Callable[[Seen], None] | None = None,
 ) -> AsyncServer:
     """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
+    if memory is not None and not isinstance(memory, str):
+        raise RequestError(f"memory is the name of a profile, not {memory!r} – start values go into initial")
     stations = () if station is None else tuple(station) if isinstance(station, (list, tuple, range)) else (station,)
     settings = DeviceSettings(
         stations=tuple(_text(one) for one in stations),

@@ -44,6 +44,9 @@ class Client:
             self._end()
             raise
 
+    def __repr__(self) -> str:
+        return repr(self._client).replace("Async", "", 1)
+
     def close(self) -> None:
         """Closes the port; calls under way in other threads raise LineClosedError. Closing twice does nothing."""
         self._end()

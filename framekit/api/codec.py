@@ -136,6 +136,8 @@ class Protocol:
     ) -> tuple[list[Frame], list[tuple[str, FrameError]]]:
         if frame is not None:
             self._known(frame, [*self.definition.frames, *self.definition.groups])
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise RequestError(f"a frame is bytes, such as bytes.fromhex('02 57'), not {data!r}")
         if sender not in (None, "client", "server"):
             raise RequestError(f"'{sender}' is neither client nor server")
         found, faults = fitting(

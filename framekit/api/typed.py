@@ -133,13 +133,19 @@ class TypedEach:
 
 
 def typed_each(grammar: AddressGrammar, addresses: Sequence[str], type_: str | None, order: str | None) -> TypedEach:
-    """As `typed`, for one number of each address."""
+    """As `typed`, for one number of each address. Raises RequestError, also for what is no list of addresses."""
+    if isinstance(addresses, str) or not addresses:
+        raise RequestError(f"several addresses are a list with one at least, not {addresses!r}")
     return TypedEach(tuple(typed(grammar, address, type_, order, 1) for address in addresses))
 
 
 def values_given(values: Value | Sequence[Value]) -> list[Value]:
-    """One value or several, as a list."""
-    return [values] if isinstance(values, (int, float, str)) else list(values)
+    """One value or several, as a list. Raises RequestError for what is none."""
+    if isinstance(values, (int, float, str)):
+        return [values]
+    if not isinstance(values, Sequence) and not hasattr(values, "__iter__"):
+        raise RequestError(f"{values!r} cannot be written – give a number, a text or a list of them")
+    return list(values)
 
 
 def _hint(address: object) -> str:

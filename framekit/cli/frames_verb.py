@@ -86,12 +86,18 @@ def _places(low: int, high: int) -> str:
     return f"bit {low}" if low == high else f"bits {low}-{high}"
 
 
+def _bytes(size: object) -> str:
+    from framekit.definition.problems import plural
+
+    return plural(size, "byte") if isinstance(size, int) else f"{size} bytes"
+
+
 def _form(segment: Segment) -> str | None:
     from framekit.definition.model.segments import Count, Data, Field, Length, Value
 
     match segment:
         case Field(type=type_):
-            size = f", {type_.size} bytes" if type_.size is not None else ""
+            size = f", {_bytes(type_.size)}" if type_.size is not None else ""
             return f"{type_.kind}{size}"
         case Data(size=size):
             return "bytes, the rest" if size == "rest" else f"bytes, {size}"

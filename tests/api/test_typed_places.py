@@ -99,3 +99,22 @@ def test_the_memory_of_a_server_goes_by_it_too() -> None:
         server.memory["F8:0"] = 1.5
         assert server.memory["F8:0"] == 1.5
         assert server.memory.read("F8:0", type="dword") == [0x3FC00000]
+
+
+def test_what_is_no_value_no_list_and_no_bytes_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "one.device.yaml"
+    file.write_text(DEVICE, encoding="utf-8")
+    with framekit.connect("df1", f"sim:{file}", role="full", station=1) as client:
+        assert repr(client) == f"<Client of df1 on sim:{file}, station 1, open>"
+        with pytest.raises(RequestError, match="None cannot be written – give a number, a text or a list of them"):
+            client.write("N7:0", None)  # type: ignore[arg-type]
+        for wrong in ("N7:0", []):
+            with pytest.raises(RequestError, match="several addresses are a list with one at least"):
+                client.read_many(wrong)
+        with pytest.raises(RequestError, match="several addresses are a list with one at least"):
+            client.write_many({})
+    assert repr(client).endswith(", not open>")
+    with pytest.raises(RequestError, match="a frame is bytes, such as bytes"):
+        framekit.load("df1").decode("10 06")  # type: ignore[arg-type]
+    with pytest.raises(RequestError, match="start values go into initial"):
+        framekit.serve("df1", "pty:", station=1, memory={"N7:0": 5})  # type: ignore[arg-type]

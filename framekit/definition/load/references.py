@@ -10,6 +10,8 @@ from framekit.definition.model.segments import (
     Bits,
     Check,
     Count,
+    Data,
+    Field,
     Length,
     Record,
     Repeat,
@@ -75,6 +77,8 @@ class _Resolver:
         if not isinstance(self.names.get(count.of), Repeat):
             known = [name for name, segment in self.names.items() if name and isinstance(segment, Repeat)]
             todo = did_you_mean(count.of, known) or "name a segment repeat: in of"
+            if isinstance(self.names.get(count.of), (Data, Field)):
+                todo = f"write length: {count.name} for the number of bytes"
             self.reader.note(count.at, f"there is no repeat '{count.of}' to count", todo)
 
     def _check(self, check: Check) -> Segment:
