@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from array import array
 from collections.abc import Iterator, Mapping
 from functools import partial
 from random import Random
@@ -15,7 +16,7 @@ from shipped import APPLICATIONS, PROTOCOLS
 from framekit.codec.builders import Builders
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
-from framekit.codec.python.builder_module import builder_name
+from framekit.codec.python.builder_module import BuilderModules, builder_name
 from framekit.codec.python.flat import write_plain_builder
 from framekit.codec.python.generate import MOST_BUILDERS, generate_source
 from framekit.codec.python.module import Module
@@ -30,7 +31,7 @@ CARRIED = ("pccc", "pccc-admin", "ge-service", "modbus-pdu", "ge-rtu-pdu")
 """Applications whose frames stand in those of shipped protocols, and are built there."""
 STRANGE: tuple[Any, ...] = (
     -1, 0, 255, 256, 300, 70_000, 1 << 40, 1.5, "", "no such name", b"", b"x" * 300, [], [1] * 300, [256], [-1, 70_000],
-    (1, 2), {1: 2}, {}, "AB", True, range(2), bytearray(b"ab"),
+    (1, 2), {1: 2}, {}, "AB", True, range(2), bytearray(b"ab"), memoryview(b"abcd").cast("H"), array("H", [1, 2]),
 )  # fmt: skip
 
 
@@ -373,6 +374,22 @@ def test_random_frames_are_built_alike(seed: int) -> None:
         assert result(lambda: build(**keywords)) == wanted  # noqa: B023
         for name in keywords:
             both.compare_spoilt(rows, keywords, name)
+
+
+@pytest.mark.parametrize("values", [array("H", [1, 2]), memoryview(b"\1\0\2\0").cast("H"), memoryview(b"\1\0\2\0")])
+def test_what_holds_bytes_counts_by_its_bytes(values: Any) -> None:
+    body = "{length: n, type: u8, of: [b, d]}, {field: b, type: bytes, size: 4}, {data: d, size: n - 4}"
+    both = Both(protocol_of(body))
+    wanted = b"\x08" + 2 * bytes(values)
+    assert both.codec.encode("f", {"b": values, "d": values}) == both.build(("f",))(b=values, d=values) == wanted
+
+
+def test_a_parameter_called_type_hides_nothing() -> None:
+    body = "{field: type, type: u8}, {count: n, type: u8, of: l}, {repeat: l, times: n, of: u16}, {data: d, size: rest}"
+    name, source = BuilderModules(protocol_of(body)).source(["f"])
+    names: dict[str, Any] = {"__name__": "alone", "ctx": {}, "EncodeError": EncodeError}
+    exec(compile(source, "alone", "exec"), names)  # without the encoder, which is for values that do not fit
+    assert names[name](type=1, l=[2, 3], d=b"d") == b"\1\2\0\2\0\3d"
 
 
 # ---- modules that stand alone -------------------------------------------------------------------------------

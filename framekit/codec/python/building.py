@@ -193,6 +193,10 @@ class Building:
                 parts.append(text)
         return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
 
+    def is_other(self, local: str, type_: str) -> str:
+        """Text that tells whether a value is of another type, or of one derived from it."""
+        return f"type({local}) is not {type_}"
+
     def count_of(self, local: str) -> str:
         """Text of the number of values in a list."""
         return self.counts.get(local, f"len({local})")

@@ -84,6 +84,8 @@ class FieldValueWriter(Building):
                 self._judge_text(item, scope, local)
         else:
             self.bind(local, self._given(item, scope, given, needed, missing))
+            if item.type.kind == "bytes" and item.when is None:
+                self.no_bytes(local)
             if item.values is not None:
                 numbers = self.module.numbers(item.values, f"{self.title} {item.name}")
                 self.add(f"{local} = {numbers}.get({local}, {local})")
@@ -226,11 +228,22 @@ class FieldValueWriter(Building):
             self.bind(local, key)
         else:
             self.add(f'{local} = {key} if {self.text(data.when, scope, OR)} else b""')
+        if isinstance(data.size, (int, Expression)) or data.least or self.is_measured(data.name):
+            self.no_bytes(local)
         if isinstance(data.size, int):
             self.refuse(data, scope, f"len({local}) {'!=' if data.pad is None else '>'} {data.size}")
         if data.least and (not isinstance(data.size, int) or data.pad is not None):
             self.refuse(data, scope, f"len({local}) < {data.least}")
         scope.entries[data.name] = Entry(local)
+
+    def is_measured(self, name: str) -> bool:
+        """Whether something may depend on the length of data, beside their own size."""
+        return bool(self.asked_for) or name in self.read_names
+
+    def no_bytes(self, local: str) -> None:
+        """Of what holds bytes otherwise bytes are made: its length may count something larger."""
+        with self.out.block(f"if {self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}:"):
+            self.add(f'{local} = b"" + {local}')
 
     def _data_size(self, data: Data, scope: Scope, given: Given) -> None:
         assert isinstance(data.size, Expression)

@@ -158,9 +158,21 @@ class FlatWriter(EncodeWriter):
     def refuse_if(self, condition: str) -> None:
         """A list is by far the most frequent where one may be given; to ask that takes half the time."""
         if (other := re.fullmatch(r"not isinstance\((\w+), \(list, tuple\)\)", condition)) is not None:
-            self.complain(f"type({other[1]}) is not list and {condition}", "", "")
+            self.complain(f"{self.is_other(other[1], 'list')} and {condition}", "", "")
         else:
             super().refuse_if(condition)
+
+    def is_other(self, local: str, type_: str) -> str:
+        """A parameter that is called `type` hides what tells the types of the others."""
+        return (
+            f"{local}.__class__ is not {type_}" if "type" in self.keywords.values() else super().is_other(local, type_)
+        )
+
+    def is_measured(self, name: str) -> bool:
+        return super().is_measured(name) or any(name in names for _, names in self.together.sizes)
+
+    def no_bytes(self, local: str) -> None:
+        self.complain(f"{self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}", "", "")
 
     def local(self, name: str, given: Given) -> str:
         known = self.keywords.get(name) if isinstance(given, ByKeyword) else None

@@ -6,7 +6,7 @@ from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.commands import CommandLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.sections import item_type, literal_or_expression
-from framekit.definition.load.types import ORDERS
+from framekit.definition.load.types import given_order
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.services import (
     UNIT_BITS,
@@ -143,9 +143,8 @@ class ServiceLoader:
         if node is None:
             return Packing()
         reader, keys = self.reader, self.reader.mapping(node)
-        order = reader.maybe(reader.text, keys.get("order")) or "little"
         bits = reader.maybe(reader.text, keys.get("bits")) or "packed"
-        return Packing(order=ORDERS[order], bits=bits)  # type: ignore[arg-type]
+        return Packing(order=given_order(reader, keys) or "little", bits=bits)  # type: ignore[arg-type]
 
     def _replies(self, node: Node | None) -> tuple[ReplyRow, ...]:
         return tuple(self._reply(self.reader.mapping(item)) for item in self.reader.items(node))

@@ -51,7 +51,7 @@ def load_type(space: Namespace, keys: Mapping, type_node: Node | None, *, digits
         return _ascii(space, keys, scalar)
     wanted = _size(reader, keys, scalar)
     if name == "bcd":
-        return FieldType("bcd", wanted, order=_given_order(reader, keys) or "big")
+        return FieldType("bcd", wanted, order=given_order(reader, keys) or "big")
     if name == "bytes":
         return FieldType("bytes", wanted)
     return FieldType("int", wanted, signed=name == "int", order=_order(space, keys, wanted, scalar))
@@ -69,13 +69,14 @@ def _size(reader: Reader, keys: Mapping, scalar: Scalar) -> int | Expression:
     return size
 
 
-def _given_order(reader: Reader, keys: Mapping) -> Order | None:
+def given_order(reader: Reader, keys: Mapping) -> Order | None:
+    """The byte order that keys say, if they do. Raises Broken."""
     node = keys.get("order")
     return None if node is None else reader.one_of(node, ORDERS, "a byte order")
 
 
 def _order(space: Namespace, keys: Mapping, size: int | Expression, scalar: Scalar) -> Order:
-    order = _given_order(space.reader, keys)
+    order = given_order(space.reader, keys)
     if order is None:
         return ORDERS[space.order(scalar.at.file)]
     if order in ("BADC", "CDAB") and size not in (2, 4, 8):
@@ -87,7 +88,7 @@ def _order(space: Namespace, keys: Mapping, size: int | Expression, scalar: Scal
 
 def _digits(space: Namespace, keys: Mapping, scalar: Scalar) -> FieldType:
     reader = space.reader
-    order = _given_order(reader, keys) or "big"
+    order = given_order(reader, keys) or "big"
     case = reader.maybe(reader.text, keys.get("case")) or "upper"
     return FieldType(
         "digits", _size(reader, keys, scalar), order=order, base=DIGIT_BASES[scalar.text], upper=case != "lower"
