@@ -29,22 +29,23 @@ def run(rounds: int) -> list[Row]:
 
 def _against_decode(kind: Kind, rounds: int) -> Row:
     stream = sample(kind, 10 * MILLION)
+    pieces = list(stream.pieces())
     found = compare_once(
-        {"framekit": lambda: receive(kind, stream), "ready-cut": lambda: _decode(kind, stream)}, rounds
+        {"framekit": lambda: receive(kind, pieces), "ready-cut": lambda: _decode(kind, stream)}, rounds
     )
     row = slower(f"{kind.name}: 10 MB", "decode ready-cut", found["framekit"], found["ready-cut"], AT_MOST, 1e3)
-    frames, missed = len(stream.frames), len(stream.frames) - receive(kind, stream)
+    frames, missed = len(stream.frames), len(stream.frames) - receive(kind, pieces)
     return replace(row, details={**row.details, "frames": frames, "lost to noise": missed})
 
 
-def receive(kind: Kind, stream: Sample) -> int:
-    """How many frames a receiver finds."""
+def receive(kind: Kind, pieces: list[bytes]) -> int:
+    """How many frames a receiver finds in pieces as a port hands them over."""
     codec = kind.codec
     line = None if codec.protocol.line.kind == "stream" else LineFormat(9600)
     receiver = Receiver(codec, codec.protocol, Scope(codec.protocol, line=line))
     expected = tuple(dict.fromkeys(name for name, _ in kind.frames))
     count = now = 0
-    for piece in stream.pieces():
+    for piece in pieces:
         now += CHARACTER * len(piece)
         receiver.append(piece, now)
         for arrival in receiver.arrivals(expected):
@@ -60,8 +61,8 @@ def _decode(kind: Kind, stream: Sample) -> None:
 
 def _growth(kind: Kind) -> list[Row]:
     """Time a byte at 10 and 100 MB, as multiples of that at 1 MB."""
-    streams = {size: sample(kind, size * MILLION) for size in (1, 10, 100)}
-    found = compare_once({str(size): partial(receive, kind, stream) for size, stream in streams.items()}, 1)
-    each = {size: Timing(tuple(it / size for it in found[str(size)].rounds)) for size in streams}
+    pieces = {size: list(sample(kind, size * MILLION).pieces()) for size in (1, 10, 100)}
+    found = compare_once({str(size): partial(receive, kind, cut) for size, cut in pieces.items()}, 1)
+    each = {size: Timing(tuple(it / size for it in found[str(size)].rounds)) for size in pieces}
     names = {size: f"{kind.name}: {size} MB, time a byte" for size in (10, 100)}
     return [slower(names[size], "1 MB", each[size], each[1], LINEAR, 1e3) for size in (10, 100)]

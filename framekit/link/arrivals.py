@@ -12,23 +12,29 @@ from framekit.link.values import FrameValue
 
 
 class FrameArrived:
-    """A good frame, or one that is to be refused (`value.refusal`). `other`: it was not among the expected ones.
+    """A good frame, or one that is to be refused (`value.refusal`). `times`: when its first and last byte came.
 
     `decoded`: its fields, frames inside as the codec gives them; `make` makes a value of them, taking a refusal.
     `value` is the frame. It is made when somebody asks, unless it has been given: many frames a turn are cheaper so.
     Whoever makes one sets all attributes but that, which takes half the time of an `__init__` or a named tuple.
     """
 
-    __slots__ = ("decoded", "ended_at", "make", "offset", "other", "raw", "started_at", "value")
+    __slots__ = ("decoded", "make", "offset", "raw", "times", "value")
 
     make: Callable[[dict[str, Any], bytes, int | None], FrameValue]
     decoded: dict[str, Any]
     raw: bytes
     offset: int
-    started_at: int
-    ended_at: int
-    other: bool
+    times: tuple[int, int]
     value: FrameValue
+
+    @property
+    def started_at(self) -> int:
+        return self.times[0]
+
+    @property
+    def ended_at(self) -> int:
+        return self.times[1]
 
     def __getattr__(self, name: str) -> Any:
         """Only asked for what is not known yet."""

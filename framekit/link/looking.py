@@ -103,10 +103,10 @@ class Looking(Recovery):
         limit, is_cut = self.pauses.reach(self._now)
         worst: Bad | None = None
         silent: list[FrameInfo] = []
-        for level, infos in enumerate(levels):
+        for infos in levels:
             good, bad, wanting = self._candidates.judge(infos, limit, silent, self._inside)
             if good is not None:
-                return self._noise_before() or self._arrived(good, level == 1)
+                return self._noise_before() or self._arrived(good)
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
@@ -132,27 +132,26 @@ class Looking(Recovery):
         for info in silent:
             result = self._candidates.at_silence(info, stop)
             if isinstance(result, Good):
-                return self._noise_before() or self._arrived(result, info.name not in self._interest.expected)
+                return self._noise_before() or self._arrived(result)
             if isinstance(result, Bad):
                 worst = worse(worst, result)
         return self._unusable() if worst is None else self._bad(worst)
 
-    def _arrived(self, good: Good, other: bool) -> FrameArrived:
+    def _arrived(self, good: Good) -> FrameArrived:
         stream = self.stream
         size = len(good.raw)
         self._given = size
         self._declined.append(good.info.name)
         arrived = self._arrival(good.info.make, good.fields, good.raw, stream.position)
-        arrived.other = other
         arrived.value = good.info.make(good.fields, good.raw, good.refusal)
         return arrived
 
     def _arrival(self, make: Make, fields: dict[str, Any], raw: bytes, place: int) -> FrameArrived:
         """A frame that stands at buffer index `place`."""
         stream, arrived = self.stream, FrameArrived()
-        arrived.make, arrived.decoded, arrived.raw, arrived.other = make, fields, raw, False
+        arrived.make, arrived.decoded, arrived.raw = make, fields, raw
         arrived.offset = stream.offset + place - stream.position
-        arrived.started_at, arrived.ended_at = stream.times_of(place, place + len(raw))
+        arrived.times = stream.times_of(place, place + len(raw))
         return arrived
 
     def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:

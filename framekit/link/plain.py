@@ -50,7 +50,7 @@ class PlainLooking(RowLooking):
             raw = bytes(stream.buffer[stream.position : stream.position + size])
             if self._inside is not None and not (left.alone and left.sure and self._inside.nothing_in(info, raw)):
                 return False
-            found.append(noise.take() if noise.data else self._arrived(Good(info, raw, fields, None), False))
+            found.append(noise.take() if noise.data else self._arrived(Good(info, raw, fields, None)))
             return False
 
     def _beside(self, found: list[Arrival], left: Left, taken: Taken) -> int:

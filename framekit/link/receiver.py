@@ -182,14 +182,14 @@ class Receiver(PlainLooking):
             return None
         stream, interest = self.stream, self._interest
         end = len(stream.buffer)
-        for level, infos in enumerate(interest.at(stream.buffer[stream.position])):
+        for infos in interest.at(stream.buffer[stream.position]):
             for info in infos:
                 if info.name not in self._declined:
                     result = self._candidates.ask(info, end)
                     if type(result) is Complete:
                         result = self._candidates.read(info, result)
                     if type(result) is Good:
-                        return self._arrived(result, level == 1)
+                        return self._arrived(result)
         return None
 
     def flush(self) -> list[Noise]:

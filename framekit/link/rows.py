@@ -47,7 +47,7 @@ class RowLooking(RoughLooking):
         end, base, ends, times = len(data), stream.base, stream.ends, stream.times
         offset = base + stream.removed
         piece = 0 if base + place < ends[0] else bisect_right(ends, base + place)
-        until, at = ends[piece] - base, times[piece]
+        until, came = ends[piece] - base, (times[piece], times[piece])
         try:
             if self._noise.data:
                 place, left, raw, fields = self._over(interest, found, data, place, NOT_LOOKED, None)
@@ -74,18 +74,19 @@ class RowLooking(RoughLooking):
                 behind = place + len(raw)
                 arrived = FrameArrived()
                 arrived.make, arrived.decoded, arrived.raw = left.make, fields, raw
-                arrived.offset, arrived.other = offset + place, False
+                arrived.offset = offset + place
                 if behind > until:
                     while place >= until:
                         piece += 1
                         until = ends[piece] - base
-                    arrived.started_at = times[piece]
+                    since = times[piece]
                     while behind > until:
                         piece += 1
                         until = ends[piece] - base
-                    arrived.ended_at = at = times[piece]
+                    arrived.times = since, times[piece]
+                    came = times[piece], times[piece]
                 else:
-                    arrived.started_at = arrived.ended_at = at
+                    arrived.times = came
                 add(arrived)
                 place = behind
         except EVALUATION_ERRORS:
@@ -97,6 +98,7 @@ class RowLooking(RoughLooking):
         assert interest.rows is not None
         (rows, only), stream, names, add = interest.rows, self.stream, self._names, found.append
         end, offset, now, ends = len(data), stream.base + stream.removed, stream.last, stream.ends
+        came = now, now
         newest = 0 if len(ends) == 1 else ends[-2] - stream.base
         behind_noise = bool(self._noise.data)
         try:
@@ -104,7 +106,8 @@ class RowLooking(RoughLooking):
                 left, raw, taken = NOT_LOOKED, None, None
                 if not behind_noise:
                     since, count = now if place >= newest else stream.time_of(place), len(found)
-                    place, taken = rows(data, place, end, names, since, now, offset, FrameArrived, only.make, add)
+                    first = came if since == now else (since, now)
+                    place, taken = rows(data, place, end, names, first, came, offset, FrameArrived, only.make, add)
                     if since != now and count < len(found):
                         one = found[count]  # a frame begun in older bytes ends in the newest, unless they are read anew
                         if isinstance(one, FrameArrived) and one.offset + len(one.raw) <= offset + newest:
@@ -139,7 +142,7 @@ class RowLooking(RoughLooking):
         for arrived in found:
             if isinstance(arrived, FrameArrived):
                 place = arrived.offset - stream.removed - stream.base
-                arrived.started_at, arrived.ended_at = stream.times_of(place, place + len(arrived.raw))
+                arrived.times = stream.times_of(place, place + len(arrived.raw))
 
     def _is_begun(self, interest: Interest, data: bytes) -> bool:
         """Whether surely a frame has begun at the present place, and wants more bytes."""

@@ -38,7 +38,7 @@ def told(event: Arrival) -> tuple[Any, ...]:
 
 
 def placed(event: FrameArrived) -> tuple[Any, ...]:
-    return event.raw, event.offset, event.started_at, event.ended_at, event.other
+    return event.raw, event.offset, event.started_at, event.ended_at
 
 
 def one_by_one(receiver: Receiver, expected: tuple[str, ...]) -> list[tuple[Any, ...]]:

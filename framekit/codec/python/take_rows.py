@@ -22,7 +22,7 @@ from framekit.definition.model.segments import Inner, Segment
 
 FEWEST = 4
 """Frames that hold fewer plain ones than these are worth no function more."""
-_LOCALS = ("add", "arrival", "arrived", "behind", "decoded", "kind", "last", "make", "now", "offset", "since")
+_LOCALS = ("add", "arrival", "arrived", "behind", "decoded", "first", "kind", "last", "make", "offset", "others")
 _Branch = tuple[int, int, "RowWriter | str"]
 """The first of the bytes that lead here, how many do, and what takes the frame; or what is returned instead."""
 
@@ -68,10 +68,12 @@ def write_rows(
     writers = {name: RowWriter(module, identifier, frame, writer.pair) for name, writer in pairs.items()}
     branches = _branches(module.shapes, inner, writers, none_is)
     there = max(place + 1, min(writer.front() for writer in writers.values()))
-    parameters = "data: bytes, begin: int, end: int, ctx: Context, since: int, now: int, offset: int"
+    parameters = "data: bytes, begin: int, end: int, ctx: Context, first: Any, others: Any, offset: int"
     out = Source()
     with out.block(f"def rows_{identifier}({parameters}, arrival: Any, make: Any, add: Any) -> tuple[int, Taken]:"):
-        out.add(f'"""Add all `{frame.name}` in a row from data[begin] on; where it ends, and what is taken there."""')
+        out.add(f'"""Add all `{frame.name}` in a row from data[begin] on; where it ends, and what is taken there.')
+        out.add("")
+        out.add('`first`, `others`: the times of the first one, and of those behind it."""')
         out.add(f"last = end - {there - 1}")
         with out.block("try:"), out.block("while begin < last:"):
             out.add(f"kind = data[begin + {place}]")
@@ -88,9 +90,8 @@ def _arrival(depth: int) -> list[str]:
     out.add("arrived = arrival()")
     for name, text in (("make", "make"), ("decoded", "decoded"), ("raw", "raw"), ("offset", "offset + begin")):
         out.add(f"arrived.{name} = {text}")
-    out.add("arrived.started_at = since")
-    out.add("arrived.ended_at = since = now")
-    out.add("arrived.other = False")
+    out.add("arrived.times = first")
+    out.add("first = others")
     out.add("add(arrived)")
     out.add("begin = behind")
     return out.lines
