@@ -16,6 +16,7 @@ from framekit.blocks.memory_settings import check_places, memory_of, put_values,
 from framekit.blocks.memory_sizes import read_sizes
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import AnyAddresses, addresses_of
+from framekit.blocks.profile_places import check_profile
 from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
@@ -171,6 +172,7 @@ class _DeviceLoader:
         sizes = self._sizes(profile)
         if profile is None:
             return None, *memory_of(self.protocol, sizes)
+        self.reader.problems.extend(check_profile(profile))
         return profile, tuple(profile.create()), addresses_of(profile)
 
     def _stations(self) -> list[Any]:

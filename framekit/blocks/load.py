@@ -24,6 +24,7 @@ from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Place, Run
 from framekit.blocks.never_started import never_started
 from framekit.blocks.own_memory import AnyAddresses, addresses_of
 from framekit.blocks.own_overlaps import overlaps
+from framekit.blocks.profile_places import check_profile
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, Scalar, without
@@ -85,7 +86,7 @@ class RunLoader:
         self.read_channels = tuple(channels.values())
         profile = self._profile()
         if profile is not None:
-            self.reader.problems.extend(check_items(profile.flags.values()))
+            self.reader.problems.extend([*check_items(profile.flags.values()), *check_profile(profile)])
         grammar = AnyAddresses() if profile is None else addresses_of(profile)
         channels = self._mapped(channels, grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}

@@ -28,7 +28,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import did_you_mean, is_nearly
-from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.addresses import Address, AddressError, AddressGrammar
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
 
@@ -54,7 +54,7 @@ class BlockLoader:
         self.without_own: set[int] = set()
         self.rules = RulesLoader(reader, root)
         self.channel_nodes = reader.entries(root.get("channels"))
-        self.triggers = TriggerLoader(reader, self.place, self.condition)
+        self.triggers = TriggerLoader(reader, self.place, self.condition, self.room)
         self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
         self.calls = CallLoader(reader, attempts)
         self.frames = FrameBlockLoader(reader, self.place, self.written)
@@ -74,6 +74,14 @@ class BlockLoader:
         place = self.place(node, unit)
         check_written(self.reader, self.grammar, node, place)
         return place
+
+    def room(self, node: Node, address: Address, bits: int) -> None:
+        """Notes that so many bits from an address on are not all in its area."""
+        try:
+            self.grammar.check(address, -(-bits // address.unit_bits))
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            self.reader.note(node.at, what, todo)
 
     def condition(self, node: Node) -> Expression:
         """An address by itself, or an expression whose names are addresses. Raises Broken."""

@@ -6,22 +6,28 @@ import re
 from collections.abc import Callable
 
 from framekit.blocks.model import After, BlockEnd, Changed, Every, Place, Rising, Trigger, While
+from framekit.blocks.triggers import bits_of
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.times import NEVER
+from framekit.link.addresses import Address
 
 _BLOCK_END = re.compile(r"block\s+(\d+)\s+(done|failed)")
 STARTS = ("every", "when", "while", "on_change", "once", "after")
 
 
 class TriggerLoader:
-    """Reads triggers; `place` and `condition` read the own memory's addresses."""
+    """Reads triggers; `place` and `condition` read the own memory's addresses, `room` notes what is beyond an area."""
 
-    def __init__(self, reader: Reader, place: Callable[[Node], Place], condition: Callable[[Node], Expression]) -> None:
+    def __init__(
+        self, reader: Reader, place: Callable[[Node], Place], condition: Callable[[Node], Expression],
+        room: Callable[[Node, Address, int], None],
+    ) -> None:  # fmt: skip
         self.reader = reader
         self.place = place
         self.condition = condition
+        self.room = room
         self.ends: list[tuple[BlockEnd, Node]] = []
 
     def triggers(self, keys: Mapping) -> tuple[Trigger, ...]:
@@ -75,7 +81,9 @@ class TriggerLoader:
         words = None if (count := keys.get("words")) is None else self.reader.number(count)
         if words is not None and words < 1 and count is not None:
             raise self.reader.broken(count.at, f"{words} words never change", "give 1 or more")
-        return Changed(address=address, words=words)
+        trigger = Changed(address=address, words=words)
+        self.room(node if count is None else count, address, bits_of(trigger))
+        return trigger
 
     def _when(self, node: Node) -> Trigger:
         text = self.reader.text(node).strip()

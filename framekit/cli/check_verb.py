@@ -171,11 +171,14 @@ def _vectors(path: Path) -> Checked:
 
 
 def _memory(path: Path) -> Checked:
+    from framekit.blocks.block_settings import check_items
+    from framekit.blocks.profile_places import check_profile
     from framekit.link.address_check import check_addresses
     from framekit.memory.load import load_profile
 
     profile = load_profile(path)
     problems = check_addresses(profile.addresses, profile.areas, profile.tables)
+    problems += [*check_items(profile.flags.values()), *check_profile(profile)]
     return Checked(f"memory {profile.name}, {len(profile.areas)} areas", problems)
 
 

@@ -31,6 +31,7 @@ class _SequenceChecker:
         self.is_exchange = sequence.name in run
         self.broken = broken
         self.names = [step.name for step in sequence.steps]
+        self.leads_astray = False
         self.found: list[Problem] = []
 
     def check(self) -> list[Problem]:
@@ -145,6 +146,7 @@ class _SequenceChecker:
         if word is None or word in WORDS or word in self.names:
             return
         hint = did_you_mean(word, [*self.names, *WORDS])
+        self.leads_astray = True
         self._note(at, f"there is no step '{word}' in '{self.sequence.name}'", hint)
 
     def _targets(self, step: Step) -> set[str | None]:
@@ -185,7 +187,7 @@ class _SequenceChecker:
             reached.add(name)
             ahead.extend(self._targets(by_name[name]))
         for step in self.sequence.steps:
-            if step.name not in reached:
+            if step.name not in reached and not self.leads_astray:  # else some step is meant that is not known
                 self._note(step.at, f"step '{step.name}' is never reached", "lead to it with then:, or drop it")
 
     def _circles(self) -> None:
