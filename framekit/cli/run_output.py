@@ -180,8 +180,10 @@ def _stored(service: RunService, state: BlockState) -> list[tuple[str, str]]:
     for place, bits in places:
         area = service.memory.area(place.address.area)
         first = place.address.first_bit // 16
-        words = area.read("word", first, min(max(1, bits // 16), MOST_WORDS, area.size_words - first))
-        found.append((place.text, " ".join(f"{word:04X}" for word in words)))
+        there = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
+        data = area.read_bytes(2 * first, min(2 * max(1, bits // 16), 2 * MOST_WORDS, there))
+        words = (data[at : at + 2] for at in range(0, len(data), 2))
+        found.append((place.text, " ".join(f"{int.from_bytes(word, 'little'):04X}" for word in words)))
     return found
 
 

@@ -361,3 +361,23 @@ def test_a_folder_is_no_file(capsys: pytest.CaptureFixture[str], tmp_path: Path,
     given = [str(tmp_path) if word == "FOLDER" else word for word in words]
     status, out, err = call(capsys, *given)
     assert (status, out) == (2, "") and f"{tmp_path}: this is a folder, not a file – name a file in it" in err
+
+
+def test_memory_that_is_no_whole_words_is_shown_at_the_end(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "one.device.yaml").write_text(
+        'device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {"00001": [1, 0, 1, 1], 40001: [0x1234]}}\n'
+    )
+    (tmp_path / "small.run.yaml").write_text(
+        "run: small\n"
+        "memory: {areas: {E: {unit: bit, size: 4}, B: {unit: byte, size: 3}},"
+        ' addresses: [{form: "{area}{start:dec}"}]}\n'
+        'channels: {1: {port: "sim:one.device.yaml", protocol: modbus-rtu, station: 1}}\n'
+        "blocks:\n"
+        '  0: {read: "00001", count: 4, into: E0, once: yes}\n'
+        '  1: {read: "40001", into: B1, when: E3}\n'
+        '  2: {read: "40001", into: B0, on_change: E2}\n'
+    )
+    status, out, err = call(capsys, "run", str(tmp_path / "small.run.yaml"), "--virtual", "--for", "1s")
+    assert status == 0 and err.count("store in one place") == 1
+    blocks = [line.split()[1:6] for line in out.splitlines() if line[:3] in ("0  ", "1  ", "2  ") and "READ" in line]
+    assert "E0      000D" in out and [block[2:4] for block in blocks] == [["1", "1"]] * 3
