@@ -75,6 +75,7 @@ class Protocol:
         """
         self._known(frame, self.definition.frames)
         for outer, name in pairwise((frame, *inside)):
+            _named(name)
             frames = self._builders.inside(outer)
             if name not in frames:
                 some = ", ".join([*frames[:_MOST_NAMES], *["…"][: len(frames) > _MOST_NAMES]])
@@ -146,12 +147,18 @@ class Protocol:
         return [Frame(fit.frame, fit.fields, bytes(data), fit.refusal) for fit in found], faults
 
     def _known(self, frame: str, known: Any) -> None:
+        _named(frame)
         if frame not in known:
             hint = did_you_mean(frame, known)
             raise RequestError(f"'{self.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
 
     def __repr__(self) -> str:
         return f"<protocol {self.name}, {len(self.frames)} frames>"
+
+
+def _named(frame: object) -> None:
+    if not isinstance(frame, str):
+        raise RequestError(f"{frame!r} names no frame – give a text")
 
 
 def load(protocol: ProtocolGiven, *, params: Mapping[str, Any] | None = None, own: Any = None) -> Protocol:

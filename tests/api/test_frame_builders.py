@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from typing import Any
 
 import pytest
 
@@ -39,12 +40,14 @@ def test_parameters_are_those_of_the_protocol() -> None:
     ("frames", "message"),
     [
         (("reply_ad",), "'modbus-rtu' has no frame 'reply_ad' – did you mean 'reply_adu'?"),
+        ((17,), "17 names no frame – give a text"),
+        (("reply_adu", ["read"]), "['read'] names no frame – give a text"),
         (("reply_adu", "exeption"), "no frame 'exeption' can stand in 'reply_adu' – did you mean 'exception'?"),
         (("exception", "x"), "no frame 'x' can stand in 'exception' – leave it out"),
         (("reply_adu", "read_holding"), "no frame 'read_holding' can stand in 'reply_adu' – did you mean "),
     ],
 )
-def test_frames_that_cannot_be_built(frames: tuple[str, ...], message: str) -> None:
+def test_frames_that_cannot_be_built(frames: tuple[Any, ...], message: str) -> None:
     with pytest.raises(RequestError) as caught:
         framekit.load("modbus-rtu").builder(*frames)
     assert str(caught.value).startswith(message)

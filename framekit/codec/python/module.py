@@ -11,7 +11,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.checks import source_of
-from framekit.codec.python import doubled, examination, examination_state, refusals, runtime
+from framekit.codec.python import doubled, examination, examination_state, frame_choice, refusals, runtime
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
@@ -25,7 +25,7 @@ from framekit.definition.model.segments import Const, Wrap
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
 _LONGEST_FORMAT_NAME = 30
-_PASTED: tuple[Any, ...] = (support, runtime, doubled, refusals, examination_state, examination)
+_PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination_state, examination)
 
 
 def pasted_names() -> set[str]:

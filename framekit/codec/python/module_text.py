@@ -10,6 +10,12 @@ from framekit.codec.python.source import Source, quoted
 MISFITS = "MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"
 """The line that says what is raised where something does not fit; of `struct`, `error` as `struct_error`."""
 
+MEASURE_NOTE = """\
+`measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
+such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
+LOST when its end cannot be found because the bytes are damaged."""
+"""What is said of the functions that measure."""
+
 
 def constants(module: Module) -> Source:
     """Tables, structs and sets, which stand on nothing."""
