@@ -428,6 +428,19 @@ def test_defaults_of_a_module_that_stands_alone() -> None:
     assert "= build_request_adu_with_read_coils(…)" in alone["__doc__"]
 
 
+@pytest.mark.parametrize(
+    ("body", "is_plain"),
+    [
+        ("{field: b, type: u8, when: a == 1}", True),
+        ("{optional: [{field: b, type: u8}]}", False),
+        ("{choose: a, cases: {1: [{field: b, type: u8}]}, else: []}", False),
+        ("{count: n, type: u8, of: l}, {repeat: l, times: n, of: [{field: x, type: u8}]}", False),
+    ],
+)
+def test_what_modules_that_stand_alone_have_no_builders_for(body: str, is_plain: bool) -> None:
+    assert ("\ndef build_f(" in generate_source(protocol_of(f"{{field: a, type: u8}}, {body}"))) == is_plain
+
+
 def test_names_of_builders_that_are_taken() -> None:
     frames = (
         "frames:\n  hex: {body: [{field: a, type: u8}]}\n  A.B: {body: [{const: 01}]}\n  a-b: {body: [{const: 02}]}"

@@ -195,7 +195,7 @@ class ProtocolLoader:
     def _refusals(self, services: ServiceLoader) -> tuple[Refusal, ...]:
         node = self._own("server")
         found = []
-        for item in self.reader.items(node.get("refuse")) if node is not None else ():
+        for item in self.reader.items(node.get("refuse") if isinstance(node, MappingNode) else None):
             with self.reader.going_on():
                 found.append(services.refusal(item))
         return tuple(found)
