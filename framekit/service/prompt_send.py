@@ -22,7 +22,15 @@ if TYPE_CHECKING:
 
 
 class PromptSend:
-    """The start of one block on one channel; `ended` is told once for each. Raises as its parts do."""
+    """The start of one block on one channel; `ended` is told once for each. Raises as its parts do.
+
+    Raises ValueError for a frame that is more than its bytes, or has to wait for the line.
+    """
+
+    __slots__ = (
+        "_clock", "_constants", "_driver", "_encode", "_ended", "_engine", "_output", "_readers", "_scope", "_sender",
+        "_transfers", "_unchanged",
+    )  # fmt: skip
 
     def __init__(
         self, block: Block, channel: ChannelService, settings: BlockSettings, clock: Clock, ended: Ended
@@ -32,10 +40,10 @@ class PromptSend:
         self._ended = ended
         self._driver, self._transfers = channel.driver, channel.transfers
         self._sender, fields = channel.transfers.prepared_frame(block)
-        if not self._sender.is_plain:
-            raise ValueError("such a frame is more than its bytes")
         self._engine = self._sender.engine
         self._output = self._engine.output
+        if not self._sender.is_plain or not self._output.is_immediate:
+            raise ValueError("such a frame does not leave at once, or is more than its bytes")
         self._encode, self._scope = self._sender.encode, self._sender.scope
         self._constants = {**self._sender.constants, **fields.constants}
         self._readers = fields.readers
@@ -47,8 +55,7 @@ class PromptSend:
         """
         driver, engine, output = self._driver, self._engine, self._output
         if not (  # as `Engine.is_quiet`
-            output.is_immediate
-            and output.is_open
+            output.is_open
             and output.clear_to_send
             and output.outgoing is None
             and not output.pending
