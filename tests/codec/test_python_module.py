@@ -10,6 +10,7 @@ import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from small_protocol import small_protocol
@@ -19,7 +20,7 @@ from framekit.codec import errors
 from framekit.codec.codec import compile_protocol
 from framekit.codec.python.generate import generate_source
 from framekit.codec.python.source import broken
-from framekit.definition.load import load_protocol
+from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.frames import Layout
 from framekit.definition.shipped import shipped_folder
@@ -210,3 +211,17 @@ def test_no_more_codecs_are_kept_than_definitions() -> None:
     compile_protocol(others[-1])
     assert compile_protocol(first) is codecs[0]
     assert compile_protocol(second) is not codecs[1]
+
+
+def test_names_that_begin_with_a_digit() -> None:
+    body = "[{field: a, type: u8, values: {1: on}}, {count: n, type: u8, of: l}, {repeat: l, times: n, of: u16}]"
+    outer = "[{inner: i, of: 9g}, {check: sum8}]"
+    frames = (
+        f"  7th: {{body: {outer}}}\n  1.5: {{group: 9g, body: {body}}}\n  1_5: {{group: 9g, body: [{{const: 01}}]}}"
+    )
+    text = f"protocol: 3com\norder: big\ngroups: {{9g: {{}}}}\nframes:\n{frames}"
+    names: dict[str, Any] = {"__name__": "alone"}
+    exec(compile(generate_source(load_protocol_text(text, "3com")), "alone", "exec"), names)
+    data = names["encode_7th"]({"i": {"1.5": {"a": "on", "l": [2]}}})
+    assert data == names["build_7th_with_1_5"](a="on", l=[2]) == b"\1\1\0\2\4"
+    assert names["decode_7th"](data) == {"i": {"1.5": {"a": 1, "n": 1, "l": [2]}}}

@@ -28,8 +28,8 @@ def identifier(name: str) -> str:
 
 
 def constant_name(*names: str) -> str:
-    """Names put together as a module constant: `READ_REPLY_HEAD`."""
-    return "_".join(identifier(name).strip("_") for name in names).upper()
+    """Names put together as a module constant: `READ_REPLY_HEAD`, `_7TH_HEAD`."""
+    return identifier("_".join(identifier(name).strip("_") for name in names)).upper()
 
 
 class Names:
