@@ -76,6 +76,15 @@ class PlainLooking(RowLooking):
             found.append(passed_over)
         return UNSURE if passed_over is None else stream.position
 
+    def _wanting(self, info: FrameInfo, size: int) -> int:
+        """A frame has begun, as its only candidate says by `size`."""
+        if size <= self._quiet:
+            return UNSURE
+        said, had = self._candidates.said, len(self.stream.buffer) - self.stream.position
+        before = said.get(info.name)
+        said[info.name] = Unfinished(False, had, before.had if type(before) is Unfinished else 0, had - size)
+        return WANTING
+
     def _reported(self, found: list[Arrival], info: FrameInfo, size: int, fault: FrameError) -> int:
         """A bad frame that is a new one, after the noise before it."""
         stream = self.stream

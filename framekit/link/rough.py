@@ -15,7 +15,6 @@ from framekit.link.frame_info import FrameInfo, Taken
 from framekit.link.interest import NOT_LOOKED, Interest, Left
 from framekit.link.looking import Looking
 from framekit.link.noise import LONGEST
-from framekit.link.verdicts import Unfinished
 
 UNSURE = -1
 """Instead of a place: look at it with care."""
@@ -153,15 +152,6 @@ class RoughLooking(Looking):
         started, ended = stream.times_of(place, place + size)
         explain = partial(_fault, info, raw, self._names)
         return BadFrame(info.name, raw, stream.base + stream.removed + place, started, ended, explain)
-
-    def _wanting(self, info: FrameInfo, size: int) -> int:
-        """A frame has begun, as its only candidate says by `size`."""
-        if size <= self._quiet:
-            return UNSURE
-        said, had = self._candidates.said, len(self.stream.buffer) - self.stream.position
-        before = said.get(info.name)
-        said[info.name] = Unfinished(False, had, before.had if type(before) is Unfinished else 0, had - size)
-        return WANTING
 
 
 def _fault(info: FrameInfo, raw: bytes, names: Names) -> Fault:

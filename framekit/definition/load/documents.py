@@ -17,11 +17,6 @@ from framekit.definition.problems import DefinitionError, Position, Problem, did
 from framekit.definition.schema import Kind, validate, wrong_kind
 from framekit.definition.shipped import find_definition, shipped_folder
 
-SINGLE_KEYS = ("params", "state", "areas", "line", "receiver", "station", "errors", "server")
-"""Sections in which a name given again replaces single keys, or which are one entry themselves."""
-
-BY_NAME = ("queues", "tables", "checks", "layouts", "groups", "frames", "sequences", "roles", "sessions", "services")
-
 
 @dataclass(slots=True)
 class Source:
