@@ -17,11 +17,13 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.model import protocol as model
 from framekit.definition.problems import did_you_mean
+from framekit.link.evaluate import Names
 from framekit.link.fitting import candidates, fitting, nearest, reason
 from framekit.link.scope import Scope
 
 if TYPE_CHECKING:
     from framekit.codec.builders import Builders
+    from framekit.codec.construct import CompiledFrame
 
 
 _MOST_NAMES = 8
@@ -82,6 +84,23 @@ class Protocol:
                 hint = did_you_mean(name, frames) or (f"give one of {some}" if frames else "leave it out")
                 raise RequestError(f"no frame '{name}' can stand in '{outer}' – {hint}")
         return self._builders.builder(frame, *inside)
+
+    def construct(self, frame: str) -> CompiledFrame:
+        """A frame as an object of the construct library: bare in `Struct`, `Array`, `GreedyRange`, or nested.
+
+        It parses one frame from where the stream stands, builds from a mapping, and knows its size where that is fixed.
+        Parameters are keywords of `parse` and `build`. Its errors are both FrameError or EncodeError and
+        `construct.ConstructError`. Raises RequestError for an unknown frame.
+        """
+        from framekit.codec.construct import CompiledFrame
+
+        self._known(frame, self.definition.frames)
+        return CompiledFrame(
+            self._codec,
+            self.definition.frames,
+            frame,
+            lambda given: Names(given, self._scope) if given else self._scope,
+        )
 
     def decode(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> Frame:
         """The frame that some bytes are, in whole. `frame`: only this one, or those of this group.
