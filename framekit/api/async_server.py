@@ -11,13 +11,14 @@ from typing import Any, Self
 
 from framekit.api.errors import LineClosedError, RequestError
 from framekit.api.memory import Do, Memory
+from framekit.api.run_calls import nanoseconds
 from framekit.api.settings import checked_station
 from framekit.blocks.device import Device, load_devices
 from framekit.blocks.device_settings import DeviceSettings
 from framekit.blocks.load_fault_plan import with_faults
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
-from framekit.service.serving import Serving
+from framekit.service.serving import DEFAULT_LIMITS, ConnectionLimits, Serving
 from framekit.service.serving_ports import begin_serving, check_line, line_of
 from framekit.transport.clock import AsyncioClock
 
@@ -30,7 +31,7 @@ class AsyncServer:
 
     def __init__(
         self, devices: Sequence[Device], port: str, line: LineFormat | None, initial: Mapping[str, Any],
-        monitor: Callable[[Seen], None] | None = None,
+        monitor: Callable[[Seen], None] | None = None, limits: ConnectionLimits = DEFAULT_LIMITS,
     ) -> None:  # fmt: skip
         self.devices = tuple(devices)
         self.port = port
@@ -38,6 +39,7 @@ class AsyncServer:
         self._line = line
         self._initial = initial
         self._monitor = monitor
+        self._limits = limits
         self._serving: Serving | None = None
         self._stack = ExitStack()
 
@@ -53,7 +55,9 @@ class AsyncServer:
             if not first_state.done():
                 first_state.set_result(text)
 
-        self._serving = serving = Serving(self.devices, clock, self._line, self._watch(), on_state=state)
+        self._serving = serving = Serving(
+            self.devices, clock, self._line, self._watch(), on_state=state, limits=self._limits
+        )
         self._stack.callback(serving.stop)
         try:
             for address, values in self._initial.items():
@@ -146,6 +150,8 @@ def aserve(
     format: str | None = None,
     faults: str | None = None,
     monitor: Callable[[Seen], None] | None = None,
+    idle_timeout: str | float = DEFAULT_LIMITS.idle / 1e9,
+    connections: int = DEFAULT_LIMITS.per_address,
 ) -> AsyncServer:
     """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
     if memory is not None and not isinstance(memory, str):
@@ -165,9 +171,10 @@ def aserve(
     try:
         check_line(found)
         line = line_of(found[0], speed, format)
+        limits = ConnectionLimits(nanoseconds(idle_timeout), connections)
     except ValueError as error:
         raise RequestError(str(error)) from None
-    return AsyncServer(found, port, line, initial or {}, monitor)
+    return AsyncServer(found, port, line, initial or {}, monitor, limits)
 
 
 def _text(value: Any) -> str:

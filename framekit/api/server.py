@@ -13,6 +13,7 @@ from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.memory import Memory
 from framekit.blocks.device import Device
 from framekit.link.observe import Seen
+from framekit.service.serving import DEFAULT_LIMITS
 
 
 class Server:
@@ -97,21 +98,26 @@ def serve(
     format: str | None = None,
     faults: str | None = None,
     monitor: Callable[[Seen], None] | None = None,
+    idle_timeout: str | float = DEFAULT_LIMITS.idle / 1e9,
+    connections: int = DEFAULT_LIMITS.per_address,
 ) -> Server:
     """Simulated devices that answer on a port at once; `framekit.aserve` does the same for asyncio.
 
-    `device`: a protocol, whose services are served, or a device file; several share the line. `port`: `tcp://HOST:PORT`
-    listens there (0 for any number that is free), `pty:` makes a pseudo-terminal, else a port as for `connect`.
-    `station`: a number, or a list for as many devices. `memory`: a profile, instead of the protocol's own areas; `map`:
-    where areas of the protocol begin in it. `initial`: ADDRESS → value or values. `sizes`: ADDRESS → elements of the
-    area there, also of one the protocol has not by itself. `params`, `role`, `speed`, `format`, `monitor`: as for
-    `connect`. `faults`: a fault plan, of what goes wrong with what the devices send.
+    `device`: a protocol, whose services are served, or a device file; several share the line. `port`:
+    `tcp://HOST:PORT` or `udp-listen://HOST:PORT` listens there (0 for any number that is free), `pty:` makes a
+    pseudo-terminal, else a port as for `connect`. `station`: a number, or a list for as many devices. `memory`: a
+    profile, instead of the protocol's own areas; `map`: where areas of the protocol begin in it. `initial`: ADDRESS →
+    value or values. `sizes`: ADDRESS → elements of the area there, also of one the protocol has not by itself.
+    `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with
+    what the devices send. `idle_timeout` (seconds, a time such as `10 min`, or `never`): how long a connection may go
+    without a good frame; `connections`: of one client address.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """
     return Server(
         aserve(
             device, port, station=station, memory=memory, initial=initial, sizes=sizes, map=map, params=params,
-            role=role, speed=speed, format=format, faults=faults, monitor=monitor,
+            role=role, speed=speed, format=format, faults=faults, monitor=monitor, idle_timeout=idle_timeout,
+            connections=connections,
         )
     )  # fmt: skip

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from framekit.blocks.device_settings import DeviceSettings
     from framekit.cli.serve_output import ServeOutput
     from framekit.definition.times import LineFormat
-    from framekit.service.serving import Serving, ServingMonitor
+    from framekit.service.serving import ConnectionLimits, Serving, ServingMonitor
     from framekit.service.serving_ports import Served
     from framekit.transport.clock import AsyncioClock
     from framekit.transport.port import Port
@@ -33,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--port", required=True, metavar="PORT",
-        help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT to listen there, or pty: for a new pseudo-terminal",
+        help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT or udp-listen://HOST:PORT to listen there, "
+        "or pty: for a new pseudo-terminal",
     )  # fmt: skip
     parser.add_argument(
         "--station", metavar="N[,N…]", help="own station; several are so many devices, each with its own memory"
@@ -58,6 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--role", help="role it plays; default: the one that answers")
     parser.add_argument("--speed", type=int, help="line speed in bits a second; default: the protocol's")
     parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
+    parser.add_argument(
+        "--idle-timeout", metavar="TIME",
+        help="close a connection over which no good frame went for so long, or never; default: 10min",
+    )  # fmt: skip
+    parser.add_argument(
+        "--connections", type=int, metavar="N", help="connections that one client address may have; default: 64"
+    )
     parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
     parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
     add_screen(parser)
@@ -205,9 +213,24 @@ async def begin(
             first_state.set_result(text)
 
     wrap = _captured(arguments.capture, clock, stack, warn)
-    serving = Serving(devices, clock, line, monitor, on_state=state, wrap=wrap)
+    limits = connection_limits(arguments.idle_timeout, arguments.connections)
+    serving = Serving(devices, clock, line, monitor, on_state=state, wrap=wrap, limits=limits)
     stack.callback(serving.stop)
     return serving, await _open(arguments.port, serving, clock, first_state, stack)
+
+
+def connection_limits(idle: str | None, per_address: int | None) -> ConnectionLimits:
+    """What `--idle-timeout` and `--connections` say. Raises WrongWords."""
+    from framekit.definition.times import parse_time
+    from framekit.service.serving import DEFAULT_LIMITS, ConnectionLimits
+
+    try:
+        return ConnectionLimits(
+            idle=DEFAULT_LIMITS.idle if idle is None else parse_time(idle),
+            per_address=DEFAULT_LIMITS.per_address if per_address is None else per_address,
+        )
+    except ValueError as error:
+        raise WrongWords(str(error)) from None
 
 
 def _captured(

@@ -73,6 +73,13 @@ class Engine(EngineCore):
             self.dispatcher.byte()
         return self._finish()
 
+    def other_sender(self, now: int) -> list[Command]:
+        """What comes from now on comes from somebody else. What had come before of a frame belongs to nothing."""
+        self.scope.now = now
+        self.direct.unfold()
+        self.reception.show_noise(self.receiver.flush())
+        return self._finish()
+
     def line_break(self, now: int) -> list[Command]:
         """The line was in break state. What had come before of a frame belongs to nothing."""
         self.scope.now = self.output.last_received = now

@@ -104,6 +104,12 @@ class Listener:
         wires.receiver.append(data, now, faults)
         self._take(wires)
 
+    def other_sender(self, now: int) -> None:
+        """What comes from now on comes from somebody else."""
+        self.scope.now = max(self.scope.now, now)
+        for wires in self._wires.values():
+            self._flush(wires)
+
     def line_break(self, now: int, direction: Direction = "in") -> None:
         """The line was in break state; an unfinished frame belongs to nothing."""
         self.scope.now = max(self.scope.now, now)

@@ -33,6 +33,8 @@ class Driven(Protocol):
 
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]: ...
 
+    def other_sender(self, now: int) -> list[Command]: ...
+
     def line_break(self, now: int) -> list[Command]: ...
 
     def sent(self, now: int) -> list[Command]: ...
@@ -154,6 +156,9 @@ class Driver:
                     moment.end()
             finally:  # whatever went wrong, the engine's times still come
                 self.look_at_time()
+
+    def other_sender(self, now: int) -> None:
+        self.carry_out(self.engine.other_sender(now))
 
     def line_break(self, now: int) -> None:
         self.carry_out(self.engine.line_break(now))

@@ -210,6 +210,10 @@ class FaultyPort(Port):
             self._go_on()
         self._events.received(data, now, faults)
 
+    def other_sender(self, now: int) -> None:
+        if self._events is not None:
+            self._events.other_sender(now)
+
     def line_break(self, now: int) -> None:
         if self._events is not None:
             self._events.line_break(now)

@@ -43,6 +43,10 @@ class _Listening:
         self.listener.receive(data, now, faults)
         return []
 
+    def other_sender(self, now: int) -> list[Command]:
+        self.listener.other_sender(now)
+        return []
+
     def line_break(self, now: int) -> list[Command]:
         self.listener.line_break(now)
         return []

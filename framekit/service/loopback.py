@@ -115,6 +115,9 @@ class _Trial:
     def sent(self, now: int) -> None:
         """What counts is what comes back."""
 
+    def other_sender(self, now: int) -> None:
+        """What counts is what comes, not who sends it."""
+
     def line_break(self, now: int) -> None:
         self._faults.append("break")
 

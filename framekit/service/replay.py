@@ -96,6 +96,9 @@ class Replay:
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         self.bytes_received += len(data)
 
+    def other_sender(self, now: int) -> None:
+        """Who sends changes nothing."""
+
     def line_break(self, now: int) -> None:
         """Breaks of the other side change nothing."""
 

@@ -1,5 +1,7 @@
 """The dedicated service: devices that answer on a line, or on every connection that a listener accepts.
 
+Over UDP each sender has what a connection has over TCP.
+
 Each device has one store, however many connections there are. Nothing here prints; whoever watches gives `monitor`.
 """
 
@@ -7,16 +9,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from framekit.blocks.device import Device
-from framekit.definition.times import LineFormat
+from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
 from framekit.service.device import DeviceService, DeviceStore
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
 from framekit.transport.shared_port import SharedPort
 from framekit.transport.tcp_listener import AcceptedPort, TcpListener
+from framekit.transport.udp_listener import SenderPort, UdpListener
 
 ServingMonitor = Callable[[str, int, Seen], None]
 """Gets everything seen: the port's name, which of the devices saw it, and what it saw."""
@@ -25,10 +29,31 @@ MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
 
 
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """What keeps a few clients from locking the others out.
+
+    `idle`: a connection over which no good frame went for so long (ns) is closed. `per_address`: connections that one
+    client address may have at once. Raises ValueError for limits that let nobody in.
+    """
+
+    idle: int = 600_000_000_000
+    per_address: int = 64
+
+    def __post_init__(self) -> None:
+        if self.idle <= 0:
+            raise ValueError("the idle time-out is above 0 – write a time such as 10 min, or never")
+        if self.per_address <= 0:
+            raise ValueError("an address may have 1 connection at least")
+
+
+DEFAULT_LIMITS = ConnectionLimits()
+
+
 class Serving:
     """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
 
-    `line_errors` counts bad frames by their cause, and bytes that were no frame.
+    `line_errors` counts bad frames by their cause, bytes that were no frame, and connections refused or closed here.
 
     `on_state(port, state)` is told when a port opens ('open') or why it was closed.
     """
@@ -42,6 +67,7 @@ class Serving:
         *,
         on_state: Callable[[str, str], None] | None = None,
         wrap: Callable[[Port], Port] | None = None,
+        limits: ConnectionLimits = DEFAULT_LIMITS,
     ) -> None:
         self.clock = clock
         self.line = line
@@ -52,7 +78,11 @@ class Serving:
         self.stations: dict[Port, list[DeviceService]] = {}
         self.line_errors: Counter[str] = Counter()
         self.connections = 0
-        self.listener: TcpListener | None = None
+        self.limits = limits
+        self.listener: TcpListener | UdpListener | None = None
+        self._hosts: dict[Port, str] = {}
+        self._heard: dict[Port, int] = {}  # when the last good frame went, the longest silent connection first
+        self._idle_alarm = clock.alarm(self._close_idle)
 
     # ---- ports --------------------------------------------------------------------------------------------
 
@@ -64,14 +94,26 @@ class Serving:
         """Answers on every connection made to `host:number`; the number, where 0 asks for any. Raises OSError."""
         if not isinstance(self.clock, AsyncioClock):
             raise ValueError("a listener needs real time")
-        self.listener = TcpListener(host, number, self.clock, self._accepted)
+        self.listener = TcpListener(host, number, self.clock, self.accept)
         return await self.listener.start()
 
-    def _accepted(self, port: AcceptedPort) -> None:
-        if len(self.stations) >= MOST_CONNECTIONS:
+    async def listen_for_datagrams(self, host: str, number: int) -> int:
+        """Answers every sender of datagrams to `host:number` by itself. Raises OSError."""
+        if not isinstance(self.clock, AsyncioClock):
+            raise ValueError("a listener needs real time")
+        self.listener = UdpListener(host, number, self.clock, self.accept)
+        return await self.listener.start()
+
+    def accept(self, port: AcceptedPort | SenderPort) -> None:
+        """Answers on a connection, or closes it where there are too many."""
+        if not self._has_room(port):
+            self.line_errors["connections refused"] += 1
             port.close()
             return
         self.connections += 1
+        self._hosts[port] = port.host
+        self._heard[port] = self.clock.now()
+        self._set_idle_alarm()
 
         def state(text: str) -> None:
             if text != "open":
@@ -79,6 +121,32 @@ class Serving:
             self.on_state(port.name, text)
 
         self._begin(port, state)
+
+    def _has_room(self, port: AcceptedPort | SenderPort) -> bool:
+        """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
+        same = [one for one in self._heard if self._hosts[one] == port.host]
+        if len(same) >= self.limits.per_address:
+            in_the_way = same[0]
+        elif len(self._heard) >= MOST_CONNECTIONS:
+            in_the_way = next(iter(self._heard))
+        else:
+            return True
+        if not port.ends_itself:
+            self._end(in_the_way)
+        return not port.ends_itself
+
+    def _set_idle_alarm(self) -> None:
+        oldest = next(iter(self._heard.values()), None)
+        self._idle_alarm.set(NEVER if oldest is None else oldest + self.limits.idle)
+
+    def _close_idle(self) -> None:
+        """Time is up for the connections over which nothing good went for too long."""
+        since = self.clock.now() - self.limits.idle
+        for port in [port for port, heard in self._heard.items() if heard <= since]:
+            self.line_errors["idle connections closed"] += 1
+            self._end(port)
+            self.on_state(port.name, "idle for too long")
+        self._set_idle_alarm()
 
     def _begin(self, port: Port, on_state: Callable[[str], None]) -> None:
         wrapped = self.wrap(port)
@@ -104,6 +172,9 @@ class Serving:
         store, counts_frames = self.stores[number], not self.stores[number].device.protocol.services
 
         def watch(seen: Seen) -> None:
+            if seen.kind == "frame" and port in self._heard:
+                del self._heard[port]
+                self._heard[port] = seen.at
             if number == 0 and seen.kind in ("bad", "noise"):
                 self._count_line_error(seen)
             elif counts_frames and seen.kind == "frame" and seen.direction == "out":
@@ -122,6 +193,8 @@ class Serving:
 
     def _end(self, port: Port) -> None:
         """A connection is over: it will not come again, another one may."""
+        self._hosts.pop(port, None)
+        self._heard.pop(port, None)
         for service in self.stations.pop(port, ()):
             service.stop()
 
@@ -129,6 +202,7 @@ class Serving:
         """Accepts no more, and closes all ports."""
         if self.listener is not None:
             self.listener.stop()
+        self._idle_alarm.cancel()
         for port in list(self.stations):
             self._end(port)
 

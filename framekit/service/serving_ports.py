@@ -1,4 +1,4 @@
-"""Where devices are served: a listener for `tcp://HOST:PORT`, a new pseudo-terminal for `pty:`, or any port."""
+"""Where devices are served: a listener for `tcp://` or `udp-listen://`, a new pseudo-terminal for `pty:`, any port."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from framekit.definition.times import LineFormat, parse_format
 from framekit.service.serving import Serving
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.open_port import host_and_port, open_port
+from framekit.transport.tcp_port import bracketed
 
 LISTENING = ("tcp", "tcp-listen")
+DATAGRAMS = "udp-listen"
 PSEUDO_TERMINAL = "pty:"
 
 
@@ -58,7 +60,12 @@ async def begin_serving(
     if rest and scheme.lower() in LISTENING:
         host, number = host_and_port(rest)
         number = await serving.listen(host, number)
-        name = f"tcp://{f'[{host}]' if ':' in host else host}:{number}"
+        name = f"tcp://{bracketed(host)}:{number}"
+        return Served(name, name)
+    if rest and scheme.lower() == DATAGRAMS:
+        host, number = host_and_port(rest)
+        number = await serving.listen_for_datagrams(host, number)
+        name = f"{DATAGRAMS}://{bracketed(host)}:{number}"
         return Served(name, name)
     if url == PSEUDO_TERMINAL:
         from framekit.transport.pty_pair import PtyPair

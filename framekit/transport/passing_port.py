@@ -56,6 +56,10 @@ class PassingPort(Port):
         if self.events is not None:
             self.events.received(data, now, faults)
 
+    def other_sender(self, now: int) -> None:
+        if self.events is not None:
+            self.events.other_sender(now)
+
     def line_break(self, now: int) -> None:
         if self.events is not None:
             self.events.line_break(now)

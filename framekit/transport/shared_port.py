@@ -67,6 +67,10 @@ class SharedPort:
         for events in list(self.users.values()):
             events.received(data, now, faults)
 
+    def other_sender(self, now: int) -> None:
+        for events in list(self.users.values()):
+            events.other_sender(now)
+
     def line_break(self, now: int) -> None:
         for events in list(self.users.values()):
             events.line_break(now)

@@ -102,6 +102,9 @@ class _Tapped:
         self._port.tap(LineEvent("data", now, "in", data, tuple(faults)))
         self._events.received(data, now, faults)
 
+    def other_sender(self, now: int) -> None:
+        self._events.other_sender(now)
+
     def line_break(self, now: int) -> None:
         self._port.tap(LineEvent("break", now, "in"))
         self._events.line_break(now)

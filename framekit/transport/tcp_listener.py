@@ -21,6 +21,10 @@ class AcceptedPort(StreamPort):
     """
 
     opens_again = False
+    ends_itself = True
+    """Whether the other side tells when it has finished."""
+    host = ""
+    """The address of the other side."""
 
     def connected(self) -> None:
         transport = self.connection.transport if self.connection is not None else None
@@ -116,6 +120,7 @@ class _AcceptedConnection(Connection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         host, number, *_ = transport.get_extra_info("peername") or (self.port.name, 0)
         self.port.name = f"tcp://{bracketed(host)}:{number}"
+        self.accepted_port.host = str(host)
         super().connection_made(transport)
         self.accepted(self.accepted_port)
 

@@ -1,7 +1,8 @@
-"""UDP: a port that talks to one host, and one that listens and answers whoever asked last.
+"""UDP: a port that talks to one host, and one that listens and answers the sender of the last datagram.
 
-A datagram is told as bytes that came without a pause; none is kept, and none is sent twice. What they mean is not known
-here.
+A datagram is told as bytes that came without a pause; none is kept, and none is sent twice. The operating system drops
+datagrams of strangers on a port that talks to one host; one that listens tells when the sender is another one. What
+the bytes mean is not known here. See `udp_listener` for ports of their own for each sender.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ LARGEST = 65_507
 
 
 class UdpPort(Port):
-    """Datagrams to and from `host:number`, or with `listens`, at it: then they go to whoever sent the last one."""
+    """Datagrams to and from `host:number`, or with `listens`, at it: then they go to the sender of the last one."""
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, *, listens: bool = False) -> None:
         self.host, self.number = host, number
@@ -105,8 +106,11 @@ class UdpPort(Port):
     def hear(self, endpoint: _Endpoint, data: bytes, peer: Any) -> None:
         """A datagram came."""
         if self._endpoint is endpoint and self._events is not None:
-            self.peer = peer
-            if data:
+            if peer != self.peer:
+                is_other, self.peer = self.peer is not None, peer
+                if is_other:
+                    self._events.other_sender(self.clock.now())
+            if data and self._events is not None:
                 self._events.received(data, self.clock.now())
 
 

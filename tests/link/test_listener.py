@@ -135,3 +135,10 @@ def test_a_break_drops_what_is_unfinished() -> None:
     bench.hear(ASK[:4])
     bench.listener.line_break(bench.now + MS)
     assert [(seen.kind, seen.raw) for seen in bench.seen] == [("noise", ASK[:4]), ("break", b"")]
+
+
+def test_another_sender_drops_what_is_unfinished() -> None:
+    bench = Bench("modbus-rtu")
+    bench.hear(ASK[:4])
+    bench.listener.other_sender(bench.now + MS)
+    assert [(seen.kind, seen.raw) for seen in bench.seen] == [("noise", ASK[:4])]

@@ -16,6 +16,7 @@ from transport.real_world import opened
 from transport.real_world import run as run_real
 
 import framekit
+from framekit.blocks.device import load_devices
 from framekit.blocks.load import load_run
 from framekit.definition.line_settings import PLAIN, Direction, LineSettings
 from framekit.definition.load import load_protocol
@@ -190,14 +191,48 @@ def test_udp_on_both_sides() -> None:
         others = await opened(other)
         other.write(b"me too")
         assert await hears.bytes(6) == b"me too"
+        assert hears.seen.count("other sender") == 1
         there.write(b"only you")
         assert await others.bytes(8) == b"only you"
-        assert events.seen.count("received") == 1, "the answer went to whoever asked last"
+        assert events.seen.count("received") == 1, "the answer went to the one who asked last"
+        stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        place = here._endpoint.transport.get_extra_info("sockname")  # type: ignore[attr-defined]
+        stranger.sendto(b"from a stranger", place)
+        stranger.close()
+        here.write(b"ask")
+        assert await hears.bytes(3) == b"ask"
+        there.write(b"answer")
+        assert await events.bytes(6) == b"answer", "what a stranger sends is not taken"
         taken = UdpPort("127.0.0.1", there.number, clock, listens=True)
         refused = type(hears)()
         taken.open(refused)
         assert "cannot listen" in await refused.until("closed")
         for port in (here, there, other):
+            port.close()
+
+    run_real(check())
+
+
+def test_datagrams_of_two_senders_on_one_port_make_no_frame_together() -> None:
+    ask = bytes.fromhex("01 03 0000 0003 05CB")
+
+    async def check() -> None:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        [device] = load_devices("modbus-rtu", Path.cwd())
+        there, states = UdpPort("127.0.0.1", 0, clock, listens=True), asyncio.Queue[str]()
+        service = DeviceService(device, there, clock, None, on_state=states.put_nowait)
+        service.start()
+        assert await states.get() == "open"
+        one, other = (open_port(f"udp://127.0.0.1:{there.number}", None, clock) for _ in range(2))
+        await opened(one)
+        answers = await opened(other)
+        one.write(ask[:5])
+        other.write(ask[5:])
+        other.write(ask)
+        assert len(await answers.bytes(11)) == 11
+        assert service.store.counters.done == 1
+        assert service.engine.counters.noise_bytes == len(ask)
+        for port in (one, other, there):
             port.close()
 
     run_real(check())

@@ -17,7 +17,7 @@ from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
-from framekit.service.serving import MOST_CONNECTIONS, Serving
+from framekit.service.serving import DEFAULT_LIMITS, MOST_CONNECTIONS, ConnectionLimits, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.simulated import SimulatedLine
 
@@ -34,11 +34,13 @@ def run(scenario: Coroutine[Any, Any, None]) -> None:
 
 
 @asynccontextmanager
-async def served(name: str = "modbus-tcp", **settings: Any) -> AsyncIterator[tuple[Serving, int]]:
+async def served(
+    name: str = "modbus-tcp", limits: ConnectionLimits = DEFAULT_LIMITS, **settings: Any
+) -> AsyncIterator[tuple[Serving, int]]:
     """Devices listening on a port of this computer, and its number."""
     settings.setdefault("initial", {"40001": "100,200,300"})
     devices = load_devices(name, HERE, DeviceSettings(**settings))
-    serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None)
+    serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None, limits=limits)
     try:
         yield serving, await serving.listen("127.0.0.1", 0)
     finally:
@@ -98,7 +100,7 @@ def test_connections_that_are_over_are_forgotten() -> None:
 
 def test_too_many_connections_are_closed_at_once() -> None:
     async def scenario() -> None:
-        async with served() as (serving, number):
+        async with served(limits=ConnectionLimits(per_address=2 * MOST_CONNECTIONS)) as (serving, number):
             open_ones = [await asyncio.open_connection("127.0.0.1", number) for _ in range(MOST_CONNECTIONS)]
             while len(serving.stations) < MOST_CONNECTIONS:
                 await asyncio.sleep(0)
@@ -109,6 +111,124 @@ def test_too_many_connections_are_closed_at_once() -> None:
             assert (await reply_of(first_reader))[2] == THREE
             for _, writer in open_ones:
                 writer.close()
+
+    run(scenario())
+
+
+def test_one_address_has_only_so_many_connections() -> None:
+    async def scenario() -> None:
+        async with served(limits=ConnectionLimits(per_address=2)) as (serving, number):
+            idle = [await asyncio.open_connection("127.0.0.1", number) for _ in range(2)]
+            while len(serving.stations) < 2:
+                await asyncio.sleep(0)
+            reader, _ = await asyncio.open_connection("127.0.0.1", number)
+            assert await reader.read() == b""
+            assert serving.line_errors == {"connections refused": 1}
+            elsewhere = socket.socket()
+            elsewhere.bind(("127.0.0.2", 0))
+            elsewhere.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(elsewhere, ("127.0.0.1", number))
+            other_reader, other_writer = await asyncio.open_connection(sock=elsewhere)
+            other_writer.write(request(1, 1, READ_3))
+            assert (await reply_of(other_reader))[2] == THREE, "another address is let in"
+            idle[0][1].close()
+            while len(serving.stations) > 2:
+                await asyncio.sleep(0)
+            assert await asked(number, 1, READ_3) == THREE, "so is this one, when one of its own has ended"
+            idle[1][1].close()
+            other_writer.close()
+
+    run(scenario())
+
+
+def test_a_connection_over_which_nothing_good_goes_is_closed() -> None:
+    """On simulated time: one asks every minute, one sends a byte of nonsense every minute, one is silent."""
+    clock = VirtualClock()
+    devices = load_devices("modbus-rtu", HERE, DeviceSettings(initial={"40001": "100,200,300"}))
+    states: list[tuple[str, str]] = []
+    serving = Serving(devices, clock, None, on_state=lambda port, state: states.append((port, state)))
+    asks, babbles, _ = masters = [accepted(serving, clock, name) for name in ("asks", "babbles", "silent")]
+    for _ in range(9):
+        clock.run_for(MINUTE)
+        asks.port.write(ASK)
+        babbles.port.write(b"\xff")
+    clock.run_for(MINUTE - 1)
+    assert len(serving.stations) == 3
+    clock.run_for(1)
+    assert [port.name for port in serving.stations] == ["asks"]
+    assert states[3:] == [("babbles", "idle for too long"), ("silent", "idle for too long")]
+    assert serving.line_errors["idle connections closed"] == 2
+    assert [len(master.heard) for master in masters] == [9 * 11, 0, 0]
+    clock.run_for(10 * MINUTE)
+    assert not serving.stations
+
+
+@pytest.mark.parametrize("limits", [{"idle": 0}, {"per_address": 0}])
+def test_limits_that_let_nobody_in_are_refused(limits: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=r"above 0|1 connection at least"):
+        ConnectionLimits(**limits)
+
+
+# ---- UDP --------------------------------------------------------------------------------------------------
+
+
+class Asker(asyncio.DatagramProtocol):
+    """One sender of datagrams, and what it gets."""
+
+    transport: asyncio.DatagramTransport
+
+    def __init__(self) -> None:
+        self.got: asyncio.Queue[bytes] = asyncio.Queue()
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        self.got.put_nowait(data)
+
+    @classmethod
+    async def to(cls, number: int) -> Asker:
+        loop = asyncio.get_running_loop()
+        made = cls()
+        made.transport, _ = await loop.create_datagram_endpoint(lambda: made, remote_addr=("127.0.0.1", number))
+        return made
+
+
+@asynccontextmanager
+async def served_by_datagrams(limits: ConnectionLimits = DEFAULT_LIMITS) -> AsyncIterator[tuple[Serving, int]]:
+    devices = load_devices("modbus-rtu", HERE, DeviceSettings(initial={"40001": "100,200,300"}))
+    serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None, limits=limits)
+    try:
+        yield serving, await serving.listen_for_datagrams("127.0.0.1", 0)
+    finally:
+        serving.stop()
+
+
+ASK = bytes.fromhex("01 03 0000 0003 05CB")
+
+
+def test_datagrams_of_two_senders_never_make_one_frame_and_each_gets_its_own_replies() -> None:
+    async def scenario() -> None:
+        async with served_by_datagrams() as (serving, number):
+            one, other = await Asker.to(number), await Asker.to(number)
+            one.transport.sendto(ASK[:5])
+            other.transport.sendto(ASK[5:])
+            other.transport.sendto(ASK)
+            one.transport.sendto(ASK[5:])
+            for asker in (one, other):
+                assert (await asker.got.get())[:9] == bytes.fromhex("01 03 06 0064 00C8 012C")
+            assert serving.connections == 2
+            assert (serving.stores[0].counters.done, one.got.qsize(), other.got.qsize()) == (2, 0, 0)
+
+    run(scenario())
+
+
+def test_a_new_sender_takes_the_place_of_the_one_silent_longest() -> None:
+    async def scenario() -> None:
+        async with served_by_datagrams(ConnectionLimits(per_address=2)) as (serving, number):
+            for _ in range(5):
+                asker = await Asker.to(number)
+                asker.transport.sendto(ASK)
+                assert len(await asker.got.get()) == 11
+            assert (len(serving.stations), serving.connections) == (2, 5)
+            assert not serving.line_errors
 
     run(scenario())
 
@@ -215,6 +335,18 @@ def test_device_variables_belong_to_the_device_not_to_the_connection() -> None:
 
 
 # ---- one line ---------------------------------------------------------------------------------------------
+
+
+MINUTE = 60_000_000_000
+
+
+def accepted(serving: Serving, clock: VirtualClock, name: str) -> Master:
+    """The other end of a simulated connection that is given to a serving as a listener gives one."""
+    line = SimulatedLine(clock, None)
+    port: Any = line.port(name)
+    port.host, port.ends_itself, port.opens_again = "elsewhere", True, False
+    serving.accept(port)
+    return Master(line)
 
 
 class Master:

@@ -46,6 +46,9 @@ class Waiting:
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         self._note("received", now, (data, faults))
 
+    def other_sender(self, now: int) -> None:
+        self._note("other sender", now)
+
     def line_break(self, now: int) -> None:
         self._note("break", now)
 
