@@ -37,6 +37,7 @@ class FormMatcher:
         self.areas = areas
         entries = tables[form.units_table].entries if form.units_table is not None else {}
         self.units = {str(key): str(unit) for key, unit in entries.items()}
+        self._units_read = {self._folded(key): unit for key, unit in self.units.items()}
         self.fixed_area = form.area if isinstance(form.area, str) else None
         self.area_of = None if form.area is None or isinstance(form.area, str) else compile_expression(form.area)
         self.results = _in_order(form)
@@ -56,7 +57,7 @@ class FormMatcher:
         """One pattern for the areas that share one, with the area names behind every text that may stand for them."""
         naming = [part for part in self.flat if isinstance(part, Part) and part.what in ("area", "column")]
         if not naming:
-            return [(re.compile(self._pattern(self.fixed_area, "")), {"": [self.fixed_area]})]
+            return [(self._compiled(self._pattern(self.fixed_area, "")), {"": [self.fixed_area]})]
         groups: dict[tuple[str, str], dict[str, list[str | None]]] = {}
         for name in [self.fixed_area] if self.fixed_area else self.areas:
             for text in self._area_texts(naming[0], name):
@@ -64,12 +65,19 @@ class FormMatcher:
                     key = (self._pattern(name, "\0"), "" if len(naming) == 1 else name)
                 except _MissingColumnError:
                     continue
-                groups.setdefault(key, {}).setdefault(text, []).append(name)
+                groups.setdefault(key, {}).setdefault(self._folded(text), []).append(name)
         result = []
         for (pattern, _), texts in groups.items():
             longest_first = sorted(texts, key=len, reverse=True)
-            result.append((re.compile(pattern.replace("\0", "|".join(map(re.escape, longest_first)))), texts))
+            result.append((self._compiled(pattern.replace("\0", "|".join(map(re.escape, longest_first)))), texts))
         return result
+
+    def _compiled(self, pattern: str) -> re.Pattern[str]:
+        return re.compile(pattern, re.IGNORECASE | re.ASCII if self.form.any_case else 0)
+
+    def _folded(self, text: str) -> str:
+        """A word of the form as texts are looked up that are written so."""
+        return text.lower() if self.form.any_case else text
 
     def _area_texts(self, part: Part, name: str) -> list[str]:
         area = self.areas[name]
@@ -122,7 +130,7 @@ class FormMatcher:
         for pattern, texts in self.patterns:
             match = pattern.fullmatch(text)
             if match is not None:
-                named = match["area"] if "area" in pattern.groupindex else ""
+                named = self._folded(match["area"]) if "area" in pattern.groupindex else ""
                 found.append((named, texts[named], self._values(match)))
         found.sort(key=lambda item: -len(item[0]))
         return ((area, parts) for _, areas, parts in found for area in areas)
@@ -133,7 +141,7 @@ class FormMatcher:
             if isinstance(part, Part) and part.what in ("unit", "number", "word"):
                 text = match[f"p{number}"]
                 if part.what == "unit":
-                    parts["unit"] = self.units[text]
+                    parts["unit"] = self._units_read[self._folded(text)]
                 else:
                     parts[part.name] = int(text, part.base) if text and part.what == "number" else text
         return parts

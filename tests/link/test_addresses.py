@@ -84,6 +84,10 @@ def place(name: str, text: str, unit: str | None = None) -> tuple[str, str, int]
         ("%ML3", "M", "lword", 3),
         ("%WW7", "ZR", "word", 7),
         ("%RW7", "R", "word", 7),
+        ("%SW127", "S", "word", 127),
+        ("%mw100", "M", "word", 100),
+        ("%wX7", "ZR", "bit", 7),
+        ("m100", "M", "word", 100),
         ("M100", "M", "word", 100),
         ("M0100", "M", "word", 100),
         ("M00000", "M", "bit", 0),
@@ -101,6 +105,17 @@ def place(name: str, text: str, unit: str | None = None) -> tuple[str, str, int]
 )
 def test_names_of_the_ascii_protocol(text: str, area: str, unit: str, start: int) -> None:
     assert place("mldp", text) == (area, unit, start)
+
+
+def test_a_place_in_small_letters_is_printed_as_its_form_has_it() -> None:
+    known = grammar("mldp")
+    assert known.print(known.parse("%mw100")) == "%MW100"
+
+
+@pytest.mark.parametrize("text", ["%\u017fw1", "m\u0661"])
+def test_only_the_letters_a_to_z_have_a_case(text: str) -> None:
+    with pytest.raises(AddressError):
+        grammar("mldp").parse(text)
 
 
 @pytest.mark.parametrize(

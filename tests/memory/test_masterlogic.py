@@ -139,7 +139,9 @@ def test_only_one_form_is_printed() -> None:
 
 def test_areas_of_the_notes() -> None:
     sizes = {area.name: area.size for area in profile().areas.values()}
-    assert sizes == dict.fromkeys("PMKTCF", 2048) | {"L": 11264, "N": 21504, "D": 32768, "R": 32768, "ZR": 65536}
+    assert sizes == dict.fromkeys("PMKTCF", 2048) | {
+        "L": 11264, "N": 21504, "D": 32768, "R": 32768, "ZR": 65536, "S": 128,
+    }  # fmt: skip
     assert [area.name for area in profile().areas.values() if area.access == "read"] == ["F"]
     assert all(len(str(area.size - 1)) <= int(str(area.columns["digits"])) for area in profile().areas.values())
     memory = profile().create()

@@ -37,7 +37,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         unit, table = None, unit
     else:
         table = None
-    named = ("form", "area", "unit", "type", "wire")
+    named = ("form", "area", "unit", "type", "wire", "case", "doc")
     return AddressForm(
         text=form.text,
         parts=parts,
@@ -50,6 +50,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         wire=reader.flag(keys.get("wire")),
         at=keys.at,
         type=reader.maybe(reader.text, keys.get("type")),
+        any_case=keys.get("case") is not None,
     )
 
 

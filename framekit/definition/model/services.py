@@ -75,7 +75,7 @@ class Maybe:
 class AddressForm:
     """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table.
 
-    `type`: what a place that is written so usually holds.
+    `type`: what a place that is written so usually holds. `any_case`: small letters stand for capitals and the reverse.
     """
 
     text: str
@@ -87,6 +87,7 @@ class AddressForm:
     wire: bool
     at: Position
     type: str | None = None
+    any_case: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
