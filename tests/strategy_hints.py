@@ -98,6 +98,8 @@ def _note(
 ) -> None:
     if isinstance(subject, Name):
         subject = derived.get(subject.name, subject)
+    if isinstance(subject, Call) and subject.function in ("upper", "lower"):
+        subject = subject.arguments[0]
     match subject:
         case Name(name=name):
             place = None

@@ -92,6 +92,8 @@ def _note(
 ) -> None:
     if isinstance(subject, Name):
         subject = derived.get(subject.name, subject)
+    if isinstance(subject, Call) and subject.function in ("upper", "lower"):
+        subject = subject.arguments[0]
     place: int | None = None
     if isinstance(subject, Index) and isinstance(subject.index, Number):
         place, subject = subject.index.value, subject.value
