@@ -37,7 +37,11 @@ STATUS_EVERY = 10
 
 
 class MonitorApp(App[None]):
-    """Shows one session until its time is over or somebody quits."""
+    """Shows one session until its time is over or the user quits.
+
+    Timers and messages still come while the display is taken down, and widgets go one by one: each is held by its name
+    here, none is looked for, and drawing on one that is gone shows nothing.
+    """
 
     CSS = """
     #channels { height: auto; padding: 0 1; }
@@ -70,18 +74,20 @@ class MonitorApp(App[None]):
         self._shown = 0
         self._drawn = 0
         self._last = time.monotonic_ns()
+        self.channels = Static(id="channels", markup=False)
+        self.blocks: DataTable[Text] = DataTable(id="blocks", show_cursor=False)
+        self.frames: DataTable[Text] = DataTable(id="frames", cursor_type="row")
+        self.about = Static(id="about", markup=False)
+        self.fields: DataTable[Text] = DataTable(id="fields", show_cursor=False)
+        self.filter_entry = Input(id="filter", placeholder="ch:1 frame:NAME text – Enter applies, Esc clears")
+        self.command_entry = Input(id="command", placeholder=f"{COMMANDS} – Enter does it, Esc leaves")
 
     # ---- life ---------------------------------------------------------------------------------------------
 
     def compose(self) -> ComposeResult:
         yield Header()
-        yield Static(id="channels", markup=False)
-        yield DataTable(id="blocks", show_cursor=False)
-        yield DataTable(id="frames", cursor_type="row")
-        yield Static(id="about", markup=False)
-        yield DataTable(id="fields", show_cursor=False)
-        yield Input(id="filter", placeholder="ch:1 frame:NAME text – Enter applies, Esc clears")
-        yield Input(id="command", placeholder=f"{COMMANDS} – Enter does it, Esc leaves")
+        yield from (self.channels, self.blocks, self.frames, self.about, self.fields)
+        yield from (self.filter_entry, self.command_entry)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -104,7 +110,7 @@ class MonitorApp(App[None]):
 
     def go_on(self) -> None:
         """Time passes: simulated time as well."""
-        if not self.query("#frames"):  # the display is being taken down
+        if not self.is_running:  # the display is being taken down
             return
         now = time.monotonic_ns()
         self.session.step(now - self._last)
@@ -114,18 +120,6 @@ class MonitorApp(App[None]):
             self.exit()
 
     # ---- tables -------------------------------------------------------------------------------------------
-
-    @property
-    def blocks(self) -> DataTable[Text]:
-        return self.query_one("#blocks", DataTable)
-
-    @property
-    def frames(self) -> DataTable[Text]:
-        return self.query_one("#frames", DataTable)
-
-    @property
-    def fields(self) -> DataTable[Text]:
-        return self.query_one("#fields", DataTable)
 
     def draw(self) -> None:
         """New frames, and now and then the channels and the blocks."""
@@ -147,7 +141,7 @@ class MonitorApp(App[None]):
         lines = [channel_line(channel) for channel in self.view.channels()]
         counts = self.view.log.counts
         lines.append(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
-        self.query_one("#channels", Static).update("\n".join(lines))
+        self.channels.update("\n".join(lines))
         self.blocks.clear()
         for block in self.view.blocks():
             self.blocks.add_row(*_as_it_is(block_cells(block)))
@@ -189,14 +183,13 @@ class MonitorApp(App[None]):
     def show_fields(self, number: int) -> None:
         """Fields with their offsets; for a bad frame also what is wrong where."""
         entry = None if self.view is None else self.view.log.entry(number)
-        about = self.query_one("#about", Static)
         self.fields.clear()
         if entry is None or self.view is None:
-            about.update("")
+            self.about.update("")
             return
         seen = entry.seen
         fault = f" – {seen.reason} at byte {seen.place}" if seen.kind == "bad" else ""
-        about.update(f"no. {number}: {seen.frame or seen.kind}, {len(seen.raw)} bytes{fault}")
+        self.about.update(f"no. {number}: {seen.frame or seen.kind}, {len(seen.raw)} bytes{fault}")
         for row in self.view.log.fields(entry):
             self.fields.add_row(*_as_it_is(field_cells(row, self.as_ascii)))
 
@@ -218,7 +211,7 @@ class MonitorApp(App[None]):
         self.frames.move_cursor(row=self.frames.row_count - 1)
 
     def action_find(self) -> None:
-        entry = self.query_one("#filter", Input)
+        entry = self.filter_entry
         entry.display = True
         entry.value = self.filter_text
         entry.focus()
@@ -228,7 +221,7 @@ class MonitorApp(App[None]):
         return action != "command" or self.session.controls
 
     def action_command(self) -> None:
-        entry = self.query_one("#command", Input)
+        entry = self.command_entry
         entry.display = True
         entry.value = ""
         entry.focus()
@@ -242,22 +235,22 @@ class MonitorApp(App[None]):
     def on_key(self, event: object) -> None:
         if getattr(event, "key", "") != "escape":
             return
-        if self.query_one("#command", Input).display:
+        if self.command_entry.display:
             self._leave_command("")
-        elif self.query_one("#filter", Input).display:
+        elif self.filter_entry.display:
             self._filter("")
 
     def _leave_command(self, trouble: str) -> None:
         """Back to the frames; why a command could not be carried out stands where a frame is told about."""
-        self.query_one("#command", Input).display = False
+        self.command_entry.display = False
         self.frames.focus()
         self.draw_status()
         if trouble:
-            self.query_one("#about", Static).update(trouble)
+            self.about.update(trouble)
 
     def _filter(self, text: str) -> None:
         self.filter_text = text
-        self.query_one("#filter", Input).display = False
+        self.filter_entry.display = False
         self.frames.focus()
         self.refill()
 

@@ -28,8 +28,10 @@ from framekit.transport.pty_pair import PtyPair
 
 pytest.importorskip("textual")
 
+from textual.events import Key
 from textual.pilot import Pilot
-from textual.widgets import Input, Static
+from textual.widgets import DataTable, Input, Static
+from textual.widgets.data_table import RowKey
 
 from framekit.cli.screen.app import MonitorApp
 
@@ -202,6 +204,39 @@ def test_brackets_from_the_line_and_from_people_are_no_markup() -> None:
         assert "'fire [/x]' is no command" in text_of(app, "#about")
 
     driven(test, "--control")
+
+
+def everything_that_comes(app: MonitorApp) -> list[Callable[[], object]]:
+    """What timers, messages and keys call."""
+    frames = app.frames
+    highlighted = DataTable.RowHighlighted(frames, 0, RowKey("1"))
+    submitted = [Input.Submitted(entry, "x") for entry in (app.filter_entry, app.command_entry)]
+    return [
+        app.go_on, app.draw, app.draw_status, app.refill, lambda: app.show_fields(1),
+        lambda: app.on_data_table_row_highlighted(highlighted), lambda: app.on_key(Key("escape", None)),
+        *(getattr(app, f"action_{name}") for name in ("pause", "switch_bytes", "bad_only", "follow", "find")),
+        app.action_command,
+        *(lambda one=one: app.on_input_submitted(one) for one in submitted),
+    ]  # fmt: skip
+
+
+def test_what_comes_while_the_widgets_go_one_by_one_does_not_end_the_display() -> None:
+    kept: list[MonitorApp] = []
+
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND)
+        kept.append(app)
+        for name in ("#channels", "#about", "#fields", "#blocks", "#filter", "#command", "#frames"):
+            await app.query(name).remove()
+            for call in everything_that_comes(app):
+                call()
+            session.forward(SECOND)
+
+    driven(test, "--control")
+    assert not kept[0].is_running
+    drawn = kept[0]._drawn
+    kept[0].go_on()
+    assert kept[0]._drawn == drawn, "nothing is drawn any more, and no time passes"
 
 
 def test_without_control_there_is_no_key_for_it() -> None:
