@@ -76,7 +76,7 @@ class BranchReader(SizedReader):
     def _branch(self, items: list[Item], after: tuple[Item, ...], unconditional: set[str | None]) -> None:
         expanded: list[Item] = []
         for item in items:
-            if isinstance(item.segment, Record):
+            if isinstance(item.segment, Record) and item.segment.when is None:
                 expanded.extend(self.record_items(item.segment, item.scope, item.fields))
             else:
                 expanded.append(item)
@@ -169,8 +169,7 @@ class BranchReader(SizedReader):
         function.in_branch += 1
         for header, items in branches:
             with function.out.block(header):
-                expanded = [one for item in items for one in self.items((item.segment,), item.scope, item.fields)]
-                self._branch(expanded, after, set())
+                self._branch(items, after, set())
             self.place = Place(self.at, 0)
         function.in_branch -= 1
         if fault:

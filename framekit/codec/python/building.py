@@ -14,6 +14,8 @@ from framekit.codec.python.source import Source, quoted
 from framekit.definition.expression.emit import OR, PRODUCT
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children
 from framekit.definition.model.segments import (
+    Bits,
+    Count,
     Data,
     Field,
     FieldType,
@@ -162,6 +164,8 @@ class Building:
                 return found | {field} | self.waits(size if isinstance(size, Expression) else None)
             case Repeat(name=repeat, of=FieldType()):
                 return found | {repeat}
+            case Length(type=type_) | Count(type=type_) | Bits(type=type_):
+                return found | self.waits(type_.size if isinstance(type_.size, Expression) else None)
         return {f"bytes of {name}"}
 
     # ---- room ---------------------------------------------------------------------------------------------
@@ -215,6 +219,8 @@ class Building:
             case Repeat(of=FieldType() as of):
                 count = self.count_of(local)
                 text = count if of.fixed_size == 1 else f"{of.fixed_size} * {count}"
+            case Length(type=type_) | Count(type=type_) | Bits(type=type_) if isinstance(type_.size, Expression):
+                text = self.text(type_.size, scope, PRODUCT + 1)
             case Field(long=None):
                 text = f"len({local})"
                 if segment.type.kind not in ("ascii", "bytes") and isinstance(segment.type.size, Expression):

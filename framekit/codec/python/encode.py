@@ -26,7 +26,6 @@ from framekit.definition.model.segments import (
     Optional,
     Record,
     Repeat,
-    Require,
     Segment,
     Value,
 )
@@ -71,7 +70,7 @@ def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int] | None:
 
 def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
     """The result is bytes even if it begins with a value that was given, which may be a bytearray."""
-    first = next((leaf for leaf in leaves(segments) if not isinstance(leaf, (Require, Value))), None)
+    first = next(leaves(segments), None)
     is_given = isinstance(first, Data) or (isinstance(first, Field) and first.type.kind == "bytes")
     is_packed = text[0].isupper() or text.startswith('b"')
     return f'b"" + {text}' if is_given and not is_packed else text

@@ -169,8 +169,7 @@ class SegmentExaminer(Examining):
         elif check.span is not None and check.span[1] == "here" and self._in_one_buffer(check):
             covered = f"n.bytes_from({quoted(span_names(check, self.segments)[0])})"
         elif check.span is not None:
-            names = [name for name in span_names(check, self.segments) if self._takes_bytes(name)]
-            covered = f"n.bytes_of({', '.join(quoted(name) for name in names)})"
+            covered = f"n.bytes_of({', '.join(quoted(name) for name in span_names(check, self.segments))})"
         else:
             covered = "n.data[: n.at]"
         code = code_bytes(self.module, check, covered)
@@ -203,9 +202,6 @@ class SegmentExaminer(Examining):
         for segment in segments:
             if isinstance(segment, Wrap):
                 yield from self._buffers(segment.of)
-
-    def _takes_bytes(self, name: str) -> bool:
-        return not isinstance(self.by_name.get(name), (Value, Require))
 
     def nested(self, segment: Segment, scope: Scope, behind: Behind) -> None:
         """The calls of a segment with others inside."""

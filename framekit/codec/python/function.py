@@ -13,7 +13,18 @@ from framekit.codec.python.places import Place, between
 from framekit.codec.python.shape import Target, everything, flat, is_followed, names_read, targets_of, value_names
 from framekit.codec.python.source import Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
-from framekit.definition.model.segments import Check, Choose, Data, Length, Optional, Record, Segment, Wrap
+from framekit.definition.model.segments import (
+    Check,
+    Choose,
+    Data,
+    Length,
+    Optional,
+    Record,
+    Require,
+    Segment,
+    Value,
+    Wrap,
+)
 from framekit.definition.model.visit import expressions_of
 
 MISFIT = "raise Misfit"
@@ -221,7 +232,7 @@ def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
             for _, case in segment.cases:
                 yield from leaves(case)
             yield from leaves(segment.otherwise or ())
-        else:
+        elif not isinstance(segment, (Value, Require)):
             yield segment
 
 

@@ -158,7 +158,10 @@ class MeasureWriter(WrapMeasurer):
         self.settle()
         with self.out.block(f"if {condition}:"):
             self._branch(self.pairs((present,), scope), behind)
-        if not names or isinstance(segment, Record):
+        if isinstance(segment, (Record, Wrap, Choose, Optional)):
+            self._else_absent(segment, scope)
+            return
+        if not names:
             return
         with self.out.block("else:"):
             for name in names:
@@ -168,6 +171,15 @@ class MeasureWriter(WrapMeasurer):
                 else:
                     self.maybe_absent.add(name)
                 self.add(f"{scope.entries[name].text} = {text}")
+
+    def _else_absent(self, segment: Segment, scope: Scope) -> None:
+        """What has names inside that is not there."""
+        out, self.out = self.out, Source()
+        self.absent((segment,), scope)
+        out, self.out = self.out, out
+        if out.lines:
+            with self.out.block("else:"):
+                self.out.extend(out)
 
     def _segment(self, segment: Segment, scope: Scope, after: Pairs) -> None:
         match segment:
@@ -252,6 +264,7 @@ class MeasureWriter(WrapMeasurer):
         numbers = numbers_of(choose.on, scope, self.by_name)
         case = self.names.fresh("case")
         self.add(f"{case} = {self.text(choose.on, scope)}")
+        self.absent((choose,), scope)
         self.settle()
         finished = []
         for place, (keys, of) in enumerate(choose.cases):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, may_be_negative, may_fail
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.places import Place
-from framekit.codec.python.shape import everything
+from framekit.codec.python.shape import everything, flat, value_names
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import SUM
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression.syntax import Attribute, Expression, names_in, walk
 from framekit.definition.model.segments import (
     Bits,
     Choose,
@@ -59,12 +61,29 @@ class Measuring:
         found: list[tuple[Segment, Scope]] = []
         for segment in segments:
             if isinstance(segment, Record) and segment.when is None:
-                inside = Scope(scope)
-                scope.entries[segment.name] = Entry(segment.name, "record", inside, direct=True)
-                found.extend(self.pairs(segment.of, inside))
+                found.extend(self.pairs(segment.of, self._inside(segment, scope)))
             else:
                 found.append((segment, scope))
         return tuple(found)
+
+    @staticmethod
+    def _inside(record: Record, scope: Scope) -> Scope:
+        """The names of a record; two cases with a record of one name share them."""
+        known = scope.entries.get(record.name)
+        inside = Scope(scope) if known is None or known.inside is None else known.inside
+        scope.entries[record.name] = Entry(record.name, "record", inside, direct=True)
+        return inside
+
+    def absent(self, segments: Iterable[Segment], scope: Scope) -> None:
+        """Gives names that something else depends on no value, as long as nothing has been read that has them."""
+        for segment in flat(segments):
+            if isinstance(segment, Record):
+                self.absent(segment.of, self._inside(segment, scope))
+                continue
+            for name in value_names(segment):
+                if name in self.needed:
+                    self.maybe_absent.add(name)
+                    self.set_value(name, scope, "None")
 
     # ---- texts --------------------------------------------------------------------------------------------
 
@@ -77,7 +96,7 @@ class Measuring:
 
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
         """Text of an expression; if it can fail, the function will say that the end is lost then."""
-        if may_fail(expression.root) or names_in(expression.root) & self.maybe_absent:
+        if may_fail(expression.root) or _names_of(expression) & self.maybe_absent:
             self.may_fail = True
         return ExpressionWriter(self.module, scope, self.context).text(expression, level)
 
@@ -177,17 +196,26 @@ class Measuring:
         self.add("return size if size <= end - start else end - start - size")
 
 
+def _names_of(expression: Expression) -> set[str]:
+    """Every name in an expression, those of fields of records too."""
+    fields = {node.name for node in walk(expression.root) if isinstance(node, Attribute)}
+    return names_in(expression.root) | fields
+
+
 def needed_names(segments: tuple[Segment, ...]) -> set[str]:
     """Names that sizes, counts and conditions depend on, and those these depend on."""
     found: set[str] = set()
     values: dict[str, set[str]] = {}
+    records = {segment.name for segment in everything(segments) if isinstance(segment, Record)}
     for segment in everything(segments):
         if isinstance(segment, Value):
-            values[segment.name] = names_in(segment.read.root)
+            values[segment.name] = _names_of(segment.read)
         if isinstance(segment, Field) and segment.default is not None and segment.when is not None:
-            values[segment.name] = names_in(segment.default.root)
+            values[segment.name] = _names_of(segment.default)
         for expression in size_expressions(segment):
             found |= names_in(expression.root)
+            if records & names_in(expression.root):
+                found |= _names_of(expression)
     known: set[str] = set()
     while found - known:
         name = min(found - known)

@@ -90,7 +90,9 @@ class Fields:
         self.entries = []
 
     def flush(self, out: Source) -> None:
-        """Writes the entries that an open dictionary does not have yet."""
+        """Writes the entries that a variable does not have yet; one that is no variable yet is written as a whole."""
+        if not self.is_open:
+            return
         entries, self.entries = self.entries, []
         for name, value in entries:
             out.add(f'{self.variable}["{name}"] = {value if isinstance(value, str) else value.text(out)}')

@@ -57,7 +57,7 @@ class BufferReader:
         return found
 
     def record_items(self, record: Record, scope: Scope, fields: Fields) -> list[Item]:
-        inner = Fields(self.function.names.fresh(record.name), (fields, record.name))
+        inner = Fields(self.function.local(record.name, scope), (fields, record.name))
         inside = Scope(scope)
         scope.entries[record.name] = Entry(inner.variable, "record", inside, direct=True, record=inner)
         return self.items(record.of, inside, inner)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from framekit.codec.python import forms
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import Item
-from framekit.codec.python.runs import RunReader
+from framekit.codec.python.runs import RunReader, shown_name
 from framekit.codec.python.shape import Fill, on_wire
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Data, Field, FieldType, Require, Value
+from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Require, Value
 
 
 class SizedReader(RunReader):
@@ -31,6 +31,10 @@ class SizedReader(RunReader):
                 self._field(item, field, after)
             case Field() as field:
                 self._long(item, field)
+            case Length() | Count() as number:
+                self._counting(item, number)
+            case Bits() as bits:
+                self._bits(item, bits)
             case _:
                 return False
         return True
@@ -79,6 +83,29 @@ class SizedReader(RunReader):
         sized = type_.kind in ("ascii", "bytes")
         self.declare(item, field.name, local, sized=sized, wire=self.function.wire_size(field.name))
         self.judge_field(item, field, local)
+
+    def _counting(self, item: Item, number: Length | Count) -> None:
+        """A length or a count whose size is an expression."""
+        local = self.function.local(number.name, item.scope)
+        self.function.add(f"{local} = {forms.value_of(number, self._sized_number(item, number))}")
+        self.declare(item, number.name, local, sized=False, wire=self.function.wire_size(number.name))
+        self.judge_limits(number, local)
+        if isinstance(number, Length):
+            self.compare_length(item, number)
+        else:
+            self.compare_count(item, number)
+
+    def _bits(self, item: Item, bits: Bits) -> None:
+        """Named bits of a number whose size is an expression."""
+        local = self.function.names.fresh(shown_name(bits, "bits"))
+        self.function.add(f"{local} = {self._sized_number(item, bits)}")
+        self.read_bits(item, bits, local)
+
+    def _sized_number(self, item: Item, segment: Length | Count | Bits) -> str:
+        """Text of the number on the wire."""
+        size = segment.type.size
+        first, last = self.take(item, self.size_text(size, item.scope) if isinstance(size, Expression) else str(size))
+        return forms.parse(self.module, segment.type, between(self.buffer, first, last))
 
     def _terminated(self, item: Item, field: Field, end: bytes) -> tuple[Place, Place]:
         stop = self.function.names.fresh(f"{field.name}_end")

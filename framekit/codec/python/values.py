@@ -13,7 +13,7 @@ from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import flat, value_names
 from framekit.codec.python.source import literal, quoted
-from framekit.definition.expression.emit import AND, BIT_OR, COMPARE, OR
+from framekit.definition.expression.emit import AND, BIT_OR, COMPARE, OR, PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Bits,
@@ -109,7 +109,7 @@ class ValueWriter(FieldValueWriter):
                 for part in parts:
                     tasks.append(self.bits_task(part, scope, given))
                 if segment.name is not None:
-                    scope.entries[segment.name] = Entry("0", sized=False, wire=self._fixed_room(segment, scope))
+                    scope.entries[segment.name] = Entry("0", sized=False, wire=self._own_room(segment, scope))
             case Data():
                 tasks.extend(self.data_tasks(segment, scope, given))
             case Length() | Count():
@@ -130,16 +130,25 @@ class ValueWriter(FieldValueWriter):
     def nested_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
         raise NotImplementedError
 
-    def _fixed_room(self, segment: Segment, scope: Scope) -> str:
-        return self.if_present(segment, scope, str(self.shapes.present(segment).fixed), "0")
+    def _own_room(self, segment: Length | Count | Bits, scope: Scope) -> str:
+        """Text of the bytes of a number on the wire."""
+        size = segment.type.size
+        text = self.text(size, scope, PRODUCT + 1) if isinstance(size, Expression) else str(size)
+        return self.if_present(segment, scope, text, "0")
 
     # ---- lengths, counts, values, conditions --------------------------------------------------------------
 
     def _counted_task(self, number: Length | Count, scope: Scope, given: Given) -> Task:
         if isinstance(number, Length):
-            waits = {token for name in number.of for token in self.room_tokens(name)}
+            waits = {token for name in number.of for token in self.room_tokens(name)} | self._size_waits(number)
             return Task((number.name,), waits, lambda _: self._length(number, scope, given))
-        return Task((number.name,), {number.of}, lambda _: self._count(number, scope, given))
+        waits = {number.of} | self._size_waits(number)
+        return Task((number.name,), waits, lambda _: self._count(number, scope, given))
+
+    def _size_waits(self, number: Length | Count) -> set[str]:
+        """What has to be there before it can be told whether a number is there, and how many bytes it takes."""
+        size = number.type.size
+        return self.waits(number.when, size if isinstance(size, Expression) else None)
 
     def _length(self, length: Length, scope: Scope, given: Given) -> None:
         for name, target in self.targets.items():
@@ -159,7 +168,7 @@ class ValueWriter(FieldValueWriter):
         local = self.names.fresh(number.name)
         plus = "" if not number.plus else f" + {number.plus}" if number.plus > 0 else f" - {-number.plus}"
         self.add(f"{local} = {text}{plus}")
-        scope.entries[number.name] = Entry(local, sized=False, wire=self._fixed_room(number, scope))
+        scope.entries[number.name] = Entry(local, sized=False, wire=self._own_room(number, scope))
         given.computed[number.name] = local
         if number.limits is None and number.zero_means is None:
             self.refuse_digits(number, scope, local)

@@ -18,6 +18,7 @@ from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Repeat
 
+_ANY_WIDTH = 1 << 20
 _FEW = 6
 """Up to so many allowed values are written into the condition."""
 
@@ -76,14 +77,16 @@ class JudgingReader(BufferReader):
 
     def read_bits(self, item: Item, bits: Bits, whole: str) -> None:
         """Cuts a number into its named bits."""
-        width = 8 * (bits.type.fixed_size or 0) // (2 if bits.type.kind == "digits" else 1)
+        fixed = bits.type.fixed_size  # one of computed size may have more bits than any name takes
+        width = _ANY_WIDTH if fixed is None else 8 * fixed // (2 if bits.type.kind == "digits" else 1)
         for part in bits.parts:
             local = self.function.local(part.name, item.scope)
             self.function.add(f"{local} = {bits_text(part, whole, width)}")
             self.declare(item, part.name, local)
             self._judge_value(item.scope, part.is_, part.constants, local)
         if bits.name is not None:
-            item.scope.entries[bits.name] = Entry(whole, sized=False, wire=str(bits.type.fixed_size))
+            wire = self.function.wire_size(bits.name) if fixed is None else str(fixed)
+            item.scope.entries[bits.name] = Entry(whole, sized=False, wire=wire)
 
     # ---- check codes --------------------------------------------------------------------------------------
 
