@@ -104,7 +104,7 @@ class Examination(ExaminationState):
     def bits(
         self,
         name: str,
-        size: int,
+        size: int | Ask,
         parse: Callable[[bytes], int],
         parts: Mapping[str, tuple[int, int]],
         refuse: int | None = None,
@@ -112,7 +112,7 @@ class Examination(ExaminationState):
     ) -> None:
         """Named bits of one number: name → lowest bit and mask; `among`: name → allowed values and the cause."""
         start = self.begin(name)
-        raw = self.take(name, size, refuse)
+        raw = self.take(name, self.ask(size, "length", name, refuse), refuse)
         try:
             number = parse(raw)
         except ValueError:

@@ -1,0 +1,179 @@
+"""What must hold for every definition that `check` takes, whatever it is made of."""
+
+from __future__ import annotations
+
+import re
+from random import Random
+from typing import Any
+
+from framekit.codec.ambiguity import check_matrices
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.construct_backend import ConstructCodec, compile_construct
+from framekit.codec.errors import EncodeError, FrameError
+from framekit.definition.load import load_protocol_text
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import DefinitionError
+
+PYTHONS_WORDS = re.compile(
+    r"not supported between|unsupported operand|object is not|NoneType|'(dict|list|tuple|bytearray)'|Error\b|too big to"
+    r" convert|out of range|has no attribute|invalid literal|required argument|subscriptable|modulo by zero|not iterable"
+    r"|can't concat|a bytes-like|unpack|negative shift|must be str|Container|Traceback"
+)
+"""What Python says of its own accord."""
+MOST_REPAIRS = 12
+
+
+class Trial:
+    """A definition compiled both ways, with everything that is asked of it. Raises DefinitionError if it is refused."""
+
+    def __init__(self, text: str, values: dict[str, Any], seed: int | str = 0) -> None:
+        self.protocol: Protocol = load_protocol_text(text, "drawn")
+        self.codec: Codec = compile_protocol(self.protocol)
+        self.reference: ConstructCodec = compile_construct(self.protocol)
+        self.values = values
+        self.random = Random(seed)
+
+    def run(self) -> bytes | None:
+        """Everything; gives the bytes, or None if no values were found that fit."""
+        data = self.built()
+        if data is None:
+            return None
+        self.read(data)
+        self.measure(data)
+        for _ in range(6):
+            self.damaged(damaged(data, self.random))
+        return data
+
+    # ---- building -----------------------------------------------------------------------------------------
+
+    def built(self) -> bytes | None:
+        """The bytes of the values, or of others that come near them; both compilers say the same."""
+        for _ in range(MOST_REPAIRS):
+            first, second = self.build(self.codec), self.build(self.reference)
+            if isinstance(first, EncodeError) or isinstance(second, EncodeError):
+                assert isinstance(first, EncodeError), f"only constructs refuse {self.values}: {second}"
+                assert isinstance(second, EncodeError), f"only generated code refuses {self.values}: {first}"
+                if not (repaired(self.values, second) or repaired(self.values, first)):
+                    return None
+                continue
+            assert first == second, f"{first.hex(' ')} is not {second.hex(' ')}"
+            return first
+        return None
+
+    def build(self, codec: Codec | ConstructCodec) -> bytes | EncodeError:
+        try:
+            return codec.encode("f", self.values)
+        except EncodeError as error:
+            assert not PYTHONS_WORDS.search(str(error)), f"Python's own words: {error}"
+            return error
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    def read(self, data: bytes) -> None:
+        fields = self.codec.decode("f", data)
+        assert fields == self.reference.decode("f", data)
+        for codec in (self.codec, self.reference):
+            again = codec.encode("f", fields)
+            assert again == data, f"{again.hex(' ')} is not {data.hex(' ')}, of {fields}"
+        found, _, fault = self.codec.trace("f", data)
+        assert fault is None and found == fields, f"{fault}, {found} is not {fields}"
+
+    def damaged(self, data: bytes) -> None:
+        """Nothing but the codec's own error, the same from both, and from the careful reading."""
+        first, second = read(self.codec, data), read(self.reference, data)
+        found, _, fault = self.codec.trace("f", data)
+        traced = found if fault is None else (fault.cause, fault.refuse)
+        assert first == traced, f"{data.hex(' ')}: decoded {first}, traced {traced} {fault}"
+        good, other = isinstance(first, dict), isinstance(second, dict)
+        assert good == other, f"{data.hex(' ')}: {first} is not {second}"
+        if good:
+            assert first == second, data.hex(" ")
+        for have in range(len(data) + 1):
+            self.codec.measure("f", data, 0, have)
+
+    # ---- measuring ----------------------------------------------------------------------------------------
+
+    def measure(self, data: bytes) -> None:
+        """Whole, byte by byte with what was seen before as a receiver asks, and with more behind."""
+        codec = self.codec
+        whole = codec.measure("f", data)
+        assert whole == codec.QUIET or 0 < whole <= len(data), f"{data.hex(' ')} is measured as {whole}"
+        if whole != len(data):
+            return  # ends by silence, or its data hold what looks like its end
+        seen = wanted = 0
+        for have in range(len(data)):
+            if have >= wanted:
+                found = codec.measure("f", data, 0, have, None, seen)
+                assert codec.QUIET < found < 0, f"the first {have} of {data.hex(' ')} are measured as {found}"
+                assert found == codec.measure("f", data, 0, have), f"{have} of {data.hex(' ')} depends on what was seen"
+                assert have - found <= len(data), f"{have} of {data.hex(' ')} want {-found} more"
+                seen, wanted = have, have - found
+        assert codec.measure("f", data, 0, None, None, seen) == len(data)
+        assert codec.measure("f", b"\x10" + data + b"\x10\x03\x00", 1) == len(data)
+
+
+def try_samples(protocol: Protocol) -> None:
+    """What `framekit check` finds out by building samples."""
+    check_matrices(protocol)
+
+
+def read(codec: Codec | ConstructCodec, data: bytes) -> Any:
+    try:
+        return codec.decode("f", data)
+    except FrameError as error:
+        assert not PYTHONS_WORDS.search(str(error)), f"Python's own words: {error}"
+        return error.cause, error.refuse
+
+
+def damaged(data: bytes, random: Random) -> bytes:
+    """The bytes with some changed, left out, or put in."""
+    changed = bytearray(data)
+    for _ in range(random.choice([1, 1, 2])):
+        place, way = random.randrange(len(changed) + 1), random.random()
+        if place < len(changed) and way < 0.6:
+            changed[place] = random.choice([random.randrange(256), changed[place] ^ 1 << random.randrange(8)])
+        elif place < len(changed) and way < 0.75:
+            del changed[place]
+        elif way < 0.85:
+            del changed[place:]
+        else:
+            changed.insert(place, random.choice([0x10, 0x03, 0x30, 0x00]))
+    return bytes(changed)
+
+
+# ---- values that nearly fit ---------------------------------------------------------------------------------
+
+
+def repaired(values: dict[str, Any], error: EncodeError) -> bool:
+    """Changes the value an error complains about, as the message asks; whether something was done."""
+    message = str(error)
+    if "not part of this frame" in message or "there is no" in message or "is computed as" in message:
+        return _change(values, error.field, None)
+    if found := re.search(r"'([^']+)' has a length of (\d+), it must be (\d+)", message):
+        return _change(values, found[1], int(found[3]))
+    if found := re.search(r"'([^']+)' has a length of (\d+), (less|more) than (\d+)", message):
+        return _change(values, found[1], int(found[4]))
+    return False
+
+
+def _change(values: Any, path: str, size: int | None) -> bool:
+    *outer, last = re.findall(r"\w+", path) or [""]
+    for part in outer:
+        if isinstance(values, dict) and part in values:
+            values = values[part]
+        elif isinstance(values, list) and part.isdigit() and int(part) < len(values):
+            values = values[int(part)]
+        else:
+            return False
+    if not isinstance(values, dict) or last not in values:
+        return False
+    if size is None:
+        del values[last]
+        return True
+    found = values[last]
+    if isinstance(found, (bytes, str, list)) and size < 300:
+        while len(found) < size:
+            found = found + (found or {bytes: b"a", str: "a", list: [1]}[type(found)])
+        values[last] = found[:size]
+        return True
+    return False

@@ -1,0 +1,525 @@
+"""Definitions made up at random, out of every kind of segment with every key, and values that may fit them.
+
+`DRAWN` has one function for every kind; a test compares it and what the functions write with the schema, so that a new
+kind or key takes part. What is drawn may be nonsense: then `check` has to refuse it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from random import Random
+from typing import Any
+
+Segments = list[dict[str, Any]]
+
+TYPES: tuple[dict[str, Any], ...] = (
+    {"type": "u8"}, {"type": "u8"}, {"type": "u8"}, {"type": "i8"}, {"type": "u16"}, {"type": "u16", "order": "little"},
+    {"type": "i16"}, {"type": "u24"}, {"type": "u32", "order": "CDAB"}, {"type": "u32", "order": "BADC"},
+    {"type": "u40"}, {"type": "u64"}, {"type": "dec", "size": 2}, {"type": "dec", "size": 3, "order": "little"},
+    {"type": "hex", "size": 2}, {"type": "hex", "size": 4, "order": "little", "case": "lower"},
+    {"type": "hex", "size": 3}, {"type": "oct", "size": 3}, {"type": "bcd", "size": 1}, {"type": "bcd", "size": 2},
+    {"type": "uint", "size": 3}, {"type": "uint", "size": "§"}, {"type": "int", "size": 2}, {"type": "hex", "size": "§"},
+)  # fmt: skip
+"""Whole numbers; a size `§` is an expression of the names at hand."""
+OTHER_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
+    ({"type": "f32"}, (0.0, 1.5, -2.0)),
+    ({"type": "f64", "order": "little"}, (0.0, 1e300)),
+    ({"type": "ascii", "size": 2}, ("ab", "\x10\x03")),
+    ({"type": "ascii", "size": 3, "pad": "20"}, ("", "a", "abc")),
+    ({"type": "ascii", "end": "00"}, ("", "abc")),
+    ({"type": "ascii", "size": "§"}, ("", "a", "ab", "abc")),
+    ({"type": "bytes", "size": 2}, (b"\x10\x02", b"ab")),
+    ({"type": "bytes", "size": "§"}, (b"", b"a", b"\x10b")),
+)
+CONDITIONS = ("§ > 3", "§ == 2", "§ != §", "§ % 2 == 0", "§ in names", "not § > 1", "§ > 1 and § < 7", "bit(§, 1)")
+NUMBERS = (
+    "§", "§ + 1", "§ * 2", "§ - 1", "§ & 3", "len(¤)", "4 if § > 2 else 1", "min(§, 3)", "§ // §", "max(§, §)",
+    "get(names, §, 3)", "7 - §", "abs(§ - 4)", "(§ << 1) & 7", "find(names, 5)",
+)  # fmt: skip
+SIZES = ("§", "§", "§ & 3", "§ - 1", "min(§, 4)", "2", "§ // 2", "2 * §")
+BYTES = (0x10, 0x41, 0x03, 0x05, 0x00, 0xFF, 0x30, 0x7E)
+CHECKS = ("sum8", "xor8", "crc16-modbus", "lrc8", "sum16", "crc8", "folded")
+
+
+class Scope:
+    """Names that expressions may read here: numbers, and anything that has a length; `outer` is what is around."""
+
+    def __init__(self, outer: Scope | None = None) -> None:
+        self.outer = outer
+        self.numbers: list[str] = []
+        self.sized: list[str] = []
+        self.places: list[str] = []
+
+    def all(self, what: str) -> list[str]:
+        here: list[str] = getattr(self, what)
+        return here + (self.outer.all(what) if self.outer is not None else [])
+
+
+class DrawnDefinition:
+    """`text` is a protocol whose frame `f` has some random segments, `values` what it may be built from.
+
+    `used` are the kinds and keys in it. `kinds`: those that are to be there. Expressions may name what comes later.
+    """
+
+    def __init__(self, seed: int | str, kinds: tuple[str, ...] = ()) -> None:
+        self.random = Random(seed)
+        self.count = 0
+        self.layouts: dict[str, Segments] = {}
+        self.frames: dict[str, dict[str, Any]] = {}
+        self.used: set[tuple[str, str]] = set()
+        self.free: list[tuple[dict[str, Any], Any, str, Scope]] = []
+        self.values: dict[str, Any] = {}
+        scope = Scope()
+        body = self.body(scope, self.values, 0, kinds)
+        self._resolve()
+        frame: dict[str, Any] = {"body": body}
+        self._about_frame(frame)
+        definition = {
+            "protocol": "drawn",
+            "order": self.random.choice(["big", "little"]),
+            "tables": {"names": {"1": 2, "2-4": 5, "7": 1}},
+            "checks": {"folded": {"fold": "(acc * 3 + byte) & 0xFF", "initial": 1}},
+            **({"layouts": self.layouts} if self.layouts else {}),
+            "frames": {"f": frame, **self.frames},
+        }
+        self.text = json.dumps(definition)
+
+    # ---- what is drawn ------------------------------------------------------------------------------------
+
+    def some(self, *choice: Any) -> Any:
+        return self.random.choice(choice)
+
+    def chance(self, share: float) -> bool:
+        return self.random.random() < share
+
+    def name(self, letter: str) -> str:
+        self.count += 1
+        return f"{letter}{self.count}"
+
+    def bytes(self, size: int) -> bytes:
+        return bytes(self.random.choice(BYTES) for _ in range(size))
+
+    def expression(self, holder: dict[str, Any], key: Any, text: str, scope: Scope) -> None:
+        """Puts an expression into a place; its names are chosen when all of them are known."""
+        later = key not in ("when", "size", "choose", "times") or self.chance(0.03)
+        holder[key] = text if later else self._with_names(text, scope)
+        if "§" in holder[key] or "¤" in holder[key]:
+            self.free.append((holder, key, text, scope))
+
+    def _with_names(self, text: str, scope: Scope) -> str:
+        while "§" in text:
+            text = text.replace("§", self.random.choice(scope.all("numbers") or ["3"]), 1)
+        while "¤" in text:
+            text = text.replace("¤", self.random.choice(scope.all("sized") or ["'ab'"]), 1)
+        return text
+
+    def _resolve(self) -> None:
+        for holder, key, text, scope in self.free:
+            holder[key] = self._with_names(text, scope)
+
+    def _about_frame(self, frame: dict[str, Any]) -> None:
+        """Keys of the frame itself."""
+        if self.chance(0.1):
+            frame["max"] = self.random.randrange(4, 40)
+        if self.chance(0.07):
+            frame |= {"size": self.random.randrange(4, 40), "fill": "2A"}
+        if self.chance(0.1):
+            frame["refuse"] = 7
+        if self.chance(0.1):
+            first = next((one for one in frame["body"] if one.get("type") == "u8" and "field" in one), None)
+            if first is not None:
+                self.frames.clear() if False else None
+                frame["where"] = {first["field"]: self.some(1, [1, 2])}
+        if self.chance(0.1):
+            body = frame["body"]
+            frame["body"] = []
+            self.frames_group(frame, body)
+
+    def frames_group(self, frame: dict[str, Any], body: Segments) -> None:
+        """The same in a group with head, body and tail, perhaps delimited."""
+        frame["body"] = body
+        self.group = {"head": [{"const": "02"}], "tail": [{"const": "7D"}]}
+
+    def body(self, scope: Scope, values: dict[str, Any], depth: int, kinds: tuple[str, ...] = ()) -> Segments:
+        """Some segments, the values of which are put into `values`."""
+        wanted = list(kinds)
+        least = 1 if depth else 2
+        while len(wanted) < least or (len(wanted) < 6 and self.chance(0.55 - 0.15 * depth)):
+            leaf = depth > 1 or self.chance(0.75)
+            wanted.append(self.random.choice(LEAVES if leaf else HOLDERS))
+        self.random.shuffle(wanted)
+        found: Segments = []
+        for kind in wanted:
+            before = Scope()
+            before.numbers = scope.all("numbers")
+            for segment in DRAWN[kind](self, scope, values, depth):
+                self._common(segment, scope, before)
+                found.append(segment)
+        if depth == 0 and self.chance(0.5):
+            found.append({"const": self.some("7E", "10 03", "03")})
+        if depth == 0 and self.chance(0.4):
+            found += check(self, scope, values, depth)
+        for segment in found:
+            kind = next(key for key in segment if key in DRAWN)
+            self.used |= {(kind, key) for key in segment}
+        return found
+
+    def _common(self, segment: dict[str, Any], scope: Scope, before: Scope) -> None:
+        kind = next(key for key in segment if key in DRAWN)
+        if self.chance(0.15):
+            self.expression(segment, "when", self.random.choice(CONDITIONS), before)
+        if self.chance(0.07):
+            segment["refuse"] = self.random.randrange(1, 9)
+        if self.chance(0.03):
+            segment["doc"] = "a note"
+        named = {"const", "text", "bits", "choose", "optional", "wrap", "check", "skip", "require", "include"}
+        if kind in named and "as" not in segment and self.chance(0.3):
+            segment["name"] = self.name("s")
+            if kind in ("bits", "include", "wrap", "choose", "optional"):
+                scope.sized.append(segment["name"])
+            scope.places.append(segment["name"])
+
+    def type(self, scope: Scope) -> dict[str, Any]:
+        """Keys of a whole number."""
+        found = dict(self.random.choice(TYPES))
+        if found.get("size") == "§":
+            self.expression(found, "size", self.random.choice(SIZES), scope)
+        return found
+
+    def numbered(self, holder: dict[str, Any], scope: Scope) -> None:
+        """The type of a number, put into its segment: an expression in it must be that of the segment."""
+        kind = dict(self.random.choice(TYPES))
+        holder |= kind
+        if kind.get("size") == "§":
+            self.expression(holder, "size", self.random.choice(SIZES), scope)
+
+
+def const(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    return [{"const": drawn.some("05", "02 41", "7E", "10 02")}]
+
+
+def text(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    return [{"text": drawn.some("XY", "0", "a'\"b")}]
+
+
+def skip(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    return [{"skip": drawn.some(0, 1, 3), **drawn.some({}, {"fill": "2A"})}]
+
+
+def field(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    name = drawn.name("f")
+    segment: dict[str, Any] = {"field": name}
+    if drawn.chance(0.25):
+        kind, choice = drawn.random.choice(OTHER_TYPES)
+        segment |= kind
+        if kind.get("size") == "§":
+            drawn.expression(segment, "size", drawn.random.choice(SIZES), scope)
+        values[name] = drawn.random.choice(choice)
+        if isinstance(values[name], (str, bytes)):
+            scope.sized.append(name)
+        if drawn.chance(0.15):
+            segment["default"] = {float: "0", str: "'ab'", bytes: "h'10 02'"}[type(values[name])]
+            if drawn.chance(0.5):
+                del values[name]
+        scope.places.append(name)
+        return [segment]
+    drawn.numbered(segment, scope)
+    values[name] = drawn.random.randrange(9)
+    option = drawn.random.randrange(22)
+    if option == 0:
+        drawn.expression(segment, "is", drawn.random.choice(NUMBERS), scope)
+        del values[name]
+    elif option == 1:
+        drawn.expression(segment, "build", drawn.random.choice(NUMBERS), scope)
+        if drawn.chance(0.7):
+            del values[name]
+    elif option in (2, 3):
+        drawn.expression(segment, "default", drawn.some("3", drawn.random.choice(NUMBERS)), scope)
+        if drawn.chance(0.6):
+            del values[name]
+    elif option == 4:
+        segment["values"] = {"1": "A", "2": "B", "3": "§C".replace("§", ""), "8": "E"}
+        if drawn.chance(0.5):
+            segment["only"] = "values"
+            values[name] = drawn.some(1, 2, "B")
+    elif option == 5:
+        segment["range"] = drawn.some("0..9", "1..4", "2..200")
+    elif option == 6:
+        segment["plus"] = drawn.some(3, 1, -1)
+    elif option == 7:
+        segment["unit"] = drawn.some("ms", "10 ms")
+        values[name] *= 10_000_000
+    elif option == 8:
+        segment |= {"long": {"mark": 200, **drawn.some({"type": "u16"}, {"type": "hex", "size": 4})}}
+        values[name] = drawn.some(7, 199, 200, 300)
+    elif option == 9:
+        segment["zero_means"] = drawn.some(256, 9)
+        values[name] = drawn.some(1, segment["zero_means"])
+    elif option == 10:
+        segment["memory"] = "D1"
+    if "unit" not in segment:
+        scope.numbers.append(name)
+    if drawn.chance(0.2):
+        scope.sized.append(name)
+    scope.places.append(name)
+    return [segment]
+
+
+def bits(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    low, high = drawn.name("b"), drawn.name("b")
+    segment: dict[str, Any] = {"bits": {low: "0-2", high: drawn.some("3", "7", "3-5")}}
+    drawn.numbered(segment, scope)
+    segment["of"] = segment.pop("type")
+    values |= {low: drawn.random.randrange(8), high: drawn.random.randrange(2)}
+    scope.numbers += [low, high]
+    option = drawn.random.randrange(8)
+    if option == 0:
+        segment["is"] = {}
+        drawn.expression(segment["is"], low, drawn.some("1", drawn.random.choice(NUMBERS)), scope)
+        del values[low]
+    elif option == 1:
+        segment["build"] = {}
+        drawn.expression(segment["build"], low, drawn.random.choice(NUMBERS), scope)
+        del values[low]
+    elif option == 2:
+        segment["values"] = {low: {"1": "A", "4": "B"}}
+    elif option == 3:
+        del values[high]
+    return [segment]
+
+
+def data(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    name = drawn.name("d")
+    segment: dict[str, Any] = {"data": name, "size": drawn.some(0, 1, 2, 4)}
+    size = segment["size"]
+    if drawn.chance(0.3):
+        drawn.expression(segment, "size", drawn.random.choice(SIZES), scope)
+        size = drawn.random.randrange(4)
+    elif drawn.chance(0.2):
+        segment["size"] = "rest"
+        size = drawn.random.randrange(4)
+    values[name] = drawn.bytes(size)
+    if drawn.chance(0.3):
+        segment["convert"] = drawn.some("hex_to_ascii", "ascii_to_hex")
+        if segment["convert"] == "ascii_to_hex":
+            values[name] = b"0aB7cD"[: size + size % 2]
+    if drawn.chance(0.1):
+        segment["swap"] = drawn.some(2, 4)
+    if drawn.chance(0.15):
+        segment["pad"] = drawn.some("00", "2E")
+        values[name] = values[name][: drawn.random.randrange(size + 1)]
+    if drawn.chance(0.1):
+        segment["min"] = drawn.some(1, 2)
+    if drawn.chance(0.05):
+        segment["memory"] = "D2"
+    scope.sized.append(name)
+    scope.places.append(name)
+    return [segment]
+
+
+def length(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    name, counted = drawn.name("l"), drawn.name("d")
+    segment: dict[str, Any] = {"length": name}
+    drawn.numbered(segment, scope)
+    others = [one for one in scope.places if drawn.chance(0.3)]
+    segment["of"] = [counted, *others]
+    target: dict[str, Any] = {"data": counted, "size": name}
+    size = drawn.random.randrange(5)
+    option = drawn.random.randrange(9)
+    if option == 0:
+        segment |= {"unit": drawn.some("words", "dwords")}
+        target["size"] = f"{name} * {2 if segment['unit'] == 'words' else 4}"
+        size = drawn.some(0, 4, 8)
+    elif option == 1:
+        segment["plus"] = drawn.some(1, 3, -1)
+        target["size"] = f"{name} - {segment['plus']}"
+    elif option == 2:
+        segment["range"] = drawn.some("0..9", "1..3")
+    elif option == 3:
+        segment["zero_means"] = 256
+        size = drawn.some(1, 4, 256)
+    elif option == 4:
+        target["convert"] = "hex_to_ascii"
+        if drawn.chance(0.7):
+            segment["plain"] = "yes"
+    elif option == 5:
+        target["size"] = "rest"
+    elif option == 6:
+        target = {"repeat": counted, "times": drawn.some(name, "rest"), "of": "u8"}
+    if others and drawn.chance(0.7):
+        target["size"] = "rest"
+    values[counted] = list(drawn.bytes(size)) if "repeat" in target else drawn.bytes(size)
+    scope.numbers.append(name)
+    scope.sized.append(counted)
+    scope.places += [name, counted]
+    between = DRAWN[drawn.random.choice(LEAVES)](drawn, scope, values, depth) if drawn.chance(0.3) else []
+    return [segment, *between, target]
+
+
+def count(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    name, items = drawn.name("n"), drawn.name("r")
+    segment: dict[str, Any] = {"count": name}
+    drawn.numbered(segment, scope)
+    segment["of"] = items
+    if drawn.chance(0.15):
+        segment |= drawn.some({"plus": 1}, {"range": "0..4"}, {"zero_means": 10})
+    times = f"{name} - 1" if segment.get("plus") else drawn.some(name, name, name, "rest")
+    scope.numbers.append(name)
+    return [segment, _items(drawn, scope, values, depth, items, times, drawn.random.randrange(4))]
+
+
+def repeat(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    times = drawn.some(2, 1, "rest", "rest")
+    many = times if isinstance(times, int) else drawn.random.randrange(4)
+    return [_items(drawn, scope, values, depth, drawn.name("r"), times, many)]
+
+
+def _items(
+    drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int, name: str, times: Any, many: int
+) -> dict[str, Any]:
+    segment: dict[str, Any] = {"repeat": name, "times": times}
+    scope.places.append(name)
+    if drawn.chance(0.4):
+        kind = dict(drawn.random.choice([one for one in TYPES if one.get("size") != "§"]))
+        segment["of"] = kind.pop("type")
+        segment |= kind
+        values[name] = [drawn.random.randrange(9) for _ in range(many)]
+        scope.sized.append(name)
+        return segment
+    inside, inner = Scope(scope), {}
+    segment["of"] = drawn.body(inside, inner, depth + 1)
+    values[name] = [dict(inner) for _ in range(many)]
+    if drawn.chance(0.5):
+        scope.sized.append(name)
+    if inside.numbers and drawn.chance(0.3):
+        scope.numbers.append(f"sum({name}.{inside.numbers[0]})")
+    return segment
+
+
+def choose(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    segment: dict[str, Any] = {}
+    drawn.expression(segment, "choose", drawn.some("§", "§", "§ & 1", "min(§, 2)"), scope)
+    segment["cases"] = {
+        case: drawn.body(scope, values, depth + 1) if drawn.chance(0.85) else []
+        for case in drawn.some(("1", "2"), ("0", "1, 2"), ("0", "1", "2,3,4"))
+    }
+    if drawn.chance(0.8):
+        segment["else"] = drawn.body(scope, values, depth + 1) if drawn.chance(0.3) else []
+    return [segment]
+
+
+def optional(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    inside: dict[str, Any] = {}
+    segment: dict[str, Any] = {"optional": drawn.body(scope, inside, depth + 1)}
+    if drawn.chance(0.5):
+        values |= inside
+    return [segment]
+
+
+def include(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    layout = drawn.name("y")
+    if drawn.chance(0.3):
+        drawn.layouts[layout] = drawn.body(scope, values, depth + 1)
+        return [{"include": layout}]
+    name = drawn.name("rec")
+    inside = Scope(scope)
+    values[name] = {}
+    drawn.layouts[layout] = drawn.body(inside, values[name], depth + 1)
+    if inside.numbers and drawn.chance(0.6):
+        scope.numbers.append(f"{name}.{drawn.random.choice(inside.numbers)}")
+    scope.places.append(name)
+    return [{"include": layout, "as": name}]
+
+
+def inner(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    name, frames = drawn.name("i"), [drawn.name("frame") for _ in range(drawn.some(1, 2))]
+    choice: list[dict[str, Any]] = []
+    for place, frame in enumerate(frames):
+        inside: dict[str, Any] = {}
+        body = drawn.body(Scope(), inside, depth + 1)
+        lead = [{"const": f"0{place + 1}"}] if drawn.chance(0.8) else []
+        drawn.frames[frame] = {"body": [*lead, *body]}
+        choice.append({frame: inside})
+    values[name] = drawn.random.choice(choice)
+    segment: dict[str, Any] = {"inner": name, "of": frames}
+    if drawn.chance(0.4):
+        drawn.expression(segment, "size", drawn.some("rest", "rest", "§", "4"), scope)
+    scope.places.append(name)
+    return [segment]
+
+
+def wrap(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    segment: dict[str, Any] = {"wrap": drawn.some("hex", {"escape": "DLE"}, {"escape": "DLE"})}
+    segment["of"] = drawn.body(scope, values, depth + 1)
+    if drawn.chance(0.2):
+        rest = drawn.name("d")
+        segment["of"].append({"data": rest, "size": "rest"})
+        values[rest] = drawn.bytes(drawn.random.randrange(4))
+        scope.sized.append(rest)
+    if drawn.chance(0.3):
+        segment["of"] += check(drawn, scope, values, depth)
+    if drawn.chance(0.1):
+        segment["min"] = drawn.some(1, 3)
+    if drawn.chance(0.1):
+        segment["max"] = drawn.some(4, 20)
+    if isinstance(segment["wrap"], dict) and drawn.chance(0.1):
+        frame = drawn.name("frame")
+        drawn.frames[frame] = {"body": [{"const": "10 05"}]}
+        segment |= {"inside": [frame], "insert": "1 == 1"}
+    return [segment, {"const": "10 03"}] if isinstance(segment["wrap"], dict) else [segment]
+
+
+def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    segment: dict[str, Any] = {"check": drawn.random.choice(CHECKS)}
+    places = scope.places
+    option = drawn.random.randrange(6)
+    if option == 0 and places:
+        segment["over"] = drawn.random.sample(places, min(len(places), drawn.some(1, 2, 3)))
+    elif option == 1 and places:
+        segment["over"] = f"{drawn.random.choice(places)}..here"
+    elif option == 2 and len(places) > 1:
+        low, high = sorted(drawn.random.sample(range(len(places)), 2))
+        segment["over"] = f"{places[low]}..{places[high]}"
+    elif option == 3 and drawn.chance(0.3):
+        segment["over"] = drawn.some("0..1", "1..here")
+    if drawn.chance(0.3):
+        segment["as"] = drawn.some("hex", "HEX", "nibbles", "raw", "dec")
+        if segment["as"] == "hex" and drawn.chance(0.5):
+            segment["case"] = "lower"
+    if drawn.chance(0.3):
+        segment["order"] = drawn.some("little", "big")
+    if drawn.chance(0.1):
+        segment["verify"] = drawn.some("warn", "off")
+    if drawn.chance(0.1):
+        segment["size"] = drawn.some(2, 4)
+    return [segment]
+
+
+def value(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    name = drawn.name("v")
+    segment: dict[str, Any] = {"value": name}
+    drawn.expression(segment, "read", drawn.random.choice((*NUMBERS, *CONDITIONS)), scope)
+    if drawn.chance(0.2):
+        drawn.expression(segment, "build", drawn.random.choice(NUMBERS), scope)
+    scope.numbers.append(name)
+    if drawn.chance(0.1):
+        scope.places.append(name)
+    return [segment]
+
+
+def require(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
+    segment: dict[str, Any] = {}
+    drawn.expression(segment, "require", drawn.some("§ < 400", "§ >= 0", "§ != 77", "len(¤) < 300"), scope)
+    return [segment]
+
+
+Draw = Callable[[DrawnDefinition, Scope, dict[str, Any], int], Segments]
+DRAWN: Mapping[str, Draw] = {
+    "const": const, "text": text, "field": field, "bits": bits, "data": data, "length": length, "count": count,
+    "repeat": repeat, "choose": choose, "optional": optional, "include": include, "inner": inner, "wrap": wrap,
+    "check": check, "skip": skip, "value": value, "require": require,
+}  # fmt: skip
+"""Of every kind of segment: draws one, with what belongs to it."""
+HOLDERS = ("repeat", "count", "choose", "optional", "include", "inner", "wrap")
+LEAVES = ("field", "field", "field", *(kind for kind in DRAWN if kind not in HOLDERS))
