@@ -12,12 +12,11 @@ from framekit.codec.construct_backend import ConstructCodec, compile_construct
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import DefinitionError
 
 PYTHONS_WORDS = re.compile(
-    r"not supported between|unsupported operand|object is not|NoneType|'(dict|list|tuple|bytearray)'|Error\b|too big to"
-    r" convert|out of range|has no attribute|invalid literal|required argument|subscriptable|modulo by zero|not iterable"
-    r"|can't concat|a bytes-like|unpack|negative shift|must be str|Container|Traceback"
+    r"not supported between|unsupported operand|object is not|NoneType|'(dict|list|tuple|bytearray)'|Error\b|too"
+    r" big to convert|out of range|has no attribute|invalid literal|required argument|subscriptable|modulo by zero"
+    r"|not iterable|can't concat|a bytes-like|unpack|negative shift|must be str|Container|Traceback"
 )
 """What Python says of its own accord."""
 MOST_REPAIRS = 12

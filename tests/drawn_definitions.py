@@ -19,7 +19,8 @@ TYPES: tuple[dict[str, Any], ...] = (
     {"type": "u40"}, {"type": "u64"}, {"type": "dec", "size": 2}, {"type": "dec", "size": 3, "order": "little"},
     {"type": "hex", "size": 2}, {"type": "hex", "size": 4, "order": "little", "case": "lower"},
     {"type": "hex", "size": 3}, {"type": "oct", "size": 3}, {"type": "bcd", "size": 1}, {"type": "bcd", "size": 2},
-    {"type": "uint", "size": 3}, {"type": "uint", "size": "§"}, {"type": "int", "size": 2}, {"type": "hex", "size": "§"},
+    {"type": "uint", "size": 3}, {"type": "uint", "size": "§"}, {"type": "int", "size": 2},
+    {"type": "hex", "size": "§"},
 )  # fmt: skip
 """Whole numbers; a size `§` is an expression of the names at hand."""
 OTHER_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
@@ -67,6 +68,7 @@ class DrawnDefinition:
         self.count = 0
         self.layouts: dict[str, Segments] = {}
         self.frames: dict[str, dict[str, Any]] = {}
+        self.groups: dict[str, dict[str, Any]] = {}
         self.used: set[tuple[str, str]] = set()
         self.free: list[tuple[dict[str, Any], Any, str, Scope]] = []
         self.values: dict[str, Any] = {}
@@ -81,6 +83,7 @@ class DrawnDefinition:
             "tables": {"names": {"1": 2, "2-4": 5, "7": 1}},
             "checks": {"folded": {"fold": "(acc * 3 + byte) & 0xFF", "initial": 1}},
             **({"layouts": self.layouts} if self.layouts else {}),
+            **({"groups": self.groups} if self.groups else {}),
             "frames": {"f": frame, **self.frames},
         }
         self.text = json.dumps(definition)
@@ -126,20 +129,14 @@ class DrawnDefinition:
             frame |= {"size": self.random.randrange(4, 40), "fill": "2A"}
         if self.chance(0.1):
             frame["refuse"] = 7
-        if self.chance(0.1):
-            first = next((one for one in frame["body"] if one.get("type") == "u8" and "field" in one), None)
-            if first is not None:
-                self.frames.clear() if False else None
+        first = next((one for one in frame["body"] if one.get("type") == "u8" and "field" in one), None)
+        if self.chance(0.3):
+            self.groups["g"] = {"head": frame["body"][:1], "tail": frame["body"][-1:]}
+            frame |= {"group": "g", "body": frame["body"][1:-1]}
+            if self.chance(0.3):
+                self.groups["g"]["delimited"] = "yes"
+            if first in self.groups["g"]["head"]:
                 frame["where"] = {first["field"]: self.some(1, [1, 2])}
-        if self.chance(0.1):
-            body = frame["body"]
-            frame["body"] = []
-            self.frames_group(frame, body)
-
-    def frames_group(self, frame: dict[str, Any], body: Segments) -> None:
-        """The same in a group with head, body and tail, perhaps delimited."""
-        frame["body"] = body
-        self.group = {"head": [{"const": "02"}], "tail": [{"const": "7D"}]}
 
     def body(self, scope: Scope, values: dict[str, Any], depth: int, kinds: tuple[str, ...] = ()) -> Segments:
         """Some segments, the values of which are put into `values`."""
