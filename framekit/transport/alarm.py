@@ -62,9 +62,11 @@ class LateAlarm:
         self._call, self._asked_for, self._when = None, NEVER, NEVER
 
     def _ring(self) -> None:
+        """However late it is: a time after the one that has come gets a call of its own, others may come before it."""
+        came = self._asked_for
         self._call, self._asked_for = None, NEVER
         when = self._when
-        if when > self._clock.now():
+        if when > came:
             self.set(when)
         else:
             self._when = NEVER

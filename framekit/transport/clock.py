@@ -46,6 +46,12 @@ class Clock(Protocol):
     def bell(self, callback: Callback) -> Callable[[], object]:
         """What asks for a call of `callback` as soon as possible, as often as it is called."""
 
+    def lag(self, source: Lagging) -> None:
+        """From now on `source` is asked, before each call and where virtual time stops, what it has still to tell."""
+
+    def end_lag(self, source: Lagging) -> None:
+        """`source` has told everything and need not be asked any more."""
+
 
 class Alarm(Protocol):
     """One call that is moved again and again: cheaper than to cancel one and ask for another."""
@@ -58,7 +64,7 @@ class Alarm(Protocol):
 
 
 class Lagging(Protocol):
-    """Something that saves calls: it tells late what nobody could have noticed earlier (see `VirtualClock.lag`)."""
+    """Something that saves calls: it tells late what nobody could have noticed earlier (see `Clock.lag`)."""
 
     def behind(self, until: int) -> int | None:
         """When the first thing that has happened up to `until` and is still to be told can be told; None: nothing."""
@@ -94,6 +100,7 @@ class _CallHeap:
         self._calls: list[tuple[int, int, _Call]] = []
         self._order = itertools.count()
         self._cancelled = 0
+        self._lagging: dict[Lagging, None] = {}
 
     def _put(self, when: int, callback: Callback) -> _Call:
         call = _Call(self, callback)
@@ -122,6 +129,32 @@ class _CallHeap:
         """How many calls are to come."""
         return len(self._calls) - self._cancelled
 
+    # ---- those who lag behind -----------------------------------------------------------------------------
+
+    def lag(self, source: Lagging) -> None:
+        """From now on `source` is asked, before each call and where virtual time stops, what it has still to tell."""
+        self._lagging[source] = None
+
+    def end_lag(self, source: Lagging) -> None:
+        """`source` has told everything and need not be asked any more."""
+        self._lagging.pop(source, None)
+
+    def _catch_up(self, until: int) -> bool:
+        """Lets the one that is furthest behind tell; then everything has to be looked at again."""
+        first, at = None, 0
+        for source in self._lagging:
+            behind = source.behind(until)
+            if behind is not None and (first is None or behind < at):
+                first, at = source, behind
+        if first is None:
+            return False
+        self._moved(at)
+        first.catch_up(at)
+        return True
+
+    def _moved(self, time: int) -> None:
+        """It is that time, or later."""
+
 
 class VirtualClock(_CallHeap):
     """Time that only moves when told to. Calls come in order of time, then of asking; a call may ask for more.
@@ -132,7 +165,6 @@ class VirtualClock(_CallHeap):
     def __init__(self, start: int = 0) -> None:
         super().__init__()
         self._now = start
-        self._lagging: dict[Lagging, None] = {}
 
     def now(self) -> int:
         return self._now
@@ -150,28 +182,8 @@ class VirtualClock(_CallHeap):
     def bell(self, callback: Callback) -> Callable[[], object]:
         return partial(self.call_soon, callback)
 
-    # ---- those who lag behind -----------------------------------------------------------------------------
-
-    def lag(self, source: Lagging) -> None:
-        """From now on `source` is asked, before each call and wherever time is to stop, what it has still to tell."""
-        self._lagging[source] = None
-
-    def end_lag(self, source: Lagging) -> None:
-        """`source` has told everything and need not be asked any more."""
-        self._lagging.pop(source, None)
-
-    def _catch_up(self, until: int) -> bool:
-        """Lets the one that is furthest behind tell; then everything has to be looked at again."""
-        first, at = None, 0
-        for source in self._lagging:
-            behind = source.behind(until)
-            if behind is not None and (first is None or behind < at):
-                first, at = source, behind
-        if first is None:
-            return False
-        self._now = max(self._now, at)
-        first.catch_up(at)
-        return True
+    def _moved(self, time: int) -> None:
+        self._now = max(self._now, time)
 
     # ---- moving -------------------------------------------------------------------------------------------
 
@@ -276,6 +288,8 @@ class AsyncioClock(_CallHeap):
         now = time.monotonic_ns()
         try:
             while (due := self.next_call) is not None and due <= now:
+                if self._lagging and self._catch_up(due):
+                    continue
                 heapq.heappop(self._calls)[2].make()
         finally:
             self._ringing = False

@@ -3,15 +3,15 @@
 Each character takes its bit times behind the one before it. On a stream (`settings` None) bytes only take `latency`,
 and ports are connected as by TCP. What the bytes mean is not known here.
 
-Coalescing, `cut_through=True` (the default, on a virtual clock): bytes are not told one by one. What is complete of a
-transmission is told, at the time of its last character, before anything else on the clock happens and wherever the
-clock stops; when nothing happens meanwhile, that is once, at the end of the transmission. So no timer can run out
-that a character should have stopped, and `received` always stands for characters without a pause between them. The
-one difference to an event a character: what follows from the bytes themselves (an answer to a frame with noise behind
-it in the same transmission) follows when they are told. `granularity` bounds how many characters that may be; with 1
-there is no difference. Of two who talk at once on a full-duplex line a third one hears pieces, not single characters.
+Coalescing, `cut_through=True` (the default): bytes are not told one by one. What is complete of a transmission is
+told, at the time of its last character, before anything else on the clock happens and wherever a virtual clock stops;
+when nothing happens meanwhile, that is once, at the end of the transmission. So no timer can run out that a character
+should have stopped, and `received` always stands for characters without a pause between them. The one difference to
+an event a character: what follows from the bytes themselves (an answer to a frame with noise behind it in the same
+transmission) follows when they are told. `granularity` bounds how many characters that may be; with 1 there is no
+difference. Of two who talk at once on a full-duplex line a third one hears pieces, not single characters.
 
-`cut_through=False`, and any other clock: a transmission is told when it is complete (or every `granularity`
+`cut_through=False`: a transmission is told when it is complete (or every `granularity`
 characters); time limits for the begin of a frame have to last until its end. The cheapest for many lines at once.
 """
 
@@ -23,7 +23,7 @@ from random import Random
 
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
-from framekit.transport.clock import Clock, VirtualClock
+from framekit.transport.clock import Clock
 from framekit.transport.simulated_port import SimulatedPort
 from framekit.transport.transmission import Fault, Transmission
 
@@ -65,7 +65,7 @@ class SimulatedLine:
         self.bytes_carried = 0
         self.connection = 0
         self._under_way: list[tuple[SimulatedPort, Transmission]] = []
-        self._lag_on = clock if cut_through and isinstance(clock, VirtualClock) else None
+        self._lag_on = clock if cut_through else None
         self._break: tuple[SimulatedPort | None, int, int] = (None, 0, 0)
         self._random = Random(seed)
         bits = 8 if settings is None else settings.data_bits

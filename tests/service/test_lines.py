@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import pytest
 import serial
 import serial.rfc2217
 from transport.real_world import opened
@@ -21,8 +23,10 @@ from framekit.blocks.load import load_run
 from framekit.definition.line_settings import PLAIN, Direction, LineSettings
 from framekit.definition.load import load_protocol
 from framekit.definition.times import LineFormat
+from framekit.link.observe import Seen
 from framekit.service.device import DeviceService
 from framekit.service.run import RunService
+from framekit.transport import clock as clock_module
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.echo_port import EchoFreePort
 from framekit.transport.open_port import open_port
@@ -96,6 +100,81 @@ def test_times_of_a_channel(tmp_path: Path) -> None:
     usual = rs485(tmp_path, ", speed: 300").channels[1].engine.scope
     characters = 20 * usual.line.chars(1)
     assert abs(usual["byte_timeout"] - characters - 50_000_000) < 1000, "worked out from speed and format"
+
+
+LONG = """
+protocol: long
+extends: standard
+line: {speed: {default: 2400}, format: {default: 8E1}}
+groups: {request: {from: client}}
+frames:
+  ask:  {group: request, body: [{const: ENQ}]}
+  back: {from: server, body: [{const: STX}, {data: d, size: 60, pad: 00}, {const: ETX}]}
+params: {block: {type: bytes, default: 00}}
+services:
+  get: [{request: {ask: {}}, reply: {back: {d: block}}, gives: {d: reply.d}}]
+"""
+LONG_RUN = """
+run: long
+memory: masterlogic
+channels: {1: {port: "sim:long.device.yaml", protocol: long, params: {reply_timeout: 100 ms}}}
+blocks: {0: {call: get, once: yes}}
+"""
+
+
+class HandMadeLoop:
+    """A loop whose time is made by the test; its timers come as late as the test says."""
+
+    def __init__(self, late: int) -> None:
+        self.now = 0
+        self.late = late
+        self.soon: list[Callable[[], None]] = []
+        self.timers: list[tuple[int, asyncio.TimerHandle]] = []
+
+    def call_soon(self, call: Callable[[], None]) -> None:
+        self.soon.append(call)
+
+    def call_later(self, delay: float, call: Callable[[], None]) -> asyncio.TimerHandle:
+        when = self.now + round(delay * 1e9)
+        handle = asyncio.TimerHandle(when, call, (), self)  # type: ignore[arg-type]
+        self.timers.append((when, handle))
+        return handle
+
+    def get_debug(self) -> bool:
+        return False
+
+    def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None: ...
+
+    def run_until(self, time: int) -> None:
+        while self.soon or self.timers:
+            while self.soon:
+                self.soon.pop(0)()
+            self.timers.sort(key=lambda timer: timer[0])
+            when, handle = self.timers.pop(0)
+            if when > time:
+                return
+            if not handle.cancelled():
+                self.now = max(self.now, when) + self.late
+                handle._run()
+
+
+@pytest.mark.parametrize("late", [0, 3_000_000, 30_000_000])
+def test_in_real_time_too_no_time_ends_while_the_frame_that_should_stop_it_arrives(
+    late: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reply takes 284 ms on the line, a reply time lasts 100 ms and ends with the first character."""
+    (tmp_path / "long.yaml").write_text(LONG, "utf-8")
+    (tmp_path / "long.device.yaml").write_text("device: d\nprotocol: long\n", "utf-8")
+    (tmp_path / "x.run.yaml").write_text(LONG_RUN, "utf-8")
+    loop = HandMadeLoop(late)
+    monkeypatch.setattr(AsyncioClock, "now", lambda clock: loop.now)
+    monkeypatch.setattr(clock_module, "time", SimpleNamespace(monotonic_ns=lambda: loop.now))
+    seen: list[Seen] = []
+    service = RunService(load_run(tmp_path / "x.run.yaml"), AsyncioClock(loop), lambda channel, one: seen.append(one))  # type: ignore[arg-type]
+    service.start()
+    loop.run_until(2 * SECOND)
+    assert [one.frame for one in seen if one.kind == "frame"] == ["ask", "back"]
+    assert service.states[0].counters.done == 1
 
 
 # ---- remote ports -------------------------------------------------------------------------------------------
