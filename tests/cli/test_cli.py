@@ -115,6 +115,17 @@ def test_decode_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "offset" in out.splitlines()[1]
 
 
+def test_decode_shows_what_follows_absent_fields(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    definition = tmp_path / "absent.yaml"
+    definition.write_text(
+        "protocol: absent\nframes:\n  A:\n    body:\n      - {bits: {k: 0-3, more: 7}, of: u8}\n"
+        "      - {bits: {d: 0-3, again: 7}, of: u8, when: more}\n      - {field: e, type: u8, when: again}\n"
+        "      - {field: v, type: u8}\n"
+    )
+    assert main(["decode", str(definition), "01 09"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[2:]] == ["k", "more", "v"]
+
+
 def test_decode_reads_standard_input(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("06 5244 3234 03\n"))
     assert json.loads(call(capsys, "decode", "third-party-plc", "--json", "-")[1])["frame"] == "IMM.RESPONSE"

@@ -43,6 +43,8 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("names of control characters", "- const: DLE STX", {}, "10 02"),
         Case("text", "- text: WR44", {}, "57 52 34 34"),
         Case("bytes nobody looks at", "- {skip: 3, fill: 20}", {}, "20 20 20"),
+        Case("none of them", "- {field: a, type: u8}\n- {skip: 0}\n- {skip: 0, fill: 32, name: x}\n"
+             "- {field: b, type: u8}\n- {skip: 0, fill: 32}\n- {check: sum8, over: a..x}", {"a": 1, "b": 2}, "01 02 01"),
     ),
     "Numbers": (
         Case("one byte", "- {field: a, type: u8}", {"a": 200}, "C8", bad={"": "short"}),
@@ -94,6 +96,14 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("0 means 256", "- {field: a, type: u8, zero_means: 256}", {"a": 256}, "00"),
         Case("there only on a condition", "- {field: a, type: u8}\n- {field: b, type: u8, when: a > 1, default: 9}",
              {"a": 1}, "01", {"b": 9}),
+        Case("what is not there is nothing, for the conditions behind it, too",
+             "- {bits: {k: 0-3, more: 7}, of: u8}\n- {bits: {d: 0-3, again: 7}, of: u8, when: more}\n"
+             "- {field: e, type: u8, when: again}\n- const: ETX", {"k": 1, "more": 0}, "01 03", bad={"01 04": "constant"}),
+        Case("the same, in an item", "- repeat: r\n  times: 2\n  of: [{bits: {more: 7}, of: u8},"
+             " {bits: {d: 0-3, again: 7}, of: u8, when: more},\n    {field: e, type: u8, when: again}, {field: v, type: u8}]\n"
+             "- const: ETX",
+             {"r": [{"more": 0, "v": 9}, {"more": 1, "d": 3, "again": 1, "e": 5, "v": 7}]}, "00 09 80 83 05 07 03",
+             bad={"00 09 80 83 05 07 04": "constant"}),
         Case("fixed for this frame", "- {field: a, type: ascii, size: 1}", {}, "72", {"a": "r"}, {"73": "where"},
              keys="where: {a: [r, R]}"),
     ),
@@ -146,6 +156,9 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n  of: [{field: b, type: u16}]",
              {"a": 7, "list": [{"b": 2}, {"b": 4}]}, "06 07 02 00 02 00 04", {"all": 6, "n": 2},
              {"05 07 02 00 02 00 04": "length"}),
+        Case("records as many as a length says", "- {length: n, type: u8, of: [list]}\n- repeat: list\n  times: n // 2\n"
+             "  of: [{field: a, type: u16}]", {"list": [{"a": 1}, {"a": 2}]}, "04 00 01 00 02", {"n": 4},
+             {"05 00 01 00 02": "length", "06 00 01 00 02": "short"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"

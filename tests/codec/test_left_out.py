@@ -135,3 +135,24 @@ def test_a_length_is_compared_behind_what_may_be_left_out(compiler: str, between
 def test_lengths_that_go_round_in_a_circle_are_refused_with_their_place() -> None:
     with pytest.raises(DefinitionError, match=r":9:\d+: the size of 'a'"):
         codec(SHARED.replace("size: n}]\n    2", "size: n - 1}]\n    2"), "python")
+
+
+HOPS = """\
+- {field: k, type: u8}
+- {include: hop, as: one, when: k}
+- {include: hop, as: two, when: k and one.last == 0}
+- {field: b, type: u8, when: k and two.last}"""
+HOP = "layouts:\n  hop: [{bits: {s: 1-7, last: 0}, of: u8, build: {last: s == 7}}]\n"
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_what_a_record_computes_decides_on_the_next_one(compiler: str) -> None:
+    lines = "".join(f"      {line}\n" for line in HOPS.splitlines())
+    tested = COMPILERS[compiler](load_protocol_text(f"protocol: case\n{HOP}frames:\n  f:\n    body:\n{lines}"))
+    assert tested.encode("f", {"k": 0}) == b"\x00"
+    assert tested.encode("f", {"k": 1, "one": {"s": 7}}) == b"\x01\x0f"
+    assert tested.encode("f", {"k": 1, "one": {"s": 1}, "two": {"s": 2}}) == b"\x01\x02\x04"
+    assert tested.encode("f", {"k": 1, "two": {"s": 7}, "b": 9}) == b"\x01\x00\x0f\x09"
+    with pytest.raises(EncodeError) as caught:
+        tested.encode("f", {"k": 1, "one": {"s": 7}, "two": {"s": 2}})
+    assert caught.value.field == "two"

@@ -14,7 +14,48 @@ from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
 from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import MISSING, Filling
 from framekit.codec.construct_backend.state import Reading
-from framekit.definition.model.segments import Segment
+from framekit.definition.model.segments import (
+    Bits,
+    Choose,
+    Count,
+    Data,
+    Field,
+    Inner,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Value,
+    Wrap,
+)
+
+
+def value_names(segment: Segment) -> tuple[str, ...]:
+    """The names of the values that a segment itself gives its record."""
+    if isinstance(segment, Bits):
+        return tuple(part.name for part in segment.parts)
+    valued = (Field, Data, Length, Count, Repeat, Record, Inner, Value)
+    return (segment.name,) if isinstance(segment, valued) else ()
+
+
+def named_segments(segments: tuple[Segment, ...]) -> list[Segment]:
+    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
+    found: list[Segment] = []
+    for segment in segments:
+        found.append(segment)
+        if isinstance(segment, (Wrap, Optional)):
+            found.extend(named_segments(segment.of))
+        elif isinstance(segment, Choose):
+            for _, case in segment.cases:
+                found.extend(named_segments(case))
+            found.extend(named_segments(segment.otherwise or ()))
+    return found
+
+
+def names_of(segments: tuple[Segment, ...]) -> set[str]:
+    """The names of all values of these segments."""
+    return {name for segment in named_segments(segments) for name in value_names(segment)}
 
 
 def label_of(segment: Segment) -> str:
@@ -64,6 +105,7 @@ class SegmentConstruct(Construct):
         reading: Reading = context._state
         place = reading.place(stream, self.label, self.segment.refuse)
         if not self._is_there(reading, context, place):
+            reading.leave_out(context, names_of((self.segment,)))
             self.read_absent(context, place)
             return
         with reading.marked(self.segment.name, stream, context, path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from construct import Container
 
-from framekit.codec.construct_backend.base import SegmentConstruct
+from framekit.codec.construct_backend.base import SegmentConstruct, named_segments, value_names
 from framekit.codec.construct_backend.check_codes import CheckConstruct
 from framekit.codec.construct_backend.codec import ConstructCodec
 from framekit.codec.construct_backend.counts import CountConstruct, LengthConstruct
@@ -161,27 +161,3 @@ class _Compiler:
             if outcome.fault is None:
                 return outcome.size
         return None
-
-
-def value_names(segment: model.Segment) -> tuple[str, ...]:
-    """The names of the values that a segment itself gives its record."""
-    if isinstance(segment, model.Bits):
-        return tuple(part.name for part in segment.parts)
-    valued = (
-        model.Field, model.Data, model.Length, model.Count, model.Repeat, model.Record, model.Inner, model.Value
-    )  # fmt: skip
-    return (segment.name,) if isinstance(segment, valued) else ()
-
-
-def named_segments(segments: tuple[model.Segment, ...]) -> list[model.Segment]:
-    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
-    found: list[model.Segment] = []
-    for segment in segments:
-        found.append(segment)
-        if isinstance(segment, (model.Wrap, model.Optional)):
-            found.extend(named_segments(segment.of))
-        elif isinstance(segment, model.Choose):
-            for _, case in segment.cases:
-                found.extend(named_segments(case))
-            found.extend(named_segments(segment.otherwise or ()))
-    return found

@@ -117,7 +117,12 @@ def _logic(word: str, operands: tuple[Node, ...], lookup: Lookup) -> Any:
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name`: an entry of a mapping, what an object of the engine offers, or the list of a list's attributes."""
+    """`value.name`: an entry of a mapping, what an object of the engine offers, or the list of a list's attributes.
+
+    What is nothing has nothing.
+    """
+    if value is None:
+        return None
     if isinstance(value, Mapping):
         return value[name]
     if isinstance(value, (list, tuple)):

@@ -188,6 +188,13 @@ class Filling(Mapping[str, Any]):
         except (MissingName, *EVALUATION_ERRORS):
             return MISSING
 
+    def value_or_nothing(self, name: str) -> Any:
+        """The value of a field as expressions see it. Raises EncodeError, Circular."""
+        try:
+            return self[name]
+        except Absent:
+            return None
+
     # ---- expressions --------------------------------------------------------------------------------------
 
     def evaluate(self, expression: Expression, own: str = "") -> Any:
@@ -198,7 +205,7 @@ class Filling(Mapping[str, Any]):
             while filling is not None:
                 if name != own or filling is not self:
                     if name in filling.plan.values:
-                        return filling[name]
+                        return filling.value_or_nothing(name)
                     if name in filling.plan.segments:
                         return filling.bytes_of(name)
                 filling = filling.outer

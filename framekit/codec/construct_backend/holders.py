@@ -8,7 +8,7 @@ from typing import Any
 
 from construct import Construct, Container
 
-from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment
+from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment, names_of
 from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
 from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import MISSING, Absent, Filling, Plan
@@ -88,6 +88,7 @@ def open_context(
         _values=Container(),
         _orders={},
         _marks={},
+        _left_out=set(),
         _is_frame=is_frame,
     )
     context._root = outer.get("_root", context)
@@ -243,6 +244,8 @@ class ChooseConstruct(SegmentConstruct):
         segments = self.case_of(value)
         if segments is None:
             raise reading.stop(place, "value", "one of the cases", value)
+        there = tuple(construct.segment for construct in segments.subcons)
+        reading.leave_out(context, names_of((self.segment,)) - names_of(there))
         segments._parse(stream, context, path)
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
@@ -273,6 +276,8 @@ class OptionalConstruct(SegmentConstruct):
         reading: Reading = context._state
         if stream.tell() < reading.room(context).end:
             self.segments._parse(stream, context, path)
+        else:
+            reading.leave_out(context, self.names)
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         if self.is_wanted(filling):

@@ -160,10 +160,14 @@ class Reading(State):
         context._values[name] = value
         context._orders[name] = place.order
 
+    def leave_out(self, context: Container, names: Iterable[str]) -> None:
+        """Says that these values are not there: in expressions they are nothing."""
+        context._left_out.update(names)
+
     def evaluate(self, expression: Expression, context: Container, own: str = "") -> Any:
         """The expression's value; `own` is the field it belongs to, whose name then means something outside.
 
-        Raises one of EVALUATION_ERRORS, also for fields that are not there.
+        Raises one of EVALUATION_ERRORS, also for fields that are not read yet; one that is left out is nothing.
         """
 
         def lookup(name: str) -> Any:
@@ -172,6 +176,8 @@ class Reading(State):
                     continue
                 if name in scope._values:
                     return scope._values[name]
+                if name in scope._left_out:
+                    return None
                 if name in scope._declared:
                     raise KeyError(name)
                 if name in scope._marks:

@@ -12,7 +12,7 @@ from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, follows_its_length, named, names_read
 from framekit.codec.python.source import Source, quoted
 from framekit.definition.expression.emit import OR, PRODUCT
-from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children
+from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children, walk
 from framekit.definition.model.segments import (
     Bits,
     Count,
@@ -23,6 +23,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
 )
+from framekit.definition.model.visit import expressions_of
 
 Placed = tuple[Segment, Scope]
 """A segment and the scope its names belong to."""
@@ -31,7 +32,8 @@ Placed = tuple[Segment, Scope]
 class Building:
     """What all parts of an encoder share.
 
-    `wires`: the local with the bytes of a segment, by its name. `asked_for`: names whose bytes a length counts.
+    `fields_read`: names that expressions read of something that has fields. `wires`: the local with the bytes of a
+    segment, by its name. `asked_for`: names whose bytes a length counts.
     `targets`: what the names mean where something is being written. `rooms`: the local with the room that something in
     one of several cases takes, by its name. `counts`: the local with the number of values in a list, by the list's own.
     """
@@ -46,6 +48,8 @@ class Building:
         self.conditions: list[str] = []
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.read_names = names_read(segments)
+        nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
+        self.fields_read = {node.name for node in nodes if isinstance(node, Attribute)}
         self.asked_for = {
             name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
         }

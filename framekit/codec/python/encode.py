@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from framekit.codec.python.branches import numbers_of
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Entry, Scope
@@ -9,7 +11,7 @@ from framekit.codec.python.field_values import Given
 from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
-from framekit.codec.python.rules import RuleWriter
+from framekit.codec.python.rules import RuleWriter, is_needed
 from framekit.codec.python.shape import flat, named, value_names
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.emit import AND, BIT_OR
@@ -142,16 +144,29 @@ class EncodeWriter(PieceWriter):
         self.flush()
         self.add(f'{wire} = b""')
         self.add(f"{local} = None")
+        before = len(self.out.lines)
+        inside = Scope(scope)
         with self.out.block(f"if {self.text(record.when, scope)}:"):
-            self.add(f"{local} = {given.text}[{quoted(record.name)}]")
+            needed = is_needed(record.of)
+            self.add(f"{local} = {given.value(record.name) if needed else given.value_or(record.name, '{}')}")
             inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", f"{given.path}{record.name}.")
-            inside = Scope(scope)
             self.values(record.of, inside, inner)
             self.flush()
             self.check_names(inner)
             self.add(f"{wire} = {self.region(record.of, inside, self.names.fresh('part'))}")
+        self._nothing_if_absent(inside, local, before)
         self.wires[record.name] = wire
-        scope.entries[record.name] = Entry(local, "record", inside)
+        scope.entries[record.name] = Entry(local, "record", inside, direct=True)
+
+    def _nothing_if_absent(self, inside: Scope, record: str, before: int) -> None:
+        """What a record gives is nothing where the record is absent: written at the line `before`."""
+        lines = Source(self.out.depth)
+        for name, entry in _direct_entries(inside):
+            if name in self.fields_read and entry.text.isidentifier():
+                lines.add(f"{entry.text} = None")
+            elif name in self.fields_read:
+                entry.text = f"({entry.text} if {record} is not None else None)"
+        self.out.lines[before:before] = lines.lines
 
     def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
         """A choice, or what is there when its values are given."""
@@ -250,6 +265,15 @@ class EncodeWriter(PieceWriter):
                 if name in rooms:
                     self.add(f"{rooms[name]} = {self.room((name,), inside)}")
         return inside
+
+
+def _direct_entries(scope: Scope) -> Iterator[tuple[str, Entry]]:
+    """The names of a record and of the records in it, as far as others may read them."""
+    for name, entry in scope.entries.items():
+        if entry.direct and entry.inside is not None:
+            yield from _direct_entries(entry.inside)
+        else:
+            yield name, entry
 
 
 def _inputs(segment: Segment) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ Pasted into generated modules as the base of `examination`; so it imports nothin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,6 +26,18 @@ class Stop(Exception):  # noqa: N818 - no error, a way out of a part that cannot
     """What is left of this part of a frame cannot be read."""
 
 
+class Nothing(dict[str, Any]):
+    """What stands for a record that is not there: all in it is nothing, too."""
+
+    def __missing__(self, name: str) -> Any:
+        return self
+
+    def __eq__(self, other: object) -> bool:
+        return other is None or other is self
+
+    __hash__ = None
+
+
 class Notes:
     """The first fault and its turn, a wrong check code, whether one was not reached, and checks that only warn."""
 
@@ -40,9 +52,9 @@ class Notes:
 class ExaminationState:
     """A frame being read carefully. `fields`, `spans` (path, first byte, byte behind the last, value) grow as it goes.
 
-    `n["name"]` is a field by name, innermost record first. Places count in the present buffer; `wire` turns them into
-    those on the wire, also inside wraps. `turn` counts segments, also those that take no bytes. `is_quiet`: the part
-    that is read now has had its fault.
+    `n["name"]` is a field by name, innermost record first; one that is left out is nothing. Places count in the present
+    buffer; `wire` turns them into those on the wire, also inside wraps. `turn` counts segments, also those that take no
+    bytes. `is_quiet`: the part that is read now has had its fault.
     """
 
     def __init__(self, data: bytes, ctx: Mapping[str, Any]) -> None:
@@ -54,6 +66,7 @@ class ExaminationState:
         self.fields: dict[str, Any] = {}
         self.scopes = [self.fields]
         self.path = ""
+        self.left_out: dict[tuple[int, str], Any] = {}
         self.bounds: dict[str, tuple[bytes, int, int]] = {}
         self.turn = 0
         self.turns: dict[str, int] = {}
@@ -65,7 +78,14 @@ class ExaminationState:
         for scope in reversed(self.scopes):
             if name in scope:
                 return scope[name]
+            if (id(scope), name) in self.left_out:
+                return self.left_out[id(scope), name]
         raise KeyError(name)
+
+    def without(self, names: Iterable[str], records: Iterable[str] = ()) -> None:
+        """Fields and records that are not there are nothing."""
+        scope = id(self.scopes[-1])
+        self.left_out |= {(scope, name): None for name in names} | {(scope, name): Nothing() for name in records}
 
     # ---- the result ---------------------------------------------------------------------------------------
 
@@ -280,7 +300,10 @@ def doubled_content(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -
     return bytes(plain), [*places, len(raw)], ""
 
 
-NEEDS = {"ExaminationState": ("Notes", "Stop", "shown")}
+NEEDS = {"ExaminationState": ("Notes", "Nothing", "Stop", "shown")}
 IMPORTS = {
-    "ExaminationState": ("from collections.abc import Iterator, Sequence", "from contextlib import contextmanager"),
+    "ExaminationState": (
+        "from collections.abc import Iterable, Iterator, Sequence",
+        "from contextlib import contextmanager",
+    ),
 }

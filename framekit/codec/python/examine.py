@@ -14,7 +14,7 @@ from framekit.codec.python.examining import Behind
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
-from framekit.codec.python.shape import everything, value_names, without_when
+from framekit.codec.python.shape import everything, flat, value_names, without_when
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression, names_in
@@ -157,10 +157,20 @@ class ExamineWriter(SegmentExaminer):
             with self.out.block("else:"):
                 self.out.add(f"n.absent({quoted(segment.name)}, lambda n: {default})")
             return
-        absent = self._absent(segment)
+        absent = [line for line in (self._absent(segment), self._without((segment,))) if line]
         if absent:
             with self.out.block("else:"):
-                self.out.add(absent)
+                for line in absent:
+                    self.out.add(line)
+
+    def _without(self, segments: Iterable[Segment], there: Iterable[Segment] = ()) -> str:
+        """The call that says that what expressions read of these segments is nothing, but for what is `there`."""
+        known = {name for one in flat(there) for name in value_names(one)}
+        wanted = [one for one in flat(segments) if set(value_names(one)) & self.asked_by_name - known]
+        records = sorted({one.name for one in wanted if isinstance(one, Record)})
+        names = {name for one in wanted for name in value_names(one)} & self.asked_by_name - known - set(records)
+        texts = [literal(tuple(sorted(names))), *([literal(tuple(records))] if records else [])]
+        return f"n.without({', '.join(texts)})" if wanted else ""
 
     def _absent(self, segment: Segment) -> str:
         """The call that says that nothing of a segment is there, as far as checks ask for it."""
@@ -183,6 +193,9 @@ class ExamineWriter(SegmentExaminer):
                     self.out.add(absent)
                 with self.out.block(f"if n.rest({self.behind(behind)}, {self.named(segment)}) > 0:"):
                     self.list(of, scope, behind)
+                if absent := self._without(of):
+                    with self.out.block("else:"):
+                        self.out.add(absent)
             case Wrap():
                 self._wrap(segment, scope, behind)
             case Inner():
@@ -220,14 +233,19 @@ class ExamineWriter(SegmentExaminer):
             values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
             test = f"case == {literal(values[0])}" if len(values) == 1 else f"case in {literal(values)}"
             with self.out.block(f"{'elif' if place else 'if'} {test}:"):
-                self.list(segments, scope, behind)
+                self._case(choose, segments, scope, behind)
         with self.out.block("else:"):
             if choose.otherwise is not None:
-                self.list(choose.otherwise, scope, behind)
+                self._case(choose, choose.otherwise, scope, behind)
             else:
                 self.out.add(
                     f'raise n.stop("value", {self.named(choose)}, "one of the cases", str(case){self.refuse(choose)})'
                 )
+
+    def _case(self, choose: Choose, segments: tuple[Segment, ...], scope: Scope, behind: Behind) -> None:
+        if absent := self._without((choose,), segments):
+            self.out.add(absent)
+        self.list(segments, scope, behind)
 
     def _wrap(self, wrap: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = self.shapes.all(wrap.of).fixed

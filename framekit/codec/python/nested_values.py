@@ -111,6 +111,8 @@ class NestedValueWriter(ValueWriter):
         """What is read inside a segment but is not given there."""
         inside = {name for one in everything((segment,)) for name in value_names(one)} - {segment.name}
         follow = {id(size) for one in everything((segment,)) if (size := self.size_by_length(one)) is not None}
+        if isinstance(segment, Repeat):
+            follow.add(id(segment.times))  # compared when the items are there; a length over them may give it
         read = self.waits(*(one for one in expressions_of(segment) if id(one) not in follow))
         own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
         return read - own

@@ -118,7 +118,7 @@ class PackingWriter(NestedValueWriter):
             case Const(data=data):
                 return Argument(f"{size}s", "", bytes_literal(data))
             case Skip(fill=fill):
-                if not fill.strip(b"\0"):
+                if size and not fill.strip(b"\0"):
                     return Argument(f"{size}x" if size > 1 else "x", "", "")
                 return Argument(f"{size}s", "", bytes_literal((fill * size)[:size]))
             case Data():
@@ -156,7 +156,7 @@ class PackingWriter(NestedValueWriter):
         """Text of the bytes of the arguments of one struct."""
         if all(argument.code[-1] in "sx" for argument in arguments):
             texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
-            return _formatted(merged(texts))
+            return _formatted(merged(texts)) or 'b""'
         if len(arguments) == 1 and arguments[0].code == "B":
             return f"{self.module.struct('B', '')}.pack({arguments[0].text})"  # half the time of bytes((…,))
         order = next((argument.order for argument in arguments if argument.order), "")

@@ -61,7 +61,7 @@ class Chunk:
     @property
     def code(self) -> str:
         if self.local is None:
-            return f"{self.size}x" if self.size > 1 else "x"
+            return f"{self.size}x" if self.size != 1 else "x"
         return self.pieces[0].code if len(self.pieces) == 1 else f"{self.size}s"
 
     @property
