@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, overload
 
 from framekit.api.async_line import OPEN_WITHIN, AsyncLine, frame_of
-from framekit.api.errors import LineClosedError, RequestError, raise_for
+from framekit.api.errors import LineClosedError, RequestError, error_of
 from framekit.api.poll import OnError, OnValues, Poll
 from framekit.api.results import Answer, Reading
 from framekit.api.settings import LineSettings, ProtocolGiven, checked_params, line_settings, protocol_of
@@ -122,7 +122,7 @@ class AsyncClient(AsyncLine):
         to = self.settings.station_for(station)
         how = self._how(address, type, order, count)
         try:
-            poll = Poll(service, how, address, to, every, on_values, on_error)
+            poll = Poll(service, how, address, to, every, on_values, on_error, self._new_trouble())
         except (ValueError, DeviceMemoryError) as error:
             raise RequestError(str(error)) from None
         self._polls = [*(one for one in self._polls if one.is_running), poll]
@@ -281,6 +281,7 @@ class AsyncClient(AsyncLine):
     async def _transfer(self, begin: Begin) -> TransferResult:
         """Starts a transfer and waits for it. Raises what it failed with."""
         service = self._working()
+        trouble = self._new_trouble() if self._devices else str
         future: asyncio.Future[TransferResult] = asyncio.get_running_loop().create_future()
         try:
             request = service.request(begin, lambda result: None if future.done() else future.set_result(result))
@@ -291,7 +292,8 @@ class AsyncClient(AsyncLine):
         except asyncio.CancelledError:
             service.give_up(request)
             raise
-        raise_for(result)
+        if not result.ok:
+            raise error_of(result, trouble())
         return result
 
 

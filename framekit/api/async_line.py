@@ -40,6 +40,7 @@ class AsyncLine:
         self._monitor = monitor
         self._service: ClientService | None = None
         self._devices: list[DeviceService] = []
+        self._troubles, self._last_trouble = 0, ""
         self._opening: asyncio.Future[None] | None = None
         self._waiting: list[tuple[tuple[str, ...], asyncio.Future[FrameValue]]] = []
         self._why = "it has not been opened"
@@ -79,6 +80,8 @@ class AsyncLine:
         found = devices_of(channel, Path.cwd())
         try:
             port, self._devices = port_for(channel, found, clock)
+            for device in self._devices:
+                device.watch_troubles(self._trouble)
             return ClientService(
                 settings.protocol, port, clock, role=settings.role, params=settings.params, line=settings.line,
                 own=settings.own, on_state=self._on_state, on_frame=self._on_frame, monitor=self._monitor,
@@ -87,6 +90,23 @@ class AsyncLine:
             if isinstance(error, DefinitionError):
                 raise
             raise RequestError(str(error)) from None
+
+    def _trouble(self, what: str) -> None:
+        """A simulated device could not do what it should."""
+        self._troubles, self._last_trouble = self._troubles + 1, what
+        if self._monitor is not None:
+            self._monitor(Seen("", "trouble", 0 if self._service is None else self._service.clock.now(), reason=what))
+
+    def _new_trouble(self) -> Callable[[], str]:
+        """What tells the last thing that a simulated device could not do since it told before; '' for none."""
+        told = self._troubles
+
+        def tell() -> str:
+            nonlocal told
+            before, told = told, self._troubles
+            return self._last_trouble if told > before else ""
+
+        return tell
 
     async def close(self) -> None:
         """Closes the port; calls under way raise LineClosedError. Closing twice does nothing.

@@ -59,18 +59,13 @@ class LineClosedError(ExchangeError, ConnectionError):
     """The port could not be opened, or was closed or lost."""
 
 
-def raise_for(result: TransferResult) -> None:
-    """Raises what a failed transfer is; returns if it ended well."""
-    if not result.ok:
-        raise error_of(result)
-
-
-def error_of(result: TransferResult) -> ExchangeError:
-    """What a failed transfer is."""
+def error_of(result: TransferResult, trouble: str = "") -> ExchangeError:
+    """What a failed transfer is. `trouble`: what a simulated device could not do meanwhile."""
+    more = f" – {trouble}" if trouble else ""
     if result.code is not None and result.outcome not in NO_REPLY:
         meaning = f": {result.meaning}" if result.meaning else ""
         return RefusedError(
-            f"the device refused with code {code_text(result.code)}{meaning}",
+            f"the device refused with code {code_text(result.code)}{meaning}{more}",
             result.code, result.meaning, result.outcome, result.written,
         )  # fmt: skip
     kind: type[ExchangeError] = ExchangeError
@@ -83,4 +78,4 @@ def error_of(result: TransferResult) -> ExchangeError:
     elif result.outcome in BAD_REPLIES:
         kind = ReplyError
     cause = result.cause or result.meaning
-    return kind(text + (f": {cause}" if cause else ""), result.outcome, cause, result.written)
+    return kind(text + (f": {cause}" if cause else "") + more, result.outcome, cause, result.written)

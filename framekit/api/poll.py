@@ -30,7 +30,7 @@ class Poll:
 
     def __init__(
         self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
-        on_error: OnError | None,
+        on_error: OnError | None, trouble: Callable[[], str],
     ) -> None:  # fmt: skip
         if not isinstance(every, int | float) or not 0 <= every < math.inf:
             raise ValueError(f"every is {every!r}: it is the seconds from one read to the next, 0 or more")
@@ -44,6 +44,7 @@ class Poll:
         self._how = how
         self._on_values = on_values
         self._on_error = on_error
+        self._trouble = trouble
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._polling = Polling(
             service, address, station=station, unit=how.unit, count=how.units, every=round(every * 1e9),
@@ -85,7 +86,7 @@ class Poll:
             self._numbers(tuple(self._how.values(result.data, result.values)))
             return
         self.failures += 1
-        error = error_of(result)
+        error = error_of(result, self._trouble())
         if self._on_error is None:
             self._fail(error)
             return

@@ -33,7 +33,7 @@ class SideUnderTest:
 
     `start` begins what the case asks for: engine, the case's `do`, its station, the time, what to call with the result;
     it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` gives values at an address.
-    `troubles` collects what a server could not work out.
+    `troubles` collects what could not be worked out.
     """
 
     server: Server | None = None
@@ -88,6 +88,7 @@ class _Player:
             protocol, codec, case.role, params=case.params, line=line, own=station_of(protocol, case.own),
             server=self.side.server, memory=self.side.memory,
         )  # fmt: skip
+        self.engine.machine.on_trouble = self.side.troubles.append
         if self.side.ask is not None:
             self.engine.machine.ask_service = self.side.ask(self.engine)
         set_state(self.engine.scope, case.state)

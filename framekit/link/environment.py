@@ -28,6 +28,7 @@ class Environment:
     """What all runs of an engine share.
 
     `changed`: what runs wait for may be other than before; `stirred`: a lane may have room for something to begin.
+    `on_trouble` is told of what could not be worked out, also where no monitor is shown anything.
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
     """
 
@@ -43,6 +44,7 @@ class Environment:
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
+        self.on_trouble: Callable[[str], None] | None = None
         self.flush: Callable[[], None] | None = None
         self.delivered: deque[FrameValue] = deque()
         self.callbacks: deque[Callable[[], None]] = deque()
@@ -138,6 +140,8 @@ class Environment:
         self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", fields: dict[str, Any] | None = None,
         **more: Any,
     ) -> None:  # fmt: skip
+        if kind == "trouble" and self.on_trouble is not None:
+            self.on_trouble(more["reason"])
         if self.monitor is not None:
             shown = {name: plain(value) for name, value in fields.items()} if fields else {}
             self.monitor(Seen(direction, kind, self.scope.now, raw, frame, shown, **more))
@@ -157,6 +161,8 @@ class Environment:
         if type(request) is not FrameValue:
             raise TypeError("only a frame can be served")
         served = self.server.serve(request, buffer, station, check_only, activation.names)
+        if served.trouble:
+            self.show("trouble", frame=request.frame, reason=served.trouble)
         dealing = activation.dealing
         dealing.names.update(reply=served.reply, reply_buffer=served.reply_buffer, refusal=served.refusal)
         dealing.answers(request)
@@ -171,10 +177,3 @@ class Environment:
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
         """Calls back when everything that follows at this point has been done."""
         self.callbacks.append(lambda: exchange.on_done(outcome))
-
-
-def explain(error: Exception) -> str:
-    """What went wrong, in words."""
-    if isinstance(error, KeyError):
-        return f"there is no '{error.args[0]}'" if error.args else "a name is missing"
-    return str(error) or type(error).__name__

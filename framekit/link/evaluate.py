@@ -96,3 +96,10 @@ def compile_expression(expression: Expression) -> Evaluate:
 
 
 EVALUATION_ERRORS = (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError)
+
+
+def explain(error: Exception) -> str:
+    """What went wrong, in words."""
+    if isinstance(error, KeyError):
+        return f"there is no '{error.args[0]}'" if error.args else "a name is missing"
+    return str(error) or type(error).__name__

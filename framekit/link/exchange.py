@@ -53,11 +53,15 @@ class Exchange:
 
 @dataclass(slots=True)
 class Served:
-    """A server's answer: the reply to send (None: there is none), the bytes beside it, and the refusal's code or 0."""
+    """A server's answer: the reply to send (None: there is none), the bytes beside it, and the refusal's code or 0.
+
+    `trouble`: what of the definition could not be worked out for the request.
+    """
 
     reply: FrameValue | None
     reply_buffer: bytes = b""
     refusal: int = 0
+    trouble: str = ""
 
 
 class Server(Protocol):

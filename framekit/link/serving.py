@@ -17,7 +17,7 @@ from framekit.link.backwards import BackwardRow, Codes, ElsewhereError, Reading
 from framekit.link.block_work import CompiledBlock
 from framekit.link.construct_values import EACH, compile_value
 from framekit.link.device_areas import DeviceAreas
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression, explain
 from framekit.link.exchange import Served
 from framekit.link.frame_table import Codec
 from framekit.link.leaves import DamagedBufferError, MismatchError
@@ -72,8 +72,7 @@ class ServingRow:
 class MemoryServer:
     """Serves a device's memory. `mapping` puts areas of the protocol elsewhere in it (see `DeviceAreas`).
 
-    `on_block` starts blocks of a run for requests that ask for one; `on_trouble` is told of rows that could not be
-    worked out.
+    `on_block` starts blocks of a run for requests that ask for one.
     """
 
     def __init__(
@@ -84,10 +83,8 @@ class MemoryServer:
         *,
         mapping: Mapping[str, tuple[str, int]] | None = None,
         on_block: StartBlock | None = None,
-        on_trouble: Callable[[str], None] | None = None,
     ) -> None:
         self.on_block = on_block
-        self.on_trouble = on_trouble
         self.areas = DeviceAreas(protocol, codec, memory, mapping)
         self.shared = ServiceRows(protocol, codec)
         self._refuse = rules(protocol.server_refusals)
@@ -107,6 +104,7 @@ class MemoryServer:
         What depends on the bytes beside the request is not judged by `check_only`: they come later.
         """
         known = Names({"request": request, "buffer": buffer, "station": station}, names)
+        trouble = ""
         try:
             try:
                 return self._serve(request, buffer, check_only, known)
@@ -115,10 +113,10 @@ class MemoryServer:
             except BlockRefusedError as error:
                 raise RefusedError(self._code_or(error.code, "no_service", known)) from None
             except EVALUATION_ERRORS as error:
-                self._trouble(request, error)
+                trouble = _trouble(request, error)
                 raise RefusedError(self._memory_code("range", known)) from None
         except RefusedError as refused:
-            return self._refused(request, refused.code, known)
+            return self._refused(request, refused.code, known, trouble)
 
     def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
         """The exchange that a request asks for, whether it would be refused or not; nothing is done.
@@ -206,16 +204,15 @@ class MemoryServer:
 
     # ---- refusals -----------------------------------------------------------------------------------------
 
-    def _refused(self, request: FrameValue, code: int, names: Names) -> Served:
+    def _refused(self, request: FrameValue, code: int, names: Names, trouble: str = "") -> Served:
         if self._answer is None:
-            return Served(None, b"", code)
+            return Served(None, b"", code, trouble)
         try:
             reply = self._answer(Names({"code": code}, names))
         except EVALUATION_ERRORS as error:
-            self._trouble(request, error)
-            return Served(None, b"", code)
+            return Served(None, b"", code, trouble or _trouble(request, error))
         self.shared.table.fill_echo(reply, request)
-        return Served(reply, b"", code)
+        return Served(reply, b"", code, trouble)
 
     def _code_or(self, code: int | None, kind: str, names: Names) -> int:
         return self._memory_code(kind, names) if code is None else code
@@ -226,10 +223,6 @@ class MemoryServer:
             if name in self._memory_codes:
                 return int(self._memory_codes[name](names))
         return NOTHING_SAID
-
-    def _trouble(self, request: FrameValue, error: Exception) -> None:
-        if self.on_trouble is not None:
-            self.on_trouble(f"serving '{request.frame}': {error!r}")
 
 
 def rules(refusals: Sequence[Refusal]) -> list[Rule]:
@@ -252,6 +245,10 @@ def kind_of(error: DeviceMemoryError) -> str:
     if isinstance(error, UnknownAreaError):
         return "unknown"
     return "access" if isinstance(error, AccessError) else "range"
+
+
+def _trouble(request: FrameValue, error: Exception) -> str:
+    return f"serving '{request.frame}': {explain(error)}"
 
 
 def _scope_of(names: Names) -> Scope:

@@ -84,7 +84,7 @@ class DeviceService:
     """A device at work on one port. Its memory can be read and written from outside at any time.
 
     `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
-    `faults`: those of the line, where there is no store yet.
+    `faults`: those of the line, where there is no store yet. What it cannot work out, `watch_troubles` tells.
     """
 
     def __init__(
@@ -118,6 +118,11 @@ class DeviceService:
         )
         line_port = port if self.faults is None else FaultyPort(port, self.faults)
         self.driver = Driver(self.engine, line_port, clock, on_state)
+
+    def watch_troubles(self, told: Callable[[str], None]) -> None:
+        """From now on `told` hears why the device cannot do what it should; a request that has no reply is one case."""
+        name = self.device.name
+        self.engine.machine.on_trouble = lambda trouble: told(f"simulated device '{name}': {trouble}")
 
     def start(self) -> None:
         self.store.begin()

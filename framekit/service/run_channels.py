@@ -57,8 +57,16 @@ class RunChannels:
         monitor = self._monitor
         port, devices = port_for(channel, devices_of(channel, Path(folder)), self._clock)
         watcher = None if monitor is None else lambda seen: undisturbed(monitor, channel.number, seen)
+        for device in devices:
+            device.watch_troubles(lambda trouble: self._trouble(channel.number, trouble))
         service = ChannelService(channel, port, self._clock, self._access, blocks, self._owner, watcher, self._moment)
         return service, devices
+
+    def _trouble(self, number: int, what: str) -> None:
+        """A simulated device could not do what it should."""
+        log.warning("channel %d: %s", number, what)
+        if self._monitor is not None:
+            undisturbed(self._monitor, number, Seen("", "trouble", self._clock.now(), reason=what))
 
     def put(self, number: int, made: Made) -> None:
         """From now on this is the channel of that number."""

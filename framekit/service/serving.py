@@ -175,7 +175,9 @@ class Serving:
             if seen.kind == "frame" and port in self._heard:
                 del self._heard[port]
                 self._heard[port] = seen.at
-            if number == 0 and seen.kind in ("bad", "noise"):
+            if seen.kind == "trouble":
+                self.line_errors["could not be worked out"] += 1
+            elif number == 0 and seen.kind in ("bad", "noise"):
                 self._count_line_error(seen)
             elif counts_frames and seen.kind == "frame" and seen.direction == "out":
                 store.counters.done += 1

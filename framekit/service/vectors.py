@@ -130,10 +130,8 @@ def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnder
     def ask(engine: Engine) -> Ask:
         return client(engine).ask
 
-    troubles: list[str] = []
     return SideUnderTest(
-        troubles=troubles,
-        server=MemoryServer(protocol, codec, memory, on_trouble=troubles.append) if protocol.services else None,
+        server=MemoryServer(protocol, codec, memory) if protocol.services else None,
         memory=AddressedMemory(memory, grammar),
         ask=ask if protocol.services else None,
         start=Starter(protocol, codec).start,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -239,3 +240,66 @@ def test_what_cannot_be_asked_is_told_where_there_is_no_line_either(
     line = ["modbus-tcp", "--station", "1", "--port", "tcp://127.0.0.1:1"]
     status, output, errors = call(capsys, verb, *line, *rest)
     assert (status, output) == (2, "") and errors.startswith(f"framekit {verb}: {says}")
+
+
+SILENT = """
+protocol: silent
+extends: standard
+line: {speed: {default: 9600}, format: {default: 8E1}}
+groups: {request: {from: client}}
+areas: {R: {unit: byte, size: 16}}
+addresses: [{form: "R{start:dec}", area: R}]
+frames:
+  ask:  {group: request, body: [{const: ENQ}, {field: n, type: u8}]}
+  more: {group: request, body: [{const: ACK}]}
+  back: {from: server, body: [{const: STX}, {data: d, size: 1}, {const: ETX}]}
+  sum:  {from: server, body: [{const: SOH}, {field: d, type: u8}, {const: ETX}]}
+params: {total: {type: number, default: 300}}
+services:
+  read:
+    - areas: [R]
+      units: [byte]
+      limit: {count: 1}
+      request: {ask: {n: start}}
+      reply: [{when: "data[0] < 100 or data[9] > 1", back: {d: data}}, {back: {d: data}}]
+  get: [{request: {more: {}}, reply: {sum: {d: total}}, gives: {d: reply.d}}]
+"""
+SILENT_RUN = """
+run: silent
+memory: masterlogic
+channels: {1: {port: "sim:silent.device.yaml", protocol: silent, params: {retries: 0}}}
+blocks: {0: {call: get, once: yes}}
+"""
+TOO_LARGE = "simulated device 'd': main, step reply: 'd' is 300, more than 255"
+
+
+def test_a_simulated_device_that_cannot_build_its_reply_says_so_where_the_user_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("silent.yaml").write_text(SILENT, "utf-8")
+    Path("silent.device.yaml").write_text("device: d\nprotocol: silent\nmemory: {set: {R1: 200}}\n", "utf-8")
+    Path("silent.run.yaml").write_text(SILENT_RUN, "utf-8")
+    line = ("silent.yaml", "--port", "sim:silent.device.yaml", "--retries", "0", "--timeout", "30ms")
+    status, _, err = call(capsys, "call", *line, "get")
+    assert status == 3 and err == f"framekit call: the device did not answer: nothing came in time – {TOO_LARGE}\n"
+    status, _, err = call(capsys, "read", *line, "R1")
+    assert status == 3 and "– simulated device 'd': serving 'ask': " in err
+    assert call(capsys, "read", *line, "R0") == (0, "R0  0\n", "")
+    _, out, _ = call(capsys, "run", "silent.run.yaml", "--virtual", "--for", "2s")
+    assert f"ch 1   trouble {TOO_LARGE}\n" in out
+    _, out, _ = call(capsys, "run", "silent.run.yaml", "--virtual", "--for", "2s", "--json")
+    troubles = [row["reason"] for row in map(json.loads, out.splitlines()) if row["event"] == "trouble"]
+    assert troubles == [TOO_LARGE]
+    _, _, err = call(capsys, "run", "silent.run.yaml", "--virtual", "--for", "2s", "--log", "warning")
+    assert f"channel 1: {TOO_LARGE}" in err
+    seen: list[framekit.Seen] = []
+    quick = {"retries": 0, "reply_timeout": "30 ms"}
+    with framekit.connect("silent.yaml", "sim:silent.device.yaml", params=quick, monitor=seen.append) as client:
+        with pytest.raises(framekit.NoReplyError, match=re.escape(TOO_LARGE)):
+            client.call("get")
+        assert [one.reason for one in seen if one.kind == "trouble"] == [TOO_LARGE]
+    with framekit.serve("silent.device.yaml", "pty:", monitor=seen.append) as device:
+        with framekit.connect("silent.yaml", device.port, params=quick) as client, pytest.raises(framekit.NoReplyError):
+            client.read("R1")
+        assert "serving 'ask'" in seen[-1].reason and seen[-1].kind == "trouble"

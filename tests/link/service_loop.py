@@ -64,7 +64,7 @@ class Loop:
         self.device["functions"] = SimpleNamespace(with_date=with_date)
         self.troubles: list[str] = []
         self.memory = memory or DeviceMemory(memory_of(self.protocol)[0])
-        self.server = MemoryServer(self.protocol, codec, self.memory, on_trouble=self.troubles.append, **server)
+        self.server = MemoryServer(self.protocol, codec, self.memory, **server)
         self.client = Client(self.protocol, codec, self)
         self.log: list[tuple[bytes, bytes, Served]] = []
         self.damage: Callable[[FrameValue], FrameValue] = lambda reply: reply
@@ -125,7 +125,10 @@ class Loop:
         raise AssertionError(f"{raw!r} is no request")
 
     def serve(self, request: FrameValue, buffer: bytes = b"", station: Any = None, check: bool = False) -> Served:
-        return self.server.serve(request, buffer, station, check, self.device)
+        served = self.server.serve(request, buffer, station, check, self.device)
+        if served.trouble:
+            self.troubles.append(served.trouble)
+        return served
 
     def answer(self, raw: bytes) -> bytes:
         """The bytes that the server answers to these bytes."""
