@@ -10,6 +10,7 @@ from framekit.codec.python.source import Source, quoted
 MISFITS = "MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"
 """The line that says what is raised where something does not fit; of `struct`, `error` as `struct_error`."""
 
+_MADE = "RangeTable("
 MEASURE_NOTE = """\
 `measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
 such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
@@ -21,7 +22,8 @@ def constants(module: Module) -> Source:
     """Tables, structs and sets, which stand on nothing."""
     out = Source()
     for name, text in module.tables.values():
-        out.add(f"{name}: Mapping[Any, Any] = {text}")
+        if not text.startswith(_MADE):
+            out.add(f"{name}: Mapping[Any, Any] = {text}")
     for text, name in module.structs.items():
         out.add(f"{name} = Struct({quoted(text)})")
     for text, name in module.sets.items():
@@ -32,6 +34,9 @@ def constants(module: Module) -> Source:
 def late_constants(module: Module) -> Source:
     """Constants that are made with helpers."""
     out = Source()
+    for name, text in module.tables.values():
+        if text.startswith(_MADE):
+            out.add(f"{name}: Mapping[Any, Any] = {text}")
     for text, name in module.structs_of_lists.items():
         out.add(f"{name} = {text}")
     for name, (text, about) in module.late.items():

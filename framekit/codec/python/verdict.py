@@ -141,6 +141,8 @@ class JudgingReader(BufferReader):
             return self.function.bytes_between(check.over)
         if check.span is not None:
             names = [name for name in span_names(check, self.function.segments) if name in self.function.bounds]
+            if not names:
+                return 'b""'
             first = self.function.bounds[names[0]]
             if {self.function.bounds[name].buffer for name in names} != {first.buffer}:
                 return self.function.bytes_between(names)
