@@ -13,6 +13,11 @@ from array import array
 from sys import byteorder
 from typing import Any
 
+
+class Unfit(ValueError):  # noqa: N818 - a value, not a fault of the program
+    """A value or bytes that a form cannot carry; what it says is meant for people."""
+
+
 # --- sums -----------------------------------------------------------------------------------------------------------
 
 
@@ -211,21 +216,21 @@ def crc(
 def build_hex(value: int, places: int) -> bytes:
     """Upper-case hex digits, highest first. Raises ValueError if the value is negative or too large."""
     if value >> 4 * places:
-        raise ValueError(f"{value} does not fit into {places} hex digits")
+        raise Unfit(f"{value} does not fit into {places} hex digits")
     return b"%0*X" % (places, value)
 
 
 def build_hex_lower(value: int, places: int) -> bytes:
     """Lower-case hex digits, highest first. Raises ValueError if the value is negative or too large."""
     if value >> 4 * places:
-        raise ValueError(f"{value} does not fit into {places} hex digits")
+        raise Unfit(f"{value} does not fit into {places} hex digits")
     return b"%0*x" % (places, value)
 
 
 def build_hex_little(value: int, places: int) -> bytes:
     """Upper-case hex digits, the last byte's two first: 1234h is `3412`. Raises ValueError, also for odd places."""
     if value >> 4 * places or places % 2:
-        raise ValueError(f"{value} does not fit into {places} hex digits in pairs")
+        raise Unfit(f"{value} does not fit into {places} hex digits in pairs")
     return binascii.hexlify(value.to_bytes(places >> 1, "little")).upper()
 
 
@@ -237,14 +242,14 @@ def build_hex_little_lower(value: int, places: int) -> bytes:
 def parse_hex(digits: bytes | bytearray) -> int:
     """A number from hex digits of either case, highest first. Raises ValueError."""
     if not digits or digits.strip(b"0123456789ABCDEFabcdef"):  # int() alone takes signs, spaces, _ and 0x
-        raise ValueError(f"{bytes(digits)!r} is not a number in hex digits")
+        raise Unfit(f"{bytes(digits)!r} is not a number in hex digits")
     return int(digits, 16)
 
 
 def parse_hex_little(digits: bytes | bytearray) -> int:
     """A number from pairs of hex digits, the last byte's first. Raises ValueError."""
     if not digits or len(digits) % 2 or digits.strip(b"0123456789ABCDEFabcdef"):
-        raise ValueError(f"{bytes(digits)!r} is not a number in pairs of hex digits")
+        raise Unfit(f"{bytes(digits)!r} is not a number in pairs of hex digits")
     return int.from_bytes(binascii.unhexlify(digits), "little")
 
 
@@ -252,7 +257,7 @@ def build_dec(value: int, places: int) -> bytes:
     """Decimal digits, highest first. Raises ValueError if the value is negative or too large."""
     digits = b"%0*d" % (places, value)
     if value < 0 or len(digits) > places:
-        raise ValueError(f"{value} does not fit into {places} decimal digits")
+        raise Unfit(f"{value} does not fit into {places} decimal digits")
     return digits
 
 
@@ -264,7 +269,7 @@ def build_dec_little(value: int, places: int) -> bytes:
 def parse_dec(digits: bytes | bytearray) -> int:
     """A number from decimal digits, highest first. Raises ValueError."""
     if not digits.isdigit():
-        raise ValueError(f"{bytes(digits)!r} is not a number in decimal digits")
+        raise Unfit(f"{bytes(digits)!r} is not a number in decimal digits")
     return int(digits)
 
 
@@ -276,7 +281,7 @@ def parse_dec_little(digits: bytes | bytearray) -> int:
 def build_oct(value: int, places: int) -> bytes:
     """Octal digits, highest first. Raises ValueError if the value is negative or too large."""
     if value >> 3 * places:
-        raise ValueError(f"{value} does not fit into {places} octal digits")
+        raise Unfit(f"{value} does not fit into {places} octal digits")
     return b"%0*o" % (places, value)
 
 
@@ -288,7 +293,7 @@ def build_oct_little(value: int, places: int) -> bytes:
 def parse_oct(digits: bytes | bytearray) -> int:
     """A number from octal digits, highest first. Raises ValueError."""
     if not digits or digits.strip(b"01234567"):
-        raise ValueError(f"{bytes(digits)!r} is not a number in octal digits")
+        raise Unfit(f"{bytes(digits)!r} is not a number in octal digits")
     return int(digits, 8)
 
 
@@ -306,7 +311,7 @@ def build_bcd(value: int, size: int) -> bytes:
         return b"%c" % (value + 6 * (value // 10))
     digits = f"{value:0{2 * size}d}"
     if value < 0 or len(digits) > 2 * size:
-        raise ValueError(f"{value} does not fit into {size} bytes BCD")
+        raise Unfit(f"{value} does not fit into {size} bytes BCD")
     return bytes.fromhex(digits)
 
 
@@ -320,11 +325,11 @@ def parse_bcd(data: bytes | bytearray) -> int:
     if len(data) == 1:  # by far the most frequent
         number = data[0]
         if number > 0x99 or number & 0x0F > 9:
-            raise ValueError(f"{number:02x} is not BCD")
+            raise Unfit(f"{number:02x} is not BCD")
         return number - 6 * (number >> 4)
     digits = data.hex()
     if not digits.isdecimal():
-        raise ValueError(f"{digits} is not BCD")
+        raise Unfit(f"{digits} is not BCD")
     return int(digits)
 
 
@@ -341,7 +346,7 @@ def split_nibbles(data: bytes | bytearray) -> bytes:
 def join_nibbles(nibbles: bytes | bytearray) -> bytes:
     """The reverse of `split_nibbles`. Raises ValueError for an odd count or a byte outside 30h to 3Fh."""
     if nibbles.strip(b"0123456789:;<=>?"):
-        raise ValueError(f"{bytes(nibbles)!r} is not made of half bytes")
+        raise Unfit(f"{bytes(nibbles)!r} is not made of half bytes")
     return binascii.unhexlify(nibbles.translate(bytes.maketrans(b":;<=>?", b"abcdef")))
 
 
@@ -371,7 +376,7 @@ def reorder(data: bytes | bytearray, order: str) -> bytes:
         if len(data) == 4:  # by far the most frequent
             return bytes(data[2:] + data[:2])
         return swap(data[::-1], 2)
-    raise ValueError(f"there is no byte order '{order}'")
+    raise Unfit(f"there is no byte order '{order}'")
 
 
 def build_int(value: int, size: int, order: str, signed: bool = False) -> bytes:
@@ -402,11 +407,11 @@ def build_text(text: str, size: int, pad: bytes | None = None) -> bytes:
     """Text in `size` bytes of Latin-1, filled up behind with `pad`. Raises ValueError if it does not fit."""
     data = text.encode("latin-1")
     if len(data) > size:
-        raise ValueError(f"{text!r} is longer than {size} characters")
+        raise Unfit(f"{text!r} is longer than {size} characters")
     if len(data) == size:
         return data
     if pad is None:
-        raise ValueError(f"{text!r} is shorter than {size} characters")
+        raise Unfit(f"{text!r} is shorter than {size} characters")
     return data.ljust(size, pad)
 
 
@@ -419,7 +424,7 @@ def build_terminated(text: str, end: bytes) -> bytes:
     """Text and the bytes `end` behind it. Raises ValueError if `end` would be found before the end."""
     data = text.encode("latin-1") + end
     if data.find(end) != len(data) - len(end):
-        raise ValueError(f"{text!r} holds its own end {end!r}")
+        raise Unfit(f"{text!r} holds its own end {end!r}")
     return data
 
 
@@ -427,7 +432,7 @@ def parse_terminated(data: bytes | bytearray, end: bytes, start: int = 0) -> tup
     """The text from `start` to the next `end`, and the place behind that. Raises ValueError if there is none."""
     place = data.find(end, start)
     if place < 0:
-        raise ValueError(f"the text's end {end!r} is missing")
+        raise Unfit(f"the text's end {end!r} is missing")
     return data[start:place].decode("latin-1"), place + len(end)
 
 
@@ -467,7 +472,7 @@ def undouble_escape(data: bytes | bytearray, escape: int) -> bytes:
 def undouble(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | bytearray:
     """As `undouble_escape`, with the escape byte alone and twice: so generated code need not make them."""
     if data.count(single) != 2 * data.count(double):
-        raise ValueError(f"an escape byte {single.hex().upper()} is not doubled")
+        raise Unfit(f"an escape byte {single.hex().upper()} is not doubled")
     return data.replace(double, single)
 
 
@@ -478,10 +483,10 @@ def digits(n: int, width: int, base: int = 16) -> str:
     """`n` in exactly `width` upper-case digits of base 16, 10, 8 or 2. Raises ValueError."""
     letter = {16: "X", 10: "d", 8: "o", 2: "b"}.get(base)
     if letter is None:
-        raise ValueError(f"digits are of base 16, 10, 8 or 2, not {base}")
+        raise Unfit(f"digits are of base 16, 10, 8 or 2, not {base}")
     text = format(n, f"0{width}{letter}")
     if n < 0 or len(text) > width:
-        raise ValueError(f"{n} does not fit into {width} digits of base {base}")
+        raise Unfit(f"{n} does not fit into {width} digits of base {base}")
     return text
 
 
@@ -490,7 +495,7 @@ def number(text: str | bytes | bytearray, base: int = 10) -> int:
     if not isinstance(text, str):
         text = text.decode("latin-1")
     if not text or text.lower().strip("0123456789abcdefghijklmnopqrstuvwxyz"[:base]):
-        raise ValueError(f"{text!r} is not a number of base {base}")
+        raise Unfit(f"{text!r} is not a number of base {base}")
     return int(text, base)
 
 

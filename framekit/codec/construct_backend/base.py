@@ -116,8 +116,8 @@ class SegmentConstruct(Construct):
             return True
         try:
             return bool(reading.evaluate(self.segment.when, context))
-        except EVALUATION_ERRORS as error:
-            raise reading.stop(place, "value", str(self.segment.when), repr(error)) from None
+        except EVALUATION_ERRORS:
+            raise reading.stop(place, "value", str(self.segment.when), "nothing") from None
 
     def _build(self, obj: Any, stream: BytesIO, context: Container, path: str) -> Any:
         filling: Filling = obj

@@ -221,8 +221,8 @@ class Filling(Mapping[str, Any]):
             raise
         except MissingName as error:
             raise self.error(own, f"'{own}' stands on '{error.name}', which the context does not have") from None
-        except EVALUATION_ERRORS as error:
-            raise self.error(own, f"'{own}' cannot be computed from '{expression}': {error}") from None
+        except EVALUATION_ERRORS:
+            raise self.error(own, f"'{own}' cannot be computed from '{expression}' and the values given") from None
 
     def size(self, expression: Expression, own: str) -> Any:
         """The size an expression gives; None when it stands on something that nobody has announced yet."""

@@ -101,6 +101,8 @@ class Text(Adapter):
         filled = self.pad if self.end is None else self.pad or b"\0"
         try:
             return support.build_text(obj, self.size, filled)
+        except UnicodeError:
+            raise FormError(f"{obj!r} has characters that are no bytes", path) from None
         except ValueError as error:
             raise FormError(str(error), path) from None
 
@@ -118,6 +120,8 @@ class TerminatedText(Adapter):
     def _encode(self, obj: str, context: Any, path: str) -> bytes:
         try:
             return support.build_terminated(obj, self.end)[: -len(self.end)]
+        except UnicodeError:
+            raise FormError(f"{obj!r} has characters that are no bytes", path) from None
         except ValueError as error:
             raise FormError(str(error), path) from None
 

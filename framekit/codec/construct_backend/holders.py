@@ -239,8 +239,8 @@ class ChooseConstruct(SegmentConstruct):
         reading: Reading = context._state
         try:
             value = reading.evaluate(self.segment.on, context)
-        except EVALUATION_ERRORS as error:
-            raise reading.stop(place, "value", str(self.segment.on), repr(error)) from None
+        except EVALUATION_ERRORS:
+            raise reading.stop(place, "value", str(self.segment.on), "nothing") from None
         segments = self.case_of(value)
         if segments is None:
             raise reading.stop(place, "value", "one of the cases", value)

@@ -140,8 +140,8 @@ class DataConstruct(ValueSegment):
                 raise filling.error(name, f"'{name}' has {size} bytes, not {len(data)}")
         try:
             wire = self.to_wire(data)
-        except ValueError as error:
-            raise filling.error(name, f"'{name}' cannot be converted: {error}") from None
+        except ValueError:
+            raise filling.error(name, f"'{name}' is not made of pairs of hex digits") from None
         stream.write(wire)
         context._state.leaf(wire, len(data))
 
@@ -159,8 +159,8 @@ class DerivedConstruct(ValueSegment):
         reading: Reading = context._state
         try:
             value = reading.evaluate(self.segment.read, context, self.name)
-        except EVALUATION_ERRORS as error:
-            reading.note(place, "value", str(self.segment.read), repr(error))
+        except EVALUATION_ERRORS:
+            reading.note(place, "value", str(self.segment.read), "nothing")
             return
         reading.store(context, self.name, _plain(value), place)
 

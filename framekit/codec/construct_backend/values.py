@@ -10,7 +10,7 @@ from construct import Construct, ConstructError, Container
 from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
 from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import Filling
-from framekit.codec.construct_backend.forms import form_of
+from framekit.codec.construct_backend.forms import FormError, form_of
 from framekit.codec.construct_backend.state import Reading
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import FieldType
@@ -30,8 +30,8 @@ def evaluated_size(expression: Expression, reading: Reading, context: Container,
     """The size an expression gives while reading. Raises Stop when it gives none."""
     try:
         size = reading.evaluate(expression, context)
-    except EVALUATION_ERRORS as error:
-        raise reading.stop(place, "length", str(expression), repr(error)) from None
+    except EVALUATION_ERRORS:
+        raise reading.stop(place, "length", str(expression), "nothing") from None
     if not isinstance(size, int) or size < 0:
         raise reading.stop(place, "length", f"a size ({expression})", size)
     return int(size)
@@ -72,7 +72,8 @@ def write_wire(type_: FieldType, wire: Any, name: str, filling: Filling, stream:
     try:
         data = form.build(wire)
     except (ConstructError, ValueError, OverflowError) as error:
-        raise filling.error(name, f"'{name}' cannot be {wire!r}: {str(error).splitlines()[-1]}") from None
+        why = str(error).splitlines()[-1] if isinstance(error, FormError) else "that does not fit into its bytes"
+        raise filling.error(name, f"'{name}' cannot be {wire!r}: {why}") from None
     stream.write(data)
     context._state.leaf(data)
 

@@ -74,7 +74,7 @@ class Examination(ExaminationState):
         name: str,
         size: int,
         parse: Callable[[bytes], int],
-        mark: int,
+        is_mark: Callable[[bytes], bool],
         longer: int,
         parse_longer: Callable[[bytes], int],
         refuse: int | None = None,
@@ -83,7 +83,11 @@ class Examination(ExaminationState):
         """A number that is a mark with a longer number behind when it is large."""
         start = self.begin(name)
         raw = self.take(name, size, refuse)
-        if int.from_bytes(raw, "big") == mark:
+        try:
+            is_long = is_mark(raw)
+        except ValueError:
+            is_long = False
+        if is_long:
             raw, parse = self.take(name, longer, refuse), parse_longer
         self.bounds[name] = (self.data, start, self.at)
         self.store(name, start, raw, parse, refuse, **rules)

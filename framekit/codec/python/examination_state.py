@@ -145,13 +145,17 @@ class ExaminationState:
         return self.data[start : self.at]
 
     def ask(self, what: int | Ask, cause: str, segment: str, refuse: int | None = None) -> Any:
-        """The value of an expression. Raises Stop if it cannot be worked out."""
+        """The value of an expression; only a `value` may be no whole number. Raises Stop if it cannot be worked out."""
         if isinstance(what, int):
             return what
         try:
-            return what(self)
+            found = what(self)
         except EVALUATION_ERRORS:
-            raise self.stop(cause, segment, "values it can be worked out from", "none", refuse) from None
+            found = None
+        else:
+            if cause == "value" or isinstance(found, int):
+                return found
+        raise self.stop(cause, segment, "values it can be worked out from", "none", refuse)
 
     def rest(self, behind: int | Ask, segment: str) -> int:
         """How many bytes there are up to the last `behind` ones. Raises Stop if they overlap what was read."""

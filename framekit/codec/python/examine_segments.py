@@ -40,8 +40,10 @@ class SegmentExaminer(Examining):
                 add(f"n.const({name}, {bytes_literal(data)}{refuse})")
             case Skip(size=size):
                 add(f"n.skip({name}, {size})")
-            case Fill():
+            case Fill(total=total):
                 add(f'n.skip("fill", n.rest({self.behind(behind)}, "fill"))')
+                add(f'n.expect("short", "frame", n.end, "{total} bytes", lambda n: n.end >= {total})')
+                add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')
             case Field():
                 self._field(segment, scope, behind)
             case Length() | Count():
@@ -91,7 +93,8 @@ class SegmentExaminer(Examining):
         if field.long is not None:
             longer = FieldType(**{slot: getattr(field.long.type, slot) for slot in FieldType.__slots__})
             self.out.add(
-                f"n.long({name}, {type_.fixed_size}, {self.parse(type_, field)}, {field.long.mark:#x},"
+                f"n.long({name}, {type_.fixed_size}, {self.parse(type_, field)},"
+                f" lambda raw: {forms.parse(self.module, type_, 'raw')} == {field.long.mark:#x},"
                 f" {longer.fixed_size}, {self.parse(longer, field)}{behind_it}"
             )
         elif type_.size is None and type_.end is not None:

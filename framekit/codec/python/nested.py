@@ -84,6 +84,11 @@ class Reader(BranchReader):
         if repeat.times == "rest":
             first, last = self.take_rest(item, after)
             count = None
+            if size > 1:
+                start = first.text(self.buffer)
+                room = last.text(self.buffer) if start == "0" else f"{last.text(self.buffer)} - ({start})"
+                self.function.misfit_if(f"({room}) % {size}")
+                self.function.flush()
         else:
             count = self._count(item, repeat.times)
             first, last = self.take(item, count if size == 1 else f"{size} * {count}")

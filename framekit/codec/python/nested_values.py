@@ -64,19 +64,21 @@ class NestedValueWriter(ValueWriter):
     def _inner_tasks(self, inner: Inner, scope: Scope, given: Given) -> list[Task]:
         name, waits = inner.name, self.waits(inner.when)
         tasks = [Task((name,), waits, lambda _: self._plain_given(inner, scope, given))]
-        if name in self.asked_for or isinstance(inner.size, Expression):
+        fixed = isinstance(inner.size, int) and any(self.shapes.frame(one).fixed != inner.size for one in inner.frames)
+        if name in self.asked_for or isinstance(inner.size, Expression) or fixed:
             wire = (f"bytes of {name}",)
             tasks.append(Task(wire, waits | {name}, lambda _: self.put_into_local(inner, scope)))
-        if isinstance(inner.size, Expression):
-            waits = waits | {f"bytes of {name}"} | self.waits(inner.size)
+        if isinstance(inner.size, Expression) or fixed:
+            waits = waits | {f"bytes of {name}"}
+            waits |= self.waits(inner.size) if isinstance(inner.size, Expression) else set()
             tasks.append(Task((), waits, lambda _: self._check_inner_size(inner, scope)))
         return tasks
 
     def _check_inner_size(self, inner: Inner, scope: Scope) -> None:
         """A frame inside must take as many bytes as other values say."""
-        assert isinstance(inner.size, Expression)
         check, wire = self.module.function("check_size"), self.wires[inner.name]
-        line = f"{check}({quoted(inner.name)}, len({wire}), {self.text(inner.size, scope)})"
+        size = self.text(inner.size, scope) if isinstance(inner.size, Expression) else str(inner.size)
+        line = f"{check}({quoted(inner.name)}, len({wire}), {size})"
         if inner.when is None:
             self.add(line)
         else:

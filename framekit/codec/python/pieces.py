@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
@@ -18,6 +17,7 @@ from framekit.codec.python.packing import PackingWriter, Placed, sum_of
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import Fill, without_when
 from framekit.codec.python.source import bytes_literal, quoted
+from framekit.codec.support import build_int
 from framekit.definition.expression.emit import OR
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -252,11 +252,18 @@ class PieceWriter(PackingWriter):
         assert field.long is not None
         wire = self.wire(field, scope)
         short = forms.build(self.module, field.type, wire, str(field.type.fixed_size))
-        if field.type.fixed_size == 1:
+        if field.type.fixed_size == 1 and field.type.kind == "int" and not field.type.signed:
             short = f"bytes(({wire},))"
-        mark = bytes_literal(field.long.mark.to_bytes(field.type.fixed_size or 1, _byte_order(field.type)))
+        mark = self._mark(field.type, field.long.mark)
         longer = forms.build(self.module, field.long.type, wire, str(field.long.type.fixed_size))
         return f"({short} if {wire} < {field.long.mark:#x} else {mark} + {longer})"
+
+    def _mark(self, type_: FieldType, mark: int) -> str:
+        """The bytes that say that the long form follows."""
+        size = type_.fixed_size or 1
+        if type_.kind == "int":
+            return bytes_literal(build_int(mark, size, type_.order, type_.signed))
+        return forms.build(self.module, type_, str(mark), str(size))
 
     def _list_bytes(self, of: FieldType, local: str) -> str:
         code = forms.struct_code(of)
@@ -287,7 +294,3 @@ class PieceWriter(PackingWriter):
             tests.append(f"len({buffer}) > {most}")
         message = f"the content takes {{len({buffer})}} bytes, that is not allowed"
         self.complain(" or ".join(tests), '""', f'f"{message}"')
-
-
-def _byte_order(type_: FieldType) -> Literal["little", "big"]:
-    return "little" if type_.order == "little" else "big"

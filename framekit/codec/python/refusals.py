@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from framekit.codec.errors import EncodeError
+from framekit.codec.support import Unfit
 
 Context = Mapping[str, Any]
 
@@ -72,9 +73,11 @@ def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
     missing = path_of(error.args[0], rules) if isinstance(error, KeyError) else None
     if missing is not None:
         return EncodeError(missing, f"'{missing}' is missing")
-    if isinstance(error, KeyError):
-        return EncodeError("", f"{error.args[0]!r} is needed to build this frame: give it in ctx")
-    return EncodeError("", f"the values do not fit into this frame{f': {error}' if str(error) else ''}")
+    if isinstance(error, KeyError) and isinstance(error.args[0], str):
+        name = error.args[0]
+        return EncodeError("", name if " " in name else f"'{name}' is needed to build this frame: give it in ctx")
+    why = str(error) if isinstance(error, Unfit) else "what is computed from them cannot be worked out or sent"
+    return EncodeError("", f"the values do not fit into this frame: {why}")
 
 
 def path_of(name: Any, rules: Rules) -> str | None:
@@ -167,7 +170,7 @@ def check_size(name: str, found: int, wanted: int) -> None:
 
 NEEDS: dict[str, tuple[str, ...]] = {
     "check_given": ("Rule",),
-    "encode_error": ("find_misfit", "path_of"),
+    "encode_error": ("Unfit", "find_misfit", "path_of"),
     "find_misfit": ("Rule", "misfit_of", "missing_error"),
     "misfit_of": ("Rule", "misfit_inside"),
     "misfit_inside": ("find_misfit", "misfit_of"),

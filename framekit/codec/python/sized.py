@@ -25,8 +25,9 @@ class SizedReader(RunReader):
                 self.when_known(require.condition, item.scope, lambda: self._require(item, require))
             case Data() as data:
                 self._data(item, data, after)
-            case Fill():
+            case Fill(total=total):
                 self.take_rest(item, after)
+                self.function.misfit_if(f"len({self.buffer}) != {total}")
             case Field(long=None) as field:
                 self._field(item, field, after)
             case Field() as field:
@@ -121,7 +122,7 @@ class SizedReader(RunReader):
         local = self.function.local(field.name, item.scope)
         short, longer = field.type.fixed_size or 1, field.long.type.fixed_size or 0
         first = self.keep(self.place) if field.name in self.function.tracked else self.place
-        if short == 1 and field.type.kind == "int":
+        if short == 1 and field.type.kind == "int" and not field.type.signed:
             self.function.add(f"{local} = {index(self.buffer, first)}")
         else:
             raw = between(self.buffer, first, first.plus(short))

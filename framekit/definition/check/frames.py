@@ -16,6 +16,7 @@ from framekit.definition.model.segments import (
     Count,
     Data,
     Field,
+    FieldType,
     Inner,
     Length,
     Optional,
@@ -169,6 +170,9 @@ def _needed(segment: Segment) -> Iterator[tuple[str, Expression]]:
         value = getattr(segment, key, None)
         if isinstance(value, Expression):
             yield what, value
+    kind = getattr(segment, "type", None) or getattr(segment, "of", None)
+    if isinstance(kind, FieldType) and isinstance(kind.size, Expression):
+        yield "size", kind.size
     if isinstance(segment, Require):
         yield "condition", segment.condition
 

@@ -67,6 +67,9 @@ def _field(field: Field) -> Iterator[Problem]:
     if field.only and field.long is not None:
         yield Problem(field.at, "only: values cannot go with long:", "leave one of them out")
     bounds = bounds_of(field.type)
+    if bounds is not None and field.long is not None and not bounds[0] <= field.long.mark <= bounds[1]:
+        what = f"the mark {field.long.mark} does not fit: '{field.name}' holds {bounds[0]} to {bounds[1]}"
+        yield Problem(field.at, what, "give a mark that it can hold, or use a wider type")
     if bounds is not None and field.long is None:
         yield from _numbers(field, bounds)
 
