@@ -25,7 +25,6 @@ from framekit.definition.model.segments import Const, Wrap
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
 _LONGEST_FORMAT_NAME = 30
-_UNFIT = support.Unfit.__name__
 _PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination_state, examination)
 
 
@@ -78,8 +77,6 @@ class Module:
             module = _home_of(name)
             for other in module.NEEDS.get(name, ()):
                 self.function(other)
-            if module is support and name != _UNFIT and f"raise {_UNFIT}(" in self.source_of(name):
-                self.function(_UNFIT)
             self.imports.update(module.IMPORTS.get(name, ()))
             self.functions[name] = None
         return name
