@@ -16,15 +16,23 @@ QUIET_CHARACTERS = 3
 """Silence that ends noise, and frames without another end, where a definition does not say `quiet`."""
 
 
+GAP_CHARACTERS, GAP_TIME, GAP_ON_STREAM = 20, 50_000_000, 800_000_000
+"""The longest pause inside a frame while nothing is waited for and the definition has no `gap`: characters and time (ns)
+on a line; less than the second after which most clients ask again on a stream.
+"""
+
+
 class Pauses:
     """Times (ns) are worked out anew when a variable or parameter has changed.
 
-    `own_gap` false: `gap` is what whoever waits allows instead of the definition's (None: any pause). `character`:
-    what one takes on the line.
+    `own_gap` false: `gap` is what the waiting step allows instead of the definition's (None: any pause). `is_idle`: no
+    waiting step limits the time of a frame, so where the definition has no `gap` either, the usual one holds.
+    `character`: what one takes on the line.
     """
 
     __slots__ = (
-        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "gap", "own_gap",
+        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "gap", "is_idle",
+        "own_gap",
     )  # fmt: skip
 
     def __init__(self, rules: Receiver, names: Names, stream: Stream) -> None:
@@ -38,6 +46,7 @@ class Pauses:
         self.character = self._line.character
         self._worked_out: tuple[int, int, int | None] | None = None
         self.own_gap = True
+        self.is_idle = False
         self.gap: int | None = None
 
     def limits(self) -> tuple[int, int | None]:
@@ -49,7 +58,13 @@ class Pauses:
             if quiet is None:
                 quiet = self._line.chars(QUIET_CHARACTERS)
             found = self._worked_out = (version, quiet, self._time(self._gap_of))
-        return found[1], found[2] if self.own_gap else self.gap
+        if not self.own_gap:
+            return found[1], self.gap
+        return found[1], self._usual_gap() if self.is_idle and self._gap_of is None else found[2]
+
+    def _usual_gap(self) -> int:
+        """The longest pause in a frame that begins while nothing is waited for."""
+        return self._line.chars(GAP_CHARACTERS) + GAP_TIME if self.character else GAP_ON_STREAM
 
     @property
     def defines_gap(self) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
 from framekit.link.clocks import frame_arriving, frame_gone
 from framekit.link.counters import LinkCounters
@@ -65,13 +66,14 @@ class Reception:
         """Which frames are looked for now; None while those who will wait do not yet."""
         self.machine.changed = False
         names: dict[str, None] = {}
-        others = looks = own_gap = False
+        others = looks = own_gap = is_limited = False
         for run in self.lanes.order:
             if run.state is State.RECEIVING:
                 looks = looks or bool(run.interest) or run.wants_others or run.has_handler("on_noise")
                 names.update(dict.fromkeys(run.interest))
                 others = others or run.wants_others
                 own_gap = own_gap or run.gap is not None
+                is_limited = is_limited or run.complete is not None or run.longest < NEVER
         if not self.lanes.order:
             self.interest = (self._all, ())
         elif not looks:
@@ -79,6 +81,7 @@ class Reception:
         else:
             self.interest = self._pair(tuple(names), others)
         self.receiver.pauses.own_gap = not own_gap
+        self.receiver.pauses.is_idle = not is_limited
 
     def _pair(self, expected: tuple[str, ...], others: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The same pair of tuples for the same names, so that the receiver knows them again at once."""

@@ -36,12 +36,13 @@ class Link:
     protocol: str
     asking: str = "client"
     answering: str = "server"
-    station: int = 3
+    station: Any = 3
     address: str = "40001"
     speed: int = 19200
     format: str | None = "8E1"
     params: dict[str, Any] = field(default_factory=dict)
     own: dict[str, Any] = field(default_factory=dict)
+    me: Any = 1
 
     def __str__(self) -> str:
         return f"{self.protocol}-{self.asking}"
@@ -85,7 +86,7 @@ class FaultWorld:
         self.injector = self.device.faults
         assert self.injector is not None
         client_params = {**link.params, **link.own}
-        own = link.own.get("node", 1)
+        own = link.own.get("node", link.me)
         self.engine = Engine(
             self.protocol, codec, link.asking, params=client_params, line=settings, own=own, now=0,
             monitor=self._watch,

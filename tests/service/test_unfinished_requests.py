@@ -1,0 +1,105 @@
+"""Stray bytes and frames that break off leave no idle server deaf: the next good request gets its reply."""
+
+from __future__ import annotations
+
+
+import pytest
+from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
+from shipped import PROTOCOLS
+
+from framekit.definition.load import load_protocol
+
+SNP = (
+    Link("snp", "master", "slave", station="A", address="%R1", format="8O1", me=""),
+    Link("snp-x", "master", "slave", station=b"A".ljust(8, b"\0"), address="%R1", format="8O1", me=bytes(8)),
+)
+ALL = (*LINKS, *SNP)
+LATER = 900 * MS
+"""After less time than this clients usually ask again."""
+
+WHOLE = {"ccm-peer": {b"\x05"}}
+"""Stray bytes that are a request: what follows it is answered as the protocol says, the next one as if alone."""
+
+
+class World(FaultWorld):
+    """Notes what the client sends."""
+
+    def __init__(self, link: Link) -> None:
+        self.sent: list[bytes] = []
+        super().__init__(link)
+        transmit = self.line.transmit
+
+        def noted(sender: object, data: bytes, start: int) -> int:
+            if sender is self.port:
+                self.sent.append(bytes(data))
+            return transmit(sender, data, start)  # type: ignore[arg-type]
+
+        self.line.transmit = noted  # type: ignore[method-assign]
+        self.exchange()
+        self.read()
+
+    def read(self) -> str:
+        """One read."""
+        self.number = 1
+        return self.exchange()
+
+    def stray(self, data: bytes, pause: int) -> None:
+        """Bytes that no client means, a while after all else, then silence."""
+        self.clock.run_for(SECOND)
+        while not self.driver.is_open:
+            self.clock.run_for(SECOND)
+        self.port.write(data)
+        self.clock.run_for(round(len(data) * self.line.character_time) + pause)
+
+    def strays(self) -> list[bytes]:
+        """Each byte alone, and all that a frame of the client can break off to."""
+        pieces = {data[:size] for data in self.sent for size in range(2, len(data))}
+        return [*(bytes([byte]) for byte in range(256)), *sorted(pieces)]
+
+
+def test_every_server_is_tried() -> None:
+    def answers(name: str) -> set[str]:
+        roles = load_protocol(name).roles
+        return {role for role in roles if role not in ("client", "master")}
+
+    tried = {(link.protocol, link.answering) for link in ALL}
+    assert {(name, role) for name in PROTOCOLS if name != "standard" for role in answers(name)} == tried
+
+
+QUIET = [link for link in ALL if link.format is not None and str(link) not in ("df1-master", "snp-master", "snp-x-master")]
+"""A DF1 master polls all the time."""
+
+SESSIONS = [link for link in ALL if link.format is None or link.protocol in ("snp", "snp-x")]
+"""An unfinished frame ends a session, or a connection, by the procedure itself; the next exchange opens it anew."""
+
+
+@pytest.mark.parametrize("link", QUIET, ids=str)
+def test_the_first_request_after_a_stray_piece_and_a_pause_is_answered(link: Link) -> None:
+    world = World(link)
+    for data in world.strays():
+        world.stray(data, LATER)
+        if data in WHOLE.get(str(link), ()):
+            world.clock.run_for(10 * SECOND)
+        world.seen.clear()
+        assert world.read() == "ok", data.hex()
+        assert world.seen["repeated"] == 0, data.hex()
+
+
+@pytest.mark.parametrize("link", [link for link in ALL if link not in SESSIONS], ids=str)
+def test_a_request_right_behind_a_stray_piece_is_answered_within_the_usual_repeats(link: Link) -> None:
+    world = World(link)
+    for data in world.strays():
+        world.stray(data, 0)
+        assert world.read() == "ok" or data in WHOLE.get(str(link), ()), data.hex()
+        assert world.read() == "ok", data.hex()
+
+
+@pytest.mark.parametrize("link", SESSIONS, ids=str)
+def test_a_stray_piece_costs_a_session_and_no_more(link: Link) -> None:
+    world = World(link)
+    for pause in (0, LATER):
+        for data in world.strays():
+            world.stray(data, pause)
+            world.read()
+            world.clock.run_for(SECOND)
+            assert world.read() == "ok", data.hex()
