@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 from shipped import PROTOCOLS
@@ -66,11 +65,11 @@ def test_every_server_is_tried() -> None:
     assert {(name, role) for name in PROTOCOLS if name != "standard" for role in answers(name)} == tried
 
 
-QUIET = [link for link in ALL if link.format is not None and str(link) not in ("df1-master", "snp-master", "snp-x-master")]
-"""A DF1 master polls all the time."""
-
 SESSIONS = [link for link in ALL if link.format is None or link.protocol in ("snp", "snp-x")]
 """An unfinished frame ends a session, or a connection, by the procedure itself; the next exchange opens it anew."""
+
+QUIET = [link for link in ALL if link not in SESSIONS and str(link) != "df1-master"]
+"""Their lines are quiet between exchanges; a DF1 master polls all the time."""
 
 
 @pytest.mark.parametrize("link", QUIET, ids=str)
