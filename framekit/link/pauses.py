@@ -17,8 +17,9 @@ QUIET_CHARACTERS = 3
 
 
 GAP_CHARACTERS, GAP_TIME, GAP_ON_STREAM = 20, 50_000_000, 800_000_000
-"""The longest pause inside a frame while nothing is waited for and the definition has no `gap`: characters and time (ns)
-on a line; less than the second after which most clients ask again on a stream.
+"""The longest pause inside a frame while no step limits its time and the definition has no `gap`.
+
+Characters and time (ns) on a line; on a stream less than the second after which most clients ask again.
 """
 
 
