@@ -56,7 +56,7 @@ class BlockLoader:
         self.channel_nodes = reader.entries(root.get("channels"))
         self.triggers = TriggerLoader(reader, self.place, self.condition, self.room)
         self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
-        self.calls = CallLoader(reader, attempts)
+        self.calls = CallLoader(reader, attempts, self.place, self.written, self.room)
         self.frames = FrameBlockLoader(reader, self.place, self.written)
         self.commands = CommandBlockLoader(reader, folder, root, self.place, self.written)
         self.jobs = JobBlockLoader(reader, grammar, channels, jobs)

@@ -17,6 +17,7 @@ from framekit.blocks.jobs.section import JobsSection
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import Packing
 from framekit.definition.problems import Position, Problem
 from framekit.definition.times import LineFormat
 from framekit.link.addresses import Address
@@ -89,16 +90,41 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ArgumentPlace:
+    """Where an argument of a call comes from: a place of the own memory, and `size` elements or bytes from there on."""
+
+    place: Place
+    type: str
+    size: int = 1
+    signed: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResultPlace:
+    """Where a result of a call goes. `size`: the elements of a list, or bytes, that there is room for.
+
+    `scale`: a number that is a time goes as so many nanoseconds each. `bits`: how much of the memory is its.
+    """
+
+    result: Expression
+    place: Place
+    bits: int
+    size: int | None = None
+    scale: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
     """One exchange of a run.
 
     `targets`: addresses on the other side as text (READ, WRITE), `units`: what an element of each is, `unit`: the
     block's own type, if it gives one. `places`: own memory, one for each target; a single one for `count` elements.
     `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE.
-    `service` and `arguments`: CALL. `station`: a constant, or the place it is read from at each start. `values`:
-    constants to write or send. `commands`: the application that reads the words at the block's place (COMMAND), and
-    `fault` the bit that shows words it cannot carry out. `job`: the command that it gives to the job table; such a
-    block has no channel of its own, and the number 0 there.
+    `service` and `arguments`: CALL, with `argument_places` (argument → own memory), the `addresses` on the other side
+    that it is about, and where its `results` go; data among them are packed as `packing` says. `station`: a constant,
+    or the place it is read from at each start. `values`: constants to write or send. `commands`: the application that
+    reads the words at the block's place (COMMAND), and `fault` the bit that shows words it cannot carry out. `job`: the
+    command that it gives to the job table; such a block has no channel of its own, and the number 0 there.
     """
 
     number: int
@@ -120,6 +146,10 @@ class Block:
     job: Command | Record | None = None
     service: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    argument_places: Mapping[str, ArgumentPlace] = field(default_factory=dict)
+    addresses: tuple[str, ...] = ()
+    results: tuple[ResultPlace, ...] = ()
+    packing: Packing | None = None
     commands: Protocol | None = None
     fault: Place | None = None
     triggers: tuple[Trigger, ...] = ()

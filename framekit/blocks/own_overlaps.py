@@ -104,7 +104,9 @@ def _pieces(block: Block, channels: Mapping[int, Channel]) -> Iterator[tuple[Pla
     if block.instruction == "read":
         for place, unit in zip(block.places, block.units, strict=False):
             yield place, unit_bits(unit) * (block.count if len(block.units) == 1 else 1)
-    elif block.instruction == "receive" and block.frame is not None:
+    for result in block.results:
+        yield result.place, result.bits
+    if block.instruction == "receive" and block.frame is not None:
         parts = dict(parts_of(channels[block.channel].protocol.frames[block.frame].segments))
         for name, place in block.data.items():
             size = block.sizes.get(name) or fixed_bytes(parts[name]) or 1

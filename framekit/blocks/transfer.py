@@ -20,6 +20,7 @@ from framekit.blocks.model import Block
 from framekit.blocks.operations import ParamsOf
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
 from framekit.blocks.repeated_read import RepeatedRead
+from framekit.blocks.results import arguments_of_call, result_pieces
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import StationType
 from framekit.link.addresses import AddressError
@@ -104,7 +105,11 @@ class BlockTransfers:
                 )
             return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
         assert block.service is not None
-        return self.client.call(block.service, dict(block.arguments), station=station, now=now, on_done=done)
+        given = arguments_of_call(block, self.memory)
+        return self.client.call(
+            block.service, given, station=station, addresses=block.addresses, unit=block.unit, count=block.count,
+            now=now, on_done=done,
+        )  # fmt: skip
 
     def _reading_of(self, block: Block, station: Any) -> RepeatedRead:
         """The read of a block; as long as neither the block nor the station is another one, the same."""
@@ -185,9 +190,10 @@ class BlockTransfers:
 
     def _finisher(self, block: Block, ended: Ended) -> Callable[[TransferResult], None]:
         def done(result: TransferResult) -> None:
-            if result.ok and block.instruction == "read":
+            if result.ok and (block.instruction == "read" or block.results):
                 try:
-                    store_pieces(self.memory, self.pieces_of(block, result.data))
+                    pieces = list(result_pieces(block, result)) if block.results else self.pieces_of(block, result.data)
+                    store_pieces(self.memory, pieces)
                 except (DeviceMemoryError, ValueError) as error:
                     ended(Failure(outcome="cannot_store", cause=str(error)))
                     return

@@ -169,13 +169,14 @@ class JsonOutput(Output):
 def _stored(service: RunService, state: BlockState) -> list[tuple[str, str]]:
     """The words that a block has put into the memory, as many as are easily read."""
     block = state.block
-    if block.instruction not in ("read", "receive") or not state.counters.done:
+    if (block.instruction not in ("read", "receive") and not block.results) or not state.counters.done:
         return []
     sizes = {part.name: getattr(part, "size", None) for part in _segments(service, state)}
     places = [(place, block.count * unit_bits(block.unit or place.address.unit)) for place in block.places]
     for name, place in block.data.items():
         size = sizes.get(name)
         places.append((place, 8 * size if isinstance(size, int) else place.address.unit_bits))
+    places += [(result.place, result.bits) for result in block.results]
     found = []
     for place, bits in places:
         area = service.memory.area(place.address.area)

@@ -60,14 +60,13 @@ class RowFacts:
     def __init__(self, row: ServiceRow, shared: ServiceRows) -> None:
         self.row = row
         self.shared = shared
-        sent = [row.request, row.buffer]
-        self.mentions = frozenset(name for part in expressions_of(sent) for name in names_in(part.root))
-        self.has_each = any(True for _ in parts_of(sent, EachOf))
+        self.mentions = mentions_of(row)
+        self.has_each = any(True for _ in parts_of([row.request, row.buffer], EachOf))
         self.when = _maybe(row.when)
         self.run = _maybe(row.run)
         self.limit_count = _maybe(row.limit.count)
         self.limit_bytes = _maybe(row.limit.bytes)
-        self.wants_address = bool((self.mentions & {"text", "start"}) - {argument.name for argument in row.takes})
+        self.wants_address = wants_address(row)
         self.single = not self.mentions & COUNTING
         self.named_numbers = self._named_numbers()
         self._packers: dict[str, Packer] = {}
@@ -129,6 +128,16 @@ class RowFacts:
         if code is not None:
             names["code"] = code
         return names
+
+
+def mentions_of(row: ServiceRow) -> frozenset[str]:
+    """The names that a row's request and the bytes beside it read."""
+    return frozenset(name for part in expressions_of([row.request, row.buffer]) for name in names_in(part.root))
+
+
+def wants_address(row: ServiceRow) -> bool:
+    """Whether the requests of a row name places of the other side."""
+    return bool((mentions_of(row) & {"text", "start"}) - {argument.name for argument in row.takes})
 
 
 def _maybe(expression: Expression | None) -> Evaluate | None:
