@@ -181,16 +181,19 @@ def test_what_a_processor_does_not_execute_it_refuses() -> None:
 
 @pytest.mark.parametrize(("processor", "file"), [("plc2", "PLC2"), ("slc", "file9"), ("micrologix", "file7")])
 def test_the_compatibility_file(processor: str, file: str) -> None:
-    pair = Pair(processor)
+    pair = Pair(processor, byte_addresses=True)
     pair.done("unprotected_write", address=4, data=b"\x34\x12\x78\x56")
     assert pair.gives("unprotected_read", address=4, size=4) == b"\x34\x12\x78\x56"
     assert pair.memory.read(file, "byte", 4, 4) == [0x34, 0x12, 0x78, 0x56]
 
 
 def test_words_of_the_compatibility_file() -> None:
-    pair = Pair("slc", byte_addresses=False)
-    pair.done("unprotected_write", address=3, data=b"\x34\x12")
-    assert pair.memory.read("file9", "byte", 6, 2) == [0x34, 0x12]
+    """2.1: an SLC counts words unless S:2/8 is set (`byte_addresses`)."""
+    for given, byte in (({}, 6), ({"byte_addresses": True}, 3)):
+        pair = Pair("slc", **given)
+        pair.done("unprotected_write", address=3, data=b"\x34\x12")
+        assert pair.memory.read("file9", "byte", byte, 2) == [0x34, 0x12]
+        assert pair.gives("unprotected_read", address=3, size=2) == b"\x34\x12"
 
 
 def test_the_compatibility_file_of_a_plc5_is_that_of_the_sender() -> None:
