@@ -47,22 +47,24 @@ def candidates(protocol: Protocol, frame: str | None = None, side: str | None = 
 
 
 def of_side(frames: Catalogue, side: str | None = None) -> list[str]:
-    """The frames that stand on the line and may come from that side (None: from any); catch-all frames last."""
-    found = [one for one in frames.values() if not one.inner]
-    if side is not None:
-        found = [one for one in found if one.side in (side, "both")]
-    return [one.name for one in sorted(found, key=lambda one: one.refuse is not None or one.side == "none")]
+    """The frames that stand on the line and come from that side (None: from either); those that are refused last.
+
+    A frame that no side sends (`from: none`) is only for procedures: as an answer it would hide what is wrong.
+    """
+    sides = (side, "both") if side is not None else ("client", "server", "both")
+    found = [one for one in frames.values() if not one.inner and one.side in sides]
+    return [one.name for one in sorted(found, key=lambda one: one.refuse is not None)]
 
 
 def fitting(
     codec: FrameFunctions, frames: Catalogue, data: bytes, names: list[str], context: Context | None = None
 ) -> tuple[list[Fit], list[tuple[str, FrameError]]]:
-    """The frames that the bytes are, and why they are not the others. Catch-all frames count only alone."""
+    """The frames that the bytes are, and why they are not the others. Frames to be refused count only alone."""
     fits: list[Fit] = []
     faults: list[tuple[str, FrameError]] = []
     for name in names:
         frame = frames[name]
-        if fits and (frame.refuse is not None or frame.side == "none"):
+        if fits and frame.refuse is not None:
             continue
         try:
             fits.append(Fit(name, codec.decode(name, data, context), frame.refuse))

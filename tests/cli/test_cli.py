@@ -108,6 +108,16 @@ def test_decode_tells_of_check_codes_that_only_warn(capsys: pytest.CaptureFixtur
     assert "warning" not in call(capsys, "decode", str(file), "07 07")[1]
 
 
+def test_damage_is_told_where_a_frame_takes_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    """`stray` of SNP fits whatever begins with ESC; no side sends it, so bytes are decoded as what they are not."""
+    good = "1B 41 41 42 00 00 00 00 00 00 44 30 30 37 30 20 20 20 17 00 00 00 44 45"
+    assert call(capsys, "decode", "snp", good)[0] == 0
+    for options in ([], ["--from", "client"]):
+        status, out, err = call(capsys, "decode", "snp", *options, good[:-2] + "00")
+        assert (status, out) == (1, "") and "no frame fits; nearest is" in err and "check" in err
+    assert call(capsys, "decode", "snp", "--frame", "stray", good[:-2] + "00")[0] == 0
+
+
 def test_decode_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = call(capsys, "decode", "third-party-plc", "06 52 44 32 34 03")
     assert status == 0
