@@ -7,7 +7,7 @@ from typing import Any
 
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.scalars import parse_bytes, parse_number
-from framekit.definition.model.protocol import Parameter, Protocol
+from framekit.definition.model.protocol import Parameter, Protocol, StationType
 from framekit.definition.nodes import Entry, Node, Sequence
 from framekit.definition.problems import did_you_mean, plural
 from framekit.link.parameters import ParameterError, given_item, given_value
@@ -33,13 +33,21 @@ def parse_station(text: str, protocol: Protocol) -> Any:
             raise ValueError(f"station {number} is not in {station.limits[0]}..{station.limits[1]}")
         return number
     if station.type == "bytes":
-        data = parse_bytes(text)
+        filled = _filled(text, station)
+        data = parse_bytes(text) if filled is None else filled
         if station.size is not None and len(data) != station.size:
             raise ValueError(f"station {text} has {plural(len(data), 'byte')}, it needs {station.size}")
         return data
     if station.size is not None and len(text) > station.size:
         raise ValueError(f"station '{text}' has {len(text)} characters, at most {station.size} are possible")
     return text
+
+
+def _filled(text: str, station: StationType) -> bytes | None:
+    """The bytes of a station that is given as a text; None where the text can only be hex pairs."""
+    if station.pad is None or station.size is None or len(text) > station.size or not text.isascii():
+        return None
+    return text.encode("ascii").ljust(station.size, bytes((station.pad,)))
 
 
 def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) -> dict[str, Any]:

@@ -135,11 +135,14 @@ def load_station(reader: Reader, node: Node | None) -> StationType:
         return StationType()
     keys = reader.mapping(node)
     type_ = reader.maybe(reader.text, keys.get("type")) or "number"
-    default = keys.get("default")
+    default, pad = keys.get("default"), keys.get("pad")
+    if pad is not None and (type_ != "bytes" or "size" not in keys):
+        reader.note(pad.at, "pad fills texts for stations of type bytes with a size", "leave pad out")
     return StationType(
         type=type_,  # type: ignore[arg-type]
         limits=reader.maybe(reader.range, keys.get("range")),
         size=reader.maybe(reader.number, keys.get("size")),
+        pad=reader.maybe(reader.byte, pad),
         default=None if default is None else literal_or_expression(reader, default, type_),
     )
 

@@ -92,11 +92,15 @@ class Receiver:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationType:
-    """What names the other side."""
+    """What names the other side.
+
+    `pad`: bytes of a known `size` may be given as text too, which this byte fills up.
+    """
 
     type: Literal["number", "text", "bytes", "none"] = "number"
     limits: tuple[int, int] | None = None
     size: int | None = None
+    pad: int | None = None
     default: Expression | None = None
 
 
