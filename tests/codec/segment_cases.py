@@ -159,6 +159,11 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("records as many as a length says", "- {length: n, type: u8, of: [list]}\n- repeat: list\n  times: n // 2\n"
              "  of: [{field: a, type: u16}]", {"list": [{"a": 1}, {"a": 2}]}, "04 00 01 00 02", {"n": 4},
              {"05 00 01 00 02": "length", "06 00 01 00 02": "short"}),
+        Case("items that know those before them", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n"
+             "  of: [{field: a, type: u8}, {value: at, read: len(list)}, {field: sum, type: u8, is: sum(list.a)},\n"
+             "       {data: d, size: len(list)}]", {"list": [{"a": 5, "d": b""}, {"a": 7, "d": b"x"}]},
+             "02 05 00 07 05 78", {"n": 2, "list": [{"a": 5, "at": 0, "sum": 0, "d": b""}, {"a": 7, "at": 1, "sum": 5, "d": b"x"}]},
+             {"02 05 00 07 06 78": "value"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"
@@ -180,10 +185,16 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              top="params: {kind: {type: choice, of: [a, b], default: a}}\n"),
         Case("the other case", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    1: [{field: a, type: u8}]\n"
              "  else: [{const: FF}]", {"kind": 9}, "09 FF"),
+        Case("a choice in the other case", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    15: [{const: 01}]\n"
+             "  else:\n    - {field: b, type: u8}\n    - {choose: kind, cases: {1: [{field: v, type: i8}], 2: [{field: v, type: i16}]}}\n"
+             "- const: ETX", {"kind": 2, "b": 7, "v": -2}, "02 07 FF FE 03", bad={"03 07 01 03": "value"}),
         Case("an optional part", "- {field: a, type: u8}\n- optional: [{field: b, type: u8}]", {"a": 1, "b": 2}, "01 02"),
         Case("the same, left out", "- {field: a, type: u8}\n- optional: [{field: b, type: u8}]", {"a": 1}, "01"),
         Case("a derived value", "- {field: name, type: ascii, size: 3}\n- {value: letter, read: 'name[1]'}", {"name": "%MW"},
              "25 4D 57", {"letter": "M"}),
+        Case("a derived value that a size needs, before what it reads", "- {value: n, read: n0 - 1}\n"
+             "- {field: n0, type: u8, build: n + 1}\n- {data: d, size: n}", {"n": 2, "d": b"ab"}, "03 61 62", {"n0": 3},
+             {"03 61": "short"}),
         Case("a condition", "- {field: a, type: u8}\n- {require: a % 2 == 0}", {"a": 4}, "04", bad={"05": "require"}),
     ),
     "Wraps": (

@@ -73,7 +73,10 @@ class Plan:
 
 
 class Filling(Mapping[str, Any]):
-    """The values of one record under construction; reading one computes it. `path` is what its names begin with."""
+    """The values of one record under construction; reading one computes it. `path` is what its names begin with.
+
+    `item`: the list the record is an item of, and its place there; in its expressions the list is what stands before.
+    """
 
     def __init__(
         self,
@@ -83,6 +86,7 @@ class Filling(Mapping[str, Any]):
         outer: Filling | None = None,
         path: str = "",
         echo: Mapping[str, Expression] | None = None,
+        item: tuple[str, int] | None = None,
     ) -> None:
         self.plan = plan
         self.given = given
@@ -90,6 +94,7 @@ class Filling(Mapping[str, Any]):
         self.outer = outer
         self.path = path
         self.echo = echo or {}
+        self.item = item
         self._done: dict[str, Any] = {}
         self._running: set[str] = set()
         for name in given:
@@ -202,13 +207,15 @@ class Filling(Mapping[str, Any]):
 
         def lookup(name: str) -> Any:
             filling: Filling | None = self
+            item: tuple[str, int] | None = None
             while filling is not None:
                 if name != own or filling is not self:
                     if name in filling.plan.values:
-                        return filling.value_or_nothing(name)
+                        value = filling.value_or_nothing(name)
+                        return value[: item[1]] if item is not None and item[0] == name else value
                     if name in filling.plan.segments:
                         return filling.bytes_of(name)
-                filling = filling.outer
+                item, filling = filling.item, filling.outer
             return self.names[name]
 
         return evaluate(expression.root, lookup)

@@ -89,6 +89,7 @@ def open_context(
         _orders={},
         _marks={},
         _left_out=set(),
+        _item=None,
         _is_frame=is_frame,
     )
     context._root = outer.get("_root", context)
@@ -123,10 +124,10 @@ class RecordConstruct(ValueSegment):
         self.fields._build(filling[self.name], stream, context, path)
 
 
-def _inner_filling(plan: Plan, given: Any, outer: Filling, name: str) -> Filling:
+def _inner_filling(plan: Plan, given: Any, outer: Filling, name: str, item: tuple[str, int] | None = None) -> Filling:
     if not isinstance(given, Mapping):
         raise outer.error(name, f"'{name}' is a mapping of fields, not {given!r}")
-    return Filling(plan, given, outer.names, outer, f"{outer.path}{name}.")
+    return Filling(plan, given, outer.names, outer, f"{outer.path}{name}.", item=item)
 
 
 class RepeatConstruct(ValueSegment):
@@ -154,6 +155,7 @@ class RepeatConstruct(ValueSegment):
             while len(items) < times if times is not None else stream.tell() < reading.region.end:
                 before = stream.tell()
                 inner = self.fields.open(stream, context)
+                inner._item = self.name, len(items)
                 items.append(inner._values)
                 self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
                 if times is None and stream.tell() == before:
@@ -194,7 +196,9 @@ class RepeatConstruct(ValueSegment):
             return [of_type(of, item, f"{name}[{place}]", filling) for place, item in enumerate(given)]
         assert self.fields is not None
         plan = self.fields.plan
-        return [_inner_filling(plan, item, filling, f"{name}[{place}]") for place, item in enumerate(given)]
+        return [
+            _inner_filling(plan, item, filling, f"{name}[{place}]", (name, place)) for place, item in enumerate(given)
+        ]
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         items = filling[self.name]

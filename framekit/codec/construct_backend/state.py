@@ -167,15 +167,19 @@ class Reading(State):
     def evaluate(self, expression: Expression, context: Container, own: str = "") -> Any:
         """The expression's value; `own` is the field it belongs to, whose name then means something outside.
 
-        Raises one of EVALUATION_ERRORS, also for fields that are not read yet; one that is left out is nothing.
+        Raises one of EVALUATION_ERRORS, also for fields that are not read yet; one that is left out is nothing, and the
+        list around an item holds those before it.
         """
 
         def lookup(name: str) -> Any:
+            item: tuple[str, int] | None = None
             for scope in scopes(context):
                 if name == own and scope is context:
                     continue
                 if name in scope._values:
-                    return scope._values[name]
+                    value = scope._values[name]
+                    return value[: item[1]] if item is not None and item[0] == name else value
+                item = scope._item
                 if name in scope._left_out:
                     return None
                 if name in scope._declared:

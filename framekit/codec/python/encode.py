@@ -12,7 +12,7 @@ from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter, is_needed
-from framekit.codec.python.shape import flat, named, value_names
+from framekit.codec.python.shape import flat, named, names_read, value_names
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.frames import Frame
@@ -109,6 +109,8 @@ class EncodeWriter(PieceWriter):
         if whole:
             self.add(f"{complete} = []")
         inside = Scope(scope)
+        if whole:
+            inside.entries[repeat.name] = Entry(complete, "list", inside)  # the items before this one
         place = self.names.fresh("place")
         path = f"{given.path}{repeat.name}[{{{place}}}]."
         inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
@@ -128,7 +130,8 @@ class EncodeWriter(PieceWriter):
 
     def _is_read_inside(self, repeat: Repeat) -> bool:
         """Whether an expression reads fields of the items, which may be computed."""
-        return any(
+        assert isinstance(repeat.of, tuple)
+        return repeat.name in names_read(repeat.of) or any(
             f"items of {repeat.name}" in self._tokens_of(segment)
             for segment in self.by_name.values()
             if segment is not repeat

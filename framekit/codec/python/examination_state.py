@@ -52,7 +52,8 @@ class Notes:
 class ExaminationState:
     """A frame being read carefully. `fields`, `spans` (path, first byte, byte behind the last, value) grow as it goes.
 
-    `n["name"]` is a field by name, innermost record first; one that is left out is nothing. Places count in the present
+    `n["name"]` is a field by name, innermost record first; one that is left out is nothing, and the list
+    around an item holds those before it. Places count in the present
     buffer; `wire` turns them into those on the wire, also inside wraps. `turn` counts segments, also those that take no
     bytes. `is_quiet`: the part that is read now has had its fault.
     """
@@ -75,11 +76,15 @@ class ExaminationState:
         self.is_quiet = False
 
     def __getitem__(self, name: str) -> Any:
+        item: Any = None
         for scope in reversed(self.scopes):
             if name in scope:
-                return scope[name]
+                value = scope[name]
+                own = isinstance(value, list) and value and value[-1] is item
+                return value[:-1] if own else value
             if (id(scope), name) in self.left_out:
                 return self.left_out[id(scope), name]
+            item = scope
         raise KeyError(name)
 
     def without(self, names: Iterable[str], records: Iterable[str] = ()) -> None:

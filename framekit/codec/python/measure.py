@@ -242,6 +242,7 @@ class MeasureWriter(WrapMeasurer):
         left = self.names.fresh("left")
         before = self.needed
         if found is not None:
+            inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
             self.needed = before | names_read(of) | {name for one in of for name in value_names(one)}
         with self.out.block(f"for {left} in range({times}, 0, -1):"):
             total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
@@ -254,7 +255,9 @@ class MeasureWriter(WrapMeasurer):
             if finished:
                 raise Finished
             if found is not None:
-                fields = ", ".join(f'"{name}": {entry.text}' for name, entry in inside.entries.items())
+                fields = ", ".join(
+                    f'"{name}": {entry.text}' for name, entry in inside.entries.items() if entry.text != found
+                )
                 self.add(f"{found}.append({{{fields}}})")
         self.needed = before
         if found is not None:

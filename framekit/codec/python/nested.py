@@ -155,6 +155,7 @@ class Reader(BranchReader):
         function.flush()
         self.settle()
         function.add(f"{found} = []")
+        inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
         function.in_branch += 1
         with function.out.block(header):
             begin = None

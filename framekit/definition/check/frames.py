@@ -30,7 +30,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.sizes import field_names, fixed_size, flat
 from framekit.definition.model.visit import parts_of
-from framekit.definition.problems import Problem, did_you_mean, plural
+from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 
 def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
@@ -97,18 +97,31 @@ def _spans(frame: Frame) -> Iterator[Problem]:
 
 def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
     """Problems of segments on one level, and of the levels inside."""
-    seen: dict[str, Segment] = {}
+    twice: dict[str, Problem] = {}
+    _values(segments, twice)
+    yield from twice.values()
     for segment in flat(segments):
-        for name in _value_names(segment):
-            other = seen.get(name)
-            if other is not None and other.when is None and segment.when is None and not _in_choice(segments, name):
-                yield Problem(segment.at, f"there are two fields '{name}'", "give one of them another name")
-            seen[name] = segment
         yield from check_segment(segment)
         if isinstance(segment, Data) and isinstance(segment.size, Expression):
             yield from _computed(segment, segments)
         if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
             yield from _level(segment.of)
+
+
+def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict[str, Position]:
+    """The values of a list with their places. Only the cases of one choice may share a name."""
+    found: dict[str, Position] = {}
+    for segment in segments:
+        here = dict.fromkeys(_value_names(segment), segment.at)
+        if isinstance(segment, (Wrap, Optional)):
+            here |= _values(segment.of, problems)
+        elif isinstance(segment, Choose):
+            for case in (*(case for _, case in segment.cases), segment.otherwise or ()):
+                here |= _values(case, problems)
+        for name in here.keys() & found.keys():
+            problems[name] = Problem(here[name], f"there are two fields '{name}'", "give one of them another name")
+        found |= here
+    return found
 
 
 def _value_names(segment: Segment) -> tuple[str, ...]:
@@ -117,13 +130,6 @@ def _value_names(segment: Segment) -> tuple[str, ...]:
     if isinstance(segment, (Field, Data, Length, Count, Repeat, Record, Inner, Value)):
         return (segment.name,)
     return ()
-
-
-def _in_choice(segments: tuple[Segment, ...], name: str) -> bool:
-    return any(
-        isinstance(segment, Choose) and any(name in field_names(case) for _, case in segment.cases)
-        for segment in segments
-    )
 
 
 def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
@@ -144,19 +150,23 @@ def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
             )
 
 
-def _order_of_sizes(segments: tuple[Segment, ...], before: set[str]) -> Iterator[Problem]:
-    """Sizes, repetitions and conditions may only use what stands before them."""
-    known, names = set(before), field_names(segments)
+def _order_of_sizes(
+    segments: tuple[Segment, ...], before: set[str], outer: frozenset[str] = frozenset()
+) -> Iterator[Problem]:
+    """Sizes, repetitions, conditions and values may only use what stands before them, here and `outer`."""
+    known, names = set(before), field_names(segments) | outer
+    values = {segment.name for segment in flat(segments) if isinstance(segment, Value)}
     for segment in flat(segments):
         for what, expression in _needed(segment):
             late = sorted((names_in(expression.root) & names) - known)
             for name in late:
-                told, todo = f"the {what} uses '{name}', which is read only later", f"move '{name}' before it"
+                moved = f"what '{name}' reads" if name in values else f"'{name}'"
+                told, todo = f"the {what} uses '{name}', which is read only later", f"move {moved} before it"
                 if name == segment.name:
                     told, todo = f"the {what} of '{name}' cannot come from '{name}' itself", "give a size"
                 yield Problem(expression.at, told, todo)
         if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            yield from _order_of_sizes(segment.of, known)
+            yield from _order_of_sizes(segment.of, known, frozenset(names - {segment.name or ""}))
         known.update(_value_names(segment))
         if segment.name:
             known.add(segment.name)
@@ -164,8 +174,10 @@ def _order_of_sizes(segments: tuple[Segment, ...], before: set[str]) -> Iterator
 
 def _needed(segment: Segment) -> Iterator[tuple[str, Expression]]:
     """The expressions of a segment that must be known when it is read."""
-    if segment.when is not None and not isinstance(segment, Value):
+    if segment.when is not None:
         yield "condition", segment.when
+    if isinstance(segment, Value):
+        yield "value", segment.read
     for key, what in (("size", "size"), ("times", "number of items"), ("on", "choice")):
         value = getattr(segment, key, None)
         if isinstance(value, Expression):

@@ -9,7 +9,7 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.references import resolve_references
-from framekit.definition.load.segments import SegmentLoader
+from framekit.definition.load.segments import SegmentLoader, in_order
 from framekit.definition.load.where import Where, apply_where, load_where
 from framekit.definition.model.frames import Frame, Group, Side
 from framekit.definition.nodes import Mapping, Node
@@ -180,7 +180,7 @@ class FrameLoader:
         if loader.spoilt:
             raise Broken(outline.name)
         parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
-        head, body, tail = resolve_references(reader, parts, loader.aliases)
+        head, body, tail = in_order(*resolve_references(reader, parts, loader.aliases))
         fill = keys.get("fill")
         return Frame(
             name=outline.name,

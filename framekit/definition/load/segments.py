@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression, Logic
+from framekit.definition.expression.syntax import Expression, Logic, names_in
 from framekit.definition.load.namespace import Namespace
 from framekit.definition.load.plain_segments import PlainSegmentLoader
 from framekit.definition.load.reader import Broken
 from framekit.definition.load.scalars import parse_key
 from framekit.definition.load.types import load_size, load_type
 from framekit.definition.model import segments as model
+from framekit.definition.model.sizes import field_names
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence
 
 KINDS = (
@@ -48,7 +49,7 @@ class SegmentLoader(PlainSegmentLoader):
                 found.extend(self._segment(self.reader.mapping(item)))
             except Broken:
                 self.spoilt = True
-        return tuple(found)
+        return in_order(tuple(found))[0]
 
     def _number(self, item: Node) -> None:
         """Includes of includes multiply; nothing sensible has so many segments."""
@@ -175,6 +176,40 @@ class SegmentLoader(PlainSegmentLoader):
             most=self._most(keys.get("max")),
             **common,
         )
+
+
+def in_order(*lists: tuple[model.Segment, ...]) -> list[tuple[model.Segment, ...]]:
+    """Lists that stand one behind the other, with every `value` behind what it reads: it takes no bytes."""
+    given = [{segment.name, *field_names((segment,))} for segments in lists for segment in segments]
+    late = {name for names in given for name in names if name is not None}
+    if not any(isinstance(segment, model.Value) for segments in lists for segment in segments):
+        return list(lists)
+    waiting: list[model.Value] = []
+    found: list[tuple[model.Segment, ...]] = []
+
+    def place(segment: model.Segment, here: list[model.Segment]) -> None:
+        here.append(segment)
+        late.difference_update({segment.name, *field_names((segment,))})
+        for value in waiting:
+            if not late & _read_by(value):
+                waiting.remove(value)
+                return place(value, here)
+
+    for segments in lists:
+        here: list[model.Segment] = []
+        for segment in segments:
+            if isinstance(segment, model.Value) and late & _read_by(segment) - {segment.name}:
+                waiting.append(segment)
+            else:
+                place(segment, here)
+        if segments is lists[-1]:
+            here += waiting
+        found.append(tuple(here))
+    return found
+
+
+def _read_by(value: model.Value) -> set[str]:
+    return names_in(value.read.root) | (set() if value.when is None else names_in(value.when.root))
 
 
 def _under(segment: model.Segment, when: Expression | None, refuse: int | None) -> model.Segment:
