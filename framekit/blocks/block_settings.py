@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 from framekit.blocks.block_status import ITEMS, PULSES
 from framekit.blocks.fields import fixed_bytes, parts_of
@@ -121,6 +122,8 @@ class BlockSettings:
     def effective(self, block: Block) -> Block:
         """The block with what stands in memory now; the same one while nothing has been changed there.
 
+        What is only shown is put back where somebody has written over it.
+
         Raises SettingError for a station or a size it cannot work with.
         """
         changed = block
@@ -129,7 +132,7 @@ class BlockSettings:
                 self._show_station(given, block)
             if not given.area.holds(2 * given.first, given.data):
                 words = given.area.read("word", given.first, len(given.words))
-                changed = self._changed(changed, given.section, given.words, words)
+                changed = self._changed(changed, given, words)
         return changed
 
     def unchanged(self, block: Block) -> Callable[[], bool]:
@@ -150,19 +153,31 @@ class BlockSettings:
         put_item(words, item, number)
         given.area.write("word", given.first, words, force=True)
 
-    def _changed(self, block: Block, section: BlockWords, given: list[int], words: list[int]) -> Block:
+    def _changed(self, block: Block, given: _Given, words: list[int]) -> Block:
+        section, shown = given.section, list(given.words)
+        settable = [(item, slot, get_item(words, item)) for item, slot in self._settable(block, section)]
+        for item, _, value in settable:
+            put_item(shown, item, value)
+        if shown != words:
+            given.area.write("word", given.first, shown, force=True)
+        for item, slot, value in settable:
+            if value != get_item(given.words, item):
+                where = f"{section.area} word {section.base(block.set, block.number) + item.word}"
+                with_it = self._with_station if slot is None else partial(self._with_size, slot)
+                block = with_it(block, value, where)
+        return block
+
+    def _settable(self, block: Block, section: BlockWords) -> Iterator[tuple[BlockItem, _Slot | None]]:
+        """The items that count when they are changed, each with its variable; None: the station."""
         slots = slots_of(block, self._protocols[block.set, block.number])
         kind = KINDS.get(block.instruction)
         for name, item in section.items.items():
-            value = get_item(words, item)
-            if value == get_item(given, item):
-                continue
-            where = f"{section.area} word {section.base(block.set, block.number) + item.word}"
             if name == "station" and isinstance(block.station, int) and block.station_from is None:
-                block = self._with_station(block, value, where)
+                yield item, None
             elif name in SIZES and SIZES[name][0] == kind and SIZES[name][1] < len(slots):
-                block = self._with_size(block, slots[SIZES[name][1]], value, where)
-        return block
+                slot = slots[SIZES[name][1]]
+                if slot.sets is not None:
+                    yield item, slot
 
     def _with_station(self, block: Block, station: int, where: str) -> Block:
         limits = self._protocols[block.set, block.number].station.limits
@@ -170,9 +185,8 @@ class BlockSettings:
             raise SettingError(f"station {station} in {where} is not in {limits[0]}..{limits[1]}")
         return replace(block, station=station)
 
-    def _with_size(self, block: Block, slot: _Slot, size: int, where: str) -> Block:
-        if slot.sets is None:
-            return block
+    def _with_size(self, slot: _Slot, block: Block, size: int, where: str) -> Block:
+        assert slot.sets is not None
         if size < 1:
             raise SettingError(f"the size in {where} is 0: that moves nothing")
         if slot.sets != "count":

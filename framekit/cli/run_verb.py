@@ -77,14 +77,14 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         if arguments.virtual:
             assert duration is not None
-            _virtual(loaded, output, watch, duration)
+            problems = _virtual(loaded, output, watch, duration)
         else:
-            asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control))
+            problems = asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control))
     except BrokenPipeError:
         raise
     except OSError as error:
         raise Failure(why_not(error)) from None
-    return 0
+    return 1 if problems else 0
 
 
 def _live(loaded: Run, watch: Watch, arguments: argparse.Namespace, duration: int | None) -> int:
@@ -95,7 +95,8 @@ def _live(loaded: Run, watch: Watch, arguments: argparse.Namespace, duration: in
     return show(RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control))
 
 
-def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:
+def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> list[str]:
+    """Runs for a simulated time; what could not be kept or captured."""
     from framekit.transport.clock import VirtualClock
 
     clock = VirtualClock()
@@ -108,13 +109,16 @@ def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> None:
     service.finish(lambda: ended.append(True))
     while not ended and clock.advance():
         pass
-    _summary(service, output, watch)
+    return _summary(service, output, watch)
 
 
 async def _real(
     loaded: Run, output: Output, watch: Watch, duration: int | None, watched: Watched | None, controlled: bool
-) -> None:
-    """Runs until the time is over, or SIGINT or SIGTERM asks to stop; `watched` is the file whose changes count."""
+) -> list[str]:
+    """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured.
+
+    `watched` is the file whose changes count.
+    """
     from framekit.cli.control_lines import control
     from framekit.cli.unread import Unread
     from framekit.transport.clock import AsyncioClock
@@ -146,7 +150,8 @@ async def _real(
         await left.wait()
         gc.unfreeze()
         unread.check()
-        _summary(service, output, watch)
+        problems = _summary(service, output, watch)
+    return problems
 
 
 async def _watch_file(watched: Watched, service: RunService, output: Output) -> None:
@@ -164,7 +169,9 @@ async def _watch_file(watched: Watched, service: RunService, output: Output) -> 
     await files.watch()
 
 
-def _summary(service: RunService, output: Output, watch: Watch) -> None:
+def _summary(service: RunService, output: Output, watch: Watch) -> list[str]:
     output.summary(service)
-    for problem in (*service.problems, *watch.end()):
+    problems = [*service.problems, *watch.end()]
+    for problem in problems:
         output.warning(problem)
+    return problems

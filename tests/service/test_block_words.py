@@ -110,6 +110,24 @@ def test_a_changed_station_word_redirects_the_next_exchange(tmp_path: Path) -> N
     assert bench.shown(0) == (0, ErrorCode.BAD_SETTING, 3, 1), "STATUS stays"
 
 
+def test_what_is_only_shown_is_put_back_at_the_next_exchange(tmp_path: Path) -> None:
+    """The variable's address, that of one there is not, and the size of a single variable; the station counts."""
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
+    shown = bench.memory.read("N", "word", 0, 41)
+    assert shown[:3] == [1, int.from_bytes(b"40", "little"), int.from_bytes(b"00", "little")]
+    bench.memory.write("N", "word", 2, [int.from_bytes(b"01", "little"), 0x3939])
+    bench.memory.write("N", "word", 11, [1, 2, 3, 4, 5])
+    bench.memory.write("N", "word", 40, [7])
+    done = bench.service.states[0].counters.done
+    bench.clock.run_for(2 * SECOND)
+    assert bench.service.states[0].counters.done > done
+    assert bench.memory.read("N", "word", 0, 41) == shown
+    bench.memory.write("N", "word", 0, [2, 0x3939])
+    bench.clock.run_for(2 * SECOND)
+    assert bench.memory.read("N", "word", 0, 41) == [2, *shown[1:]]
+    assert bench.memory.read("M", "word", 100) == [22]
+
+
 def test_start_values_of_a_run_go_before_its_blocks(tmp_path: Path) -> None:
     bench = Bench(tmp_path, RUN.replace("STATUS", "yes") + "set: {N00000: 2}\n")
     bench.clock.run_for(SECOND + SECOND // 2)

@@ -119,6 +119,25 @@ def test_it_is_written_while_the_run_goes_on(tmp_path: Path) -> None:
         assert 8 <= file.kept.blocks[1, 0].started <= 10
 
 
+@pytest.mark.parametrize("words", [["--virtual"], ["--virtual", "--json"], []])
+def test_a_run_whose_last_state_cannot_be_written_ends_with_status_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    Bench(tmp_path).service.stop()
+    line = ["run", str(next(tmp_path.glob("*.run.yaml"))), "--for", "50ms", *words]
+    assert main(line) == 0
+    capsys.readouterr()
+
+    def full(file: StateFile, kept: object) -> int:
+        raise StateError("plant.state: the disk is full")
+
+    monkeypatch.setattr(StateFile, "save", full)
+    (tmp_path / "plant.state").unlink()
+    assert main(line) == 1
+    output = capsys.readouterr()
+    assert "plant.state: the disk is full" in (output.out if "--json" in words else output.err)
+
+
 def test_what_cannot_be_written_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(tmp_path)
     keeper = bench.service.keeper

@@ -31,6 +31,8 @@ class Session:
     title = ""
     problems: list[str]
     """What is told when it is over."""
+    lost = False
+    """Whether something is lost that should have been kept."""
     failure: Exception | None = None
     """Why it could not go on."""
     controls = False
@@ -134,6 +136,7 @@ class RunSession(Session):
             while not left.is_set() and self._virtual is not None and self._virtual.advance():
                 pass
             self.problems = [*self.service.problems, *self.watch.end()]
+            self.lost = bool(self.problems)
 
 
 def _line_of(channel: ChannelService) -> LineOf:

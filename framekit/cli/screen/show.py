@@ -32,4 +32,4 @@ def show(session: Session) -> int:
         raise failure if isinstance(failure, Failure) else Failure(str(failure))
     for problem in session.problems:
         print(problem, file=sys.stderr)
-    return 0
+    return 1 if session.lost else 0
