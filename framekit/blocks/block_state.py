@@ -25,13 +25,14 @@ class BlockState:
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
     counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: its quick
     start, False where it has none, None before somebody has asked. `key`: its set, and its number there. `chain`: the
-    blocks that made it due one after the other, each of which ended while it was being started.
+    blocks that made it due one after the other, each of which ended while it was being started. `switched_on`: the
+    block itself is on; `set_on`: its set is.
     """
 
     __slots__ = (
-        "block", "chain", "companions", "counters", "dead", "enabled", "has_station", "id", "key", "lane", "last_end",
+        "block", "chain", "companions", "counters", "dead", "has_station", "id", "key", "lane", "last_end",
         "last_failure", "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at",
-        "starts_left", "waiting",
+        "set_on", "starts_left", "switched_on", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
@@ -42,7 +43,8 @@ class BlockState:
         self.lane = block.lane
         self.chain: tuple[int, ...] = ()
         self.counters = Counters()
-        self.enabled = block.enabled
+        self.switched_on = block.enabled
+        self.set_on = True
         self.waiting = False
         self.starts_left = block.repeat
         self.memory_triggers: MemoryTriggers | None = None
@@ -56,6 +58,11 @@ class BlockState:
         self.prompt: Prompt | Literal[False] | None = None
         self.dead = False
         self.round = 0
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it may come due: neither it nor its set is switched off."""
+        return self.switched_on and self.set_on
 
     @property
     def running(self) -> bool:
@@ -101,6 +108,6 @@ class BlockState:
         """As at the start; what runs is still counted."""
         self.counters = Counters(started=1) if self.running else Counters()
         self.starts_left = self.block.repeat
-        self.enabled = self.block.enabled
+        self.switched_on = self.block.enabled
         self.last_failure, self.last_outcome, self.last_end = None, "", None
         self.reasons.clear()

@@ -36,12 +36,9 @@ class Scheduler(SchedulerCore):
             self.arm(state, now)
         self.tick(now)
 
-    def _set_on(self, state: BlockState) -> bool:
-        return self.sets.get(state.block.set, True)
-
     def arm(self, state: BlockState, now: int) -> None:
         """Arms the triggers of a block, unless its set is off; its time triggers count from here."""
-        if self._set_on(state):
+        if state.set_on:
             self._arming.arm(state, now)
 
     def end(self) -> None:
@@ -81,7 +78,7 @@ class Scheduler(SchedulerCore):
     def enable(self, number: int, on: bool, now: int) -> None:
         """Switches a block on or off; what runs ends as it does. Raises KeyError for a number there is not."""
         state = self.states[number]
-        state.enabled = on
+        state.switched_on = on
         if not on:
             self.lanes[state.lane].clear(lambda one: one is state)
         elif state.memory_triggers is not None and state.memory_triggers.level_holds():
@@ -101,8 +98,10 @@ class Scheduler(SchedulerCore):
             return
         self.sets[number] = on
         for state in self.states.values():
-            if state.block.set == number and self._active:
-                self.arm(state, now) if on else self._arming.disarm(state)
+            if state.block.set == number:
+                state.set_on = on
+                if self._active:
+                    self.arm(state, now) if on else self._arming.disarm(state)
         if not on:
             self._turns.clear(lambda state: state.block.set == number)
         self._wake()

@@ -66,13 +66,14 @@ class SchedulerCore:
 
     def _take_in(self, state: BlockState) -> None:
         """A block without a channel waits for nobody: it has a lane of its own."""
+        state.set_on = self.sets.get(state.block.set, True)
         self._arming.await_ends(state)
         self._turns.add(state.lane, LaneRules())
 
     # ---- becoming due -------------------------------------------------------------------------------------
 
     def _may_start(self, state: BlockState) -> bool:
-        if not (state.enabled and self._active and state.starts_left != 0 and self.sets.get(state.key[0], True)):
+        if not (state.switched_on and state.set_on and self._active and state.starts_left != 0):
             return False
         triggers = state.memory_triggers
         return triggers is None or triggers.unless is None or not triggers.unless()
@@ -126,9 +127,9 @@ class SchedulerCore:
         state = fired[0]
         if state.prompt is None:
             self._prepare(state)
-        if not (state.prompt and state.enabled and self._active and state.starts_left != 0):
+        if not (state.prompt and state.switched_on and state.set_on and self._active and state.starts_left != 0):
             return
-        if self.sets.get(state.key[0], True) and self.lanes[state.lane].take_at_once(state, now):
+        if self.lanes[state.lane].take_at_once(state, now):
             fired.clear()
             state.companions = ()
             afterwards = state.prompt()

@@ -83,6 +83,7 @@ class RunEditor:
         for number, on in edit.run.sets.items():
             if before.get(number) != on:  # one that somebody has switched by hand stays so
                 scheduler.set_enabled(number, on, now)
+                service.blocks.set_switched(number)
         added = [scheduler.add(block) for block in added_blocks(edit)]
         for state in added:
             block = state.block

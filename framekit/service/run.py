@@ -215,6 +215,7 @@ class RunService:
     def enable_set(self, number: int, on: bool = True) -> None:
         """Switches a parameter set on or off. Raises KeyError for a number there is not."""
         self.scheduler.enable_set(number, on, self.clock.now())
+        self.blocks.set_switched(number)
 
     def enable_channel(self, number: int, on: bool = True) -> None:
         """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises KeyError."""

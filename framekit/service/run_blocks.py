@@ -75,6 +75,12 @@ class RunBlocks:
         for state in self.states.values():
             self.memory.changed(state)
 
+    def set_switched(self, number: int) -> None:
+        """A parameter set is on or off: the words of its blocks show it."""
+        for state in self.states.values():
+            if state.block.set == number:
+                self.memory.changed(state)
+
     # ---- what the scheduler says --------------------------------------------------------------------------
 
     def _start(self, state: BlockState, now: int) -> None:

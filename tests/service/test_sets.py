@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from near_run import started
 
+from framekit.cli.status_output import status_data
 from framekit.service.run import RunService
+from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000
@@ -65,6 +67,24 @@ def test_a_set_is_switched_on_and_off(service: RunService, clock: VirtualClock) 
     assert service.devices[0].memory.read("holding", "word", 8, 1) == [5]
     with pytest.raises(KeyError):
         service.enable_set(3)
+
+
+def test_the_blocks_of_a_set_that_is_off_are_off(service: RunService, clock: VirtualClock) -> None:
+    def shown() -> list[tuple[str, bool]]:
+        data = status_data(run_status(service), 0)
+        return [(block["state"], block["enabled"]) for block in data["blocks"]]
+
+    clock.run_for(SECOND // 4)
+    assert shown() == [("ready", True), ("ready", True), ("ready", True), ("ready", True), ("off", False)]
+    service.enable_set(8)
+    service.enable_set(2, False)
+    assert shown() == [("ready", True), ("ready", True), ("off", False), ("off", False), ("ready", True)]
+    service.enable(0, False)
+    service.enable_set(1, False)
+    service.enable_set(1)
+    assert shown()[:2] == [("off", False), ("ready", True)], "a block that is off itself stays so"
+    service.reset()
+    assert shown() == [("ready", True), ("ready", True), ("off", False), ("off", False), ("ready", True)]
 
 
 def test_a_channel_is_opened_and_closed(service: RunService, clock: VirtualClock) -> None:
