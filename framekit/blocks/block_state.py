@@ -30,9 +30,28 @@ class BlockState:
     """
 
     __slots__ = (
-        "block", "chain", "companions", "counters", "dead", "has_station", "id", "key", "lane", "last_end",
-        "last_failure", "last_outcome", "memory_triggers", "probing", "prompt", "reasons", "round", "started_at",
-        "set_on", "starts_left", "switched_on", "waiting",
+        "block",
+        "chain",
+        "companions",
+        "counters",
+        "dead",
+        "has_station",
+        "id",
+        "key",
+        "lane",
+        "last_end",
+        "last_failure",
+        "last_outcome",
+        "memory_triggers",
+        "probing",
+        "prompt",
+        "reasons",
+        "round",
+        "set_on",
+        "started_at",
+        "starts_left",
+        "switched_on",
+        "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:

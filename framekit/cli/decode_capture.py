@@ -71,7 +71,8 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
             client=arguments.client,
         )
         for channel, seen in decoder.seen():
-            counts[seen.kind] += 1
+            if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+                counts[seen.kind] += 1
             if not wanted.takes(channel, seen):
                 continue
             if arguments.json:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
-from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
 from framekit.link.codes import code_text
 from framekit.link.counters import LinkCounters
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
@@ -37,6 +37,7 @@ class _Wires:
         self.direction: Direction = direction
         self.side = side
         self.cut_at = NEVER
+        self.told = ToldBytes()
 
 
 class Listener:
@@ -176,6 +177,7 @@ class Listener:
                 )
             )  # fmt: skip
         elif isinstance(found, BadFrame):
+            wires.told.bad(found)
             self.counters.bad += 1
             self.monitor(
                 Seen(
@@ -183,7 +185,7 @@ class Listener:
                     started_at=found.started_at, segment=found.segment, place=found.place,
                 )
             )  # fmt: skip
-        else:
+        elif wires.told.is_new(found):
             self.counters.noise_bytes += len(found.data)
             reason = "what a bad frame left" if found.skipped else ""
             self.monitor(Seen(wires.direction, "noise", at, found.data, reason=reason, started_at=found.started_at))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from framekit.definition.times import NEVER
-from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise, ToldBytes
 from framekit.link.clocks import frame_arriving, frame_gone
 from framekit.link.counters import LinkCounters
 from framekit.link.dispatch import Dispatcher
@@ -40,6 +40,7 @@ class Reception:
         self.counters = counters
         self.on_frame = on_frame
         self.cutting = False
+        self._told = ToldBytes()
         self._all = receiver.table.on_line
         self.interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
         self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
@@ -148,6 +149,7 @@ class Reception:
             self.machine.callbacks.append(lambda: on_frame(value))
 
     def _bad(self, bad: BadFrame) -> None:
+        self._told.bad(bad)
         self.counters.bad += 1
         self.machine.show(
             "bad", "in", bad.raw, bad.frame,
@@ -158,6 +160,8 @@ class Reception:
 
     def show_noise(self, found: Iterable[Noise]) -> None:
         for noise in found:
+            if not self._told.is_new(noise):
+                continue
             self.counters.noise_bytes += len(noise.data)
             reason = "what a bad frame left" if noise.skipped else ""
             self.machine.show("noise", "in", noise.data, started_at=noise.started_at, reason=reason)

@@ -121,7 +121,8 @@ class FrameLog:
     def add(self, channel: int, seen: Seen) -> None:
         """Takes what was seen on a channel."""
         self._number += 1
-        self.counts[seen.kind] += 1
+        if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+            self.counts[seen.kind] += 1
         if len(self._entries) == self._entries.maxlen:
             self.dropped += 1
         result = result_of(self.protocols[channel], seen, self.roles.get(channel))

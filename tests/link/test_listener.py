@@ -12,6 +12,7 @@ from framekit.definition.times import NEVER, parse_format
 from framekit.link.events import CharacterFault, LineFault
 from framekit.link.listener import LONGEST_PAUSE, Listener
 from framekit.link.observe import Seen
+from framekit.service.frame_log import FrameLog
 
 MS = 1_000_000
 CHARACTER = 1_145_833  # 9600 8E1
@@ -142,3 +143,20 @@ def test_another_sender_drops_what_is_unfinished() -> None:
     bench.hear(ASK[:4])
     bench.listener.other_sender(bench.now + MS)
     assert [(seen.kind, seen.raw) for seen in bench.seen] == [("noise", ASK[:4])]
+
+
+@pytest.mark.parametrize("name", ["modbus-rtu", "ccm"])
+def test_a_bad_frame_is_one_thing_in_every_view(name: str) -> None:
+    """A frame with a wrong check code is bad; that its bytes are passed over again afterwards is not noise as well."""
+    bench = Bench(name)
+    data = ASK[:-1] + b"\x00" if name == "modbus-rtu" else bytes.fromhex("01 30 31 30 31 30 31 30 31 30 31 30 31 17 77")
+    bench.hear(data)
+    bench.rest(2_000 * MS)
+    bench.hear(data)
+    bench.rest(2_000 * MS)
+    log = FrameLog({1: bench.listener.protocol})
+    for seen in bench.seen:
+        log.add(1, seen)
+    assert log.counts == {"bad": 2}
+    assert [seen.kind for seen in bench.seen] == ["bad", "bad"]
+    assert (bench.listener.counters.bad, bench.listener.counters.noise_bytes) == (2, 0)
