@@ -112,6 +112,10 @@ class BlockLoader:
         common = self._common(number, set_number, instruction, keys, entry)
         self._starts(instruction, keys, entry)
         channel = self._channel(keys, entry)
+        if channel.listens:
+            node = keys.get("channel") or entry.key
+            what = f"channel {channel.number} listens for connections and answers on them"
+            self.reader.note(node.at, what, "leave the block out, or use another channel")
         common["params"] = self.rules.params(keys, channel.protocol)
         common |= {"channel": channel.number, **self._station(instruction, keys, channel, entry)}
         found: dict[str, Any] | None

@@ -89,6 +89,9 @@ class ChannelLoader:
             port_at=port_node.at,
             faults=self._faults(keys.get("faults"), port, protocol),
         )
+        if channel.listens and channel.asks:
+            what = f"channel {entry.key.text} listens for connections, and nothing it does begins on one"
+            reader.note(port_node.at, what, "give it an answering role, or write tcp:// to connect to the other side")
         if self.spoilt:
             raise Broken(entry.key.text)
         return channel

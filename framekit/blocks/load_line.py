@@ -15,7 +15,7 @@ WIRES = ("type", "duplex", "direction", "echo", "handshake")
 """Keys that make sense only where there are wires."""
 
 
-NETWORK = ("tcp:", "udp:", "udp-listen:")
+NETWORK = ("tcp:", "tcp-listen:", "udp:", "udp-listen:")
 LONGEST_KEY = 1_000_000_000
 
 

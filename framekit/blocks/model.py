@@ -244,6 +244,17 @@ class Channel:
     at: Position
     port_at: Position
 
+    @property
+    def asks(self) -> bool:
+        """Whether its role begins exchanges; a protocol without roles may."""
+        return self.role is None or any(lane.exchange for lane in self.protocol.roles[self.role].lanes)
+
+    @property
+    def listens(self) -> bool:
+        """Whether others make connections to it, each of which is answered by itself."""
+        scheme = self.port.partition("://")[0].lower()
+        return scheme == "tcp-listen" or (scheme == "tcp" and not self.asks)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptState:

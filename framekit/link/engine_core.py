@@ -61,6 +61,7 @@ class EngineCore:
         monitor: Monitor | None = None,
         clock_start: datetime = DEFAULT_START,
         device: DeviceState | None = None,
+        counters: LinkCounters | None = None,
     ) -> None:
         if line is None and protocol.line.kind == "serial":
             line = parse_format(protocol.line.format, protocol.line.speed)
@@ -69,7 +70,7 @@ class EngineCore:
         self.scope = Scope(
             protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start, device=device
         )
-        self.counters = LinkCounters()
+        self.counters = LinkCounters() if counters is None else counters
         self._commands: list[Command] = []
         table = FrameTable(protocol, codec)
         self._context = Names({"request": None, "buffer": b""}, self.scope)

@@ -18,6 +18,7 @@ from framekit.link.serving import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
 from framekit.service.driver import Driver, Moment
+from framekit.service.listening_port import ListeningPort
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
@@ -59,6 +60,7 @@ class ChannelService:
         self.receive_for(receiving)
         protocol = channel.protocol
         codec = compile_protocol(protocol)
+        self._answering = server = self._server(codec, access)
         self.engine = Engine(
             protocol,
             codec,
@@ -67,7 +69,7 @@ class ChannelService:
             line=channel.line,
             own=channel.own,
             now=clock.now(),
-            server=self._server(codec, access),
+            server=server,
             memory=access,
             ask=self._ask,
             on_frame=self._frame,
@@ -114,6 +116,10 @@ class ChannelService:
         if state != "open":
             self.transfers.closed("closed")
         self.owner.opened(self.channel.number, state == "open")
+
+    def answer_connections(self, port: ListeningPort, access: AddressedMemory, monitor: Monitor | None) -> None:
+        """Connections made to this port are answered as the channel would, and counted with it."""
+        port.answer(access, self._answering, monitor, self.engine.counters, self.driver.load)
 
     def start(self) -> None:
         self.driver.start()

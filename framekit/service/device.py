@@ -11,8 +11,10 @@ from framekit.blocks.device import Device
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.times import LineFormat
+from framekit.link.counters import LinkCounters
 from framekit.link.device_state import DeviceState
 from framekit.link.engine import Engine
+from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.observe import Monitor
 from framekit.link.scope import Scope
@@ -21,6 +23,7 @@ from framekit.memory.clock_bits import SystemBits
 from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
+from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
 from framekit.service.refusing_server import RefusingServer
 from framekit.service.service_counters import CountingServer, ServiceCounters
@@ -32,23 +35,33 @@ class DeviceStore:
     """What a device keeps, whoever talks to it: memory, variables, clock, counters, the plan of its faults.
 
     `of_line` are the faults of its line, beside its own; what is done of them is counted in `faults.injected`.
+
+    With `access` it has that memory and none of its own, with `server` others answer for it; frames and bytes of all
+    connections are counted in `link` and `load`, where they are given.
     """
 
-    def __init__(self, device: Device, clock: Clock, of_line: FaultPlan | None = None) -> None:
+    def __init__(
+        self, device: Device, clock: Clock, of_line: FaultPlan | None = None, *, access: AddressedMemory | None = None,
+        server: Server | None = None, link: LinkCounters | None = None, load: LineLoad | None = None,
+    ) -> None:  # fmt: skip
         self.device = device
         self.clock = clock
-        self.memory = device.create_memory()
+        self.link, self.load = link, load
+        self.memory = device.create_memory() if access is None else access.memory
         self.state = DeviceState()
         self.counters = ServiceCounters()
-        self.system = self._system_bits()
+        self.system = self._system_bits() if access is None else None
         codec = compile_protocol(device.protocol)
-        server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
         plan = of_line if device.faults is None else device.faults.joined(of_line)
         self.faults = None if plan is None else self._injector(plan, codec)
-        answering = server if self.faults is None else RefusingServer(server, self.faults)
-        self.server = CountingServer(RefreshedServer(answering, self.refresh), self.counters)
-        self.access = AddressedMemory(self.memory, device.grammar, self.refresh)
+        self.server = CountingServer(self._answering(codec) if server is None else server, self.counters)
+        self.access = AddressedMemory(self.memory, device.grammar, self.refresh) if access is None else access
         self._begun = False
+
+    def _answering(self, codec: Codec) -> Server:
+        device = self.device
+        server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
+        return RefreshedServer(server if self.faults is None else RefusingServer(server, self.faults), self.refresh)
 
     def _injector(self, plan: FaultPlan, codec: Codec) -> FaultInjector:
         device = self.device
@@ -115,9 +128,12 @@ class DeviceService:
             now=clock.now(),
             monitor=monitor,
             device=store.state,
+            counters=store.link,
         )
         line_port = port if self.faults is None else FaultyPort(port, self.faults)
         self.driver = Driver(self.engine, line_port, clock, on_state)
+        if store.load is not None:
+            self.driver.load = store.load
 
     def watch_troubles(self, told: Callable[[str], None]) -> None:
         """From now on `told` hears why the device cannot do what it should; a request that has no reply is one case."""

@@ -14,6 +14,7 @@ from framekit.link.observe import Seen
 from framekit.service.channel import ChannelOwner, ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.driver import Moment
+from framekit.service.listening_port import ListeningPort
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.ports import devices_of, port_for
 from framekit.transport.clock import Clock
@@ -55,11 +56,16 @@ class RunChannels:
         Raises DefinitionError for a wrong device file, ValueError for a port that cannot be made.
         """
         monitor = self._monitor
-        port, devices = port_for(channel, devices_of(channel, Path(folder)), self._clock)
+        listening = ListeningPort(channel, self._clock) if channel.listens else None
+        port, devices = (
+            port_for(channel, devices_of(channel, Path(folder)), self._clock) if listening is None else (listening, [])
+        )
         watcher = None if monitor is None else lambda seen: undisturbed(monitor, channel.number, seen)
         for device in devices:
             device.watch_troubles(lambda trouble: self._trouble(channel.number, trouble))
         service = ChannelService(channel, port, self._clock, self._access, blocks, self._owner, watcher, self._moment)
+        if listening is not None:
+            service.answer_connections(listening, self._access, watcher)
         return service, devices
 
     def _trouble(self, number: int, what: str) -> None:

@@ -60,7 +60,7 @@ class Serving:
 
     def __init__(
         self,
-        devices: Sequence[Device],
+        devices: Sequence[Device | DeviceStore],
         clock: Clock,
         line: LineFormat | None,
         monitor: ServingMonitor | None = None,
@@ -74,7 +74,7 @@ class Serving:
         self.monitor = monitor
         self.on_state = on_state or (lambda port, state: None)
         self.wrap = wrap or (lambda port: port)
-        self.stores = [DeviceStore(device, clock) for device in devices]
+        self.stores = [one if isinstance(one, DeviceStore) else DeviceStore(one, clock) for one in devices]
         self.stations: dict[Port, list[DeviceService]] = {}
         self.line_errors: Counter[str] = Counter()
         self.connections = 0
@@ -96,6 +96,13 @@ class Serving:
             raise ValueError("a listener needs real time")
         self.listener = TcpListener(host, number, self.clock, self.accept)
         return await self.listener.start()
+
+    def listen_now(self, host: str, number: int) -> int:
+        """As `listen`; connections are accepted as soon as the loop goes on. Raises OSError."""
+        if not isinstance(self.clock, AsyncioClock):
+            raise ValueError("a listener needs real time")
+        self.listener = listener = TcpListener(host, number, self.clock, self.accept)
+        return listener.listen()
 
     async def listen_for_datagrams(self, host: str, number: int) -> int:
         """Answers every sender of datagrams to `host:number` by itself. Raises OSError."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 import asyncio
 import os
 import select
+import socket
 from pathlib import Path
 
 from framekit.blocks.load import load_run
+from framekit.link.observe import Seen
 from framekit.service.run import RunService
+from framekit.service.status import run_status
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair
 
@@ -75,5 +78,86 @@ def test_two_channels_serve_one_memory(tmp_path: Path) -> None:
                 assert service.memory.read("M", "word", 101) == [0xBEEF]
             finally:
                 service.stop()
+
+    asyncio.run(asyncio.wait_for(scenario(), LONGEST))
+
+
+LISTENING = """
+run: listening
+memory: masterlogic
+channels:
+  1: {port: "tcp-listen://127.0.0.1:0", protocol: modbus-tcp, role: server, own: 1, map: {holding: M100}}
+  2: {port: "tcp://127.0.0.1:0", protocol: mldp, role: server, own: 1}
+set: {M100: [0x1234, 0x5678]}
+blocks: {}
+"""
+MODBUS_READ = bytes.fromhex("0001 0000 0006 01 03 0000 0002")
+MODBUS_REPLY = bytes.fromhex("0001 0000 0007 01 03 04")
+
+
+async def exchanged(link: tuple[asyncio.StreamReader, asyncio.StreamWriter], request: bytes, size: int) -> bytes:
+    link[1].write(request)
+    return await link[0].readexactly(size)
+
+
+def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        path = tmp_path / "listening.run.yaml"
+        path.write_text(LISTENING, "utf-8")
+        opened: dict[int, asyncio.Event] = {1: asyncio.Event(), 2: asyncio.Event()}
+
+        def seen(channel: int, what: object) -> None:
+            opened[channel].set()
+
+        service = RunService(load_run(path), AsyncioClock(asyncio.get_running_loop()), seen)
+        service.start()
+        links = []
+        try:
+            for event in opened.values():
+                await event.wait()
+            ports = [int(service.channels[number].driver.port.name.rpartition(":")[2]) for number in (1, 2)]
+            for port in (ports[0], ports[0], ports[1]):
+                links.append(await asyncio.open_connection("127.0.0.1", port))
+            one, other, snet = links
+            assert await exchanged(one, MODBUS_READ, 13) == MODBUS_REPLY + bytes.fromhex("1234 5678")
+            write = bytes.fromhex("0002 0000 0006 01 06 0001 BEEF")
+            assert await exchanged(other, write, 12) == write
+            assert await exchanged(one, MODBUS_READ, 13) == MODBUS_REPLY + bytes.fromhex("1234 BEEF")
+            assert await exchanged(snet, MLDP_READ, 19) == b"\x0601RSB01041234BEEF\x03"
+            assert service.memory.read("M", "word", 101) == [0xBEEF]
+            status = {one.number: one for one in run_status(service).channels}
+            assert (status[1].state, status[1].frames_in, status[1].bytes_in) == ("open", 3, 36)
+            assert status[2].frames_in == 1
+        finally:
+            for _, writer in links:
+                writer.close()
+            service.stop()
+
+    asyncio.run(asyncio.wait_for(scenario(), LONGEST))
+
+
+def test_a_port_that_is_taken_is_told_and_tried_again(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        taken = socket.create_server(("127.0.0.1", 0))
+        number = taken.getsockname()[1]
+        path = tmp_path / "listening.run.yaml"
+        path.write_text(LISTENING.replace("tcp-listen://127.0.0.1:0", f"tcp-listen://127.0.0.1:{number}"), "utf-8")
+        states: list[str] = []
+        opened = asyncio.Event()
+
+        def seen(channel: int, what: Seen) -> None:
+            if channel == 1:
+                states.append(what.reason)
+                taken.close()
+                if service.channels[1].state == "open":
+                    opened.set()
+
+        service = RunService(load_run(path), AsyncioClock(asyncio.get_running_loop()), seen)
+        service.start()
+        try:
+            await opened.wait()
+            assert "Address already in use" in states[0]
+        finally:
+            service.stop()
 
     asyncio.run(asyncio.wait_for(scenario(), LONGEST))

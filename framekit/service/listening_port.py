@@ -1,0 +1,70 @@
+"""A channel's port that listens: while it is open, each connection made to it is answered by an engine of its own.
+
+Nothing is sent or received on the port itself.
+"""
+
+from __future__ import annotations
+
+from framekit.blocks.device import Device
+from framekit.blocks.model import Channel
+from framekit.link.counters import LinkCounters
+from framekit.link.exchange import Server
+from framekit.link.observe import Monitor
+from framekit.service.device import DeviceStore
+from framekit.service.line_load import LineLoad
+from framekit.service.memory_access import AddressedMemory
+from framekit.service.serving import Serving
+from framekit.transport.clock import AsyncioClock, Clock
+from framekit.transport.open_port import host_and_port
+from framekit.transport.port import Port, PortEvents
+from framekit.transport.tcp_port import bracketed
+
+
+class ListeningPort(Port):
+    """Listens where `channel` says. Raises ValueError for what is no address, and on a clock that is not real."""
+
+    def __init__(self, channel: Channel, clock: Clock) -> None:
+        if not isinstance(clock, AsyncioClock):
+            raise ValueError(f"'{channel.port}' is a real port and needs real time – use sim: on a virtual clock")
+        self.channel = channel
+        self.clock = clock
+        self.name = channel.port
+        self.settings = None
+        self.host, self.number = host_and_port(channel.port.partition("://")[2])
+        self.serving: Serving | None = None
+
+    def answer(
+        self, access: AddressedMemory, server: Server | None, monitor: Monitor | None, counters: LinkCounters,
+        load: LineLoad,
+    ) -> None:  # fmt: skip
+        """From now on connections are answered from this memory by this server, and counted here."""
+        channel = self.channel
+        device = Device(
+            name=f"channel {channel.number}", protocol=channel.protocol, role=channel.role, own=channel.own,
+            params=channel.params, areas=(), grammar=access.grammar, profile=None, mapping=channel.mapping, initial=(),
+        )  # fmt: skip
+        store = DeviceStore(device, self.clock, access=access, server=server, link=counters, load=load)
+        watch = None if monitor is None else lambda port, number, seen: monitor(seen)
+        self.serving = Serving([store], self.clock, channel.line, watch)
+
+    def open(self, events: PortEvents) -> None:
+        now = self.clock.now()
+        assert self.serving is not None
+        try:
+            self.number = self.serving.listen_now(self.host, self.number)
+        except OSError as error:
+            reason = f"{self.channel.port}: {error.strerror or error}"
+            self.clock.call_soon(lambda: events.closed(now, reason))
+            return
+        self.name = f"tcp-listen://{bracketed(self.host)}:{self.number}"
+        self.clock.call_soon(lambda: events.opened(now))
+
+    def write(self, data: bytes) -> None:
+        """There is nobody on the port itself."""
+
+    def close(self) -> None:
+        if self.serving is not None:
+            self.serving.stop()
+
+    def send_break(self, duration: int) -> None:
+        """There is nobody on the port itself."""
