@@ -6,7 +6,10 @@ least, so that nobody has to ask for every single one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from framekit.codec.python.branches import default_text, numbers_of
+from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure_wraps import WrapMeasurer
@@ -114,6 +117,27 @@ class MeasureWriter(WrapMeasurer):
         if constant:
             with self.out.block(f"if {test}:"):
                 self.add("return 0")
+        for place, allowed in self._first_bytes():
+            if place >= len(constant):
+                found = f"data[start + {place}]" if place else "data[start]"
+                one = f"!= {min(allowed):#04x}" if len(allowed) == 1 else f"not in {literal(bytes(sorted(allowed)))}"
+                with self.out.block(f"if start + {place} < end and {found} {one}:"):
+                    self.add("return 0")
+
+    def _first_bytes(self) -> Iterator[tuple[int, frozenset[int]]]:
+        """The bytes a frame begins with, as far as constants, `where` and names that may not be others say it.
+
+        Where nothing is read after a bad frame, one that begins otherwise has to be told of: it is no noise.
+        """
+        if self.module.protocol.receiver.resync == "never":
+            return
+        allowed: dict[int, frozenset[int]] = {}
+        for place, values in fixed_bytes(self.segments):
+            allowed[place] = allowed.get(place, values) & values
+        for place in range(len(allowed)):
+            if place not in allowed or len(allowed[place]) == 256:
+                return
+            yield place, allowed[place]
 
     def _to_tail(self, tail: Pairs) -> None:
         """A delimited body ends where the first byte of the tail stands."""

@@ -201,9 +201,11 @@ class TakeWriter:
 def _fits_always(segment: Segment, needed: set[str]) -> bool:
     """Whether measuring finds nothing wrong with a segment that is there, whatever its bytes are."""
     if isinstance(segment, Field):
-        return segment.long is None and (segment.name not in needed or segment.type.kind in ("ascii", "bytes"))
+        is_free = segment.constants is None and segment.is_ is None and not segment.only
+        is_text = segment.type.kind in ("ascii", "bytes")
+        return is_free and segment.long is None and (segment.name not in needed or is_text)
     if isinstance(segment, Bits):
-        return all(part.name not in needed for part in segment.parts)
+        return all(part.name not in needed and not part.constants and part.is_ is None for part in segment.parts)
     return isinstance(segment, (Const, Skip))
 
 
