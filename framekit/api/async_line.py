@@ -15,6 +15,7 @@ from typing import Any, Self
 from framekit.api.errors import LineClosedError, NoReplyError, RequestError
 from framekit.api.results import Frame
 from framekit.api.settings import LineSettings
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, did_you_mean
 from framekit.link.observe import Seen
@@ -182,7 +183,7 @@ class AsyncLine:
         try:
             service.send(frame, fields or {}, lambda sent: None if left.done() else left.set_result(sent))
         except (ValueError, LookupError, TypeError) as error:
-            raise RequestError(f"frame '{frame}': {error}") from None
+            raise RequestError(f"frame '{frame}': {explain(error)}") from None
         if not await left:
             raise LineClosedError(f"the line was closed before '{frame}' had left", "closed")
 

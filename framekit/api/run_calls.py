@@ -14,6 +14,7 @@ from framekit.api.memory import Do, Memory
 from framekit.blocks.block_status import BlockStatus
 from framekit.blocks.load import load_run
 from framekit.blocks.model import Run as RunModel
+from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.observe import Seen
@@ -216,7 +217,7 @@ def nanoseconds(time: str | float) -> int:
     try:
         found = parse_time(time) if isinstance(time, str) else round(time * 1e9)
     except (ValueError, OverflowError) as error:
-        raise RequestError(str(error)) from None
+        raise RequestError(explain(error)) from None
     if found < 0:
         raise RequestError("a time is not less than 0")
     return found

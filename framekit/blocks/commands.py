@@ -14,6 +14,7 @@ from typing import Any
 from framekit.blocks.block_status import Failure
 from framekit.blocks.command_words import Command, CommandFaultError, CommandWords
 from framekit.blocks.operations import Operation, OperationEnd, ParamsOf, fitted
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.block_work import CompiledAfter, CompiledBlock, CompiledPlace, compile_afters
@@ -153,7 +154,7 @@ class CommandBlocks:
             command = self.words.read(data)
             status = self.status_place(command)
         except (CommandFaultError, DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            ended(CommandEnd(fault=str(error)))
+            ended(CommandEnd(fault=explain(error)))
             return []
         self.scope.now = now
         refusal, block, names = self.plan(command)
@@ -201,7 +202,7 @@ class CommandBlocks:
                     self._store(row.store.on(known))
             except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
                 if end.ok:
-                    end.outcome, end.cause = "cannot_store", str(error)
+                    end.outcome, end.cause = "cannot_store", explain(error)
 
     def _store(self, given: dict[str, Any]) -> None:
         data = bytes(given.pop("data"))
@@ -218,7 +219,7 @@ class CommandBlocks:
                 return SUCCESS if self._done is None else int(self._done(known)) & 0xFFFF
             return end.status or int(self._failed(known)) & 0xFFFF
         except EVALUATION_ERRORS as error:
-            end.cause = end.cause or f"the status word cannot be worked out: {error!r}"
+            end.cause = end.cause or f"the status word cannot be worked out: {explain(error)}"
             return 0xFFFF
 
     def _finish(self, place: Span, names: Names, end: OperationEnd) -> CommandEnd:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from framekit.codec.shown import explain
 from framekit.link.addresses import Address, AddressError
 from framekit.link.block_work import CompiledAfter, CompiledBlock
 from framekit.link.client import Client, TransferResult
@@ -108,7 +109,7 @@ class Operation:
             params = {**known, **{name: compute(self.names) for name, compute in block.params.items()}}
             self._back = self.engine.scope.override(params) if params else None
         except (ParameterError, *EVALUATION_ERRORS) as error:
-            return self._failed("cannot_send", str(error))
+            return self._failed("cannot_send", explain(error))
         if not session:
             return self._act(now)
         commands: list[Command] = []
@@ -131,7 +132,7 @@ class Operation:
         except AddressError as error:
             return self._failed(NO_PLACE, str(error))
         except EVALUATION_ERRORS as error:
-            return self._failed("cannot_send", str(error))
+            return self._failed("cannot_send", explain(error))
         self._ended()
         return []
 

@@ -21,6 +21,7 @@ from framekit.blocks.operations import ParamsOf
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
 from framekit.blocks.repeated_read import RepeatedRead
 from framekit.blocks.results import arguments_of_call, result_pieces
+from framekit.codec.shown import explain
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import StationType
 from framekit.link.addresses import AddressError
@@ -81,7 +82,7 @@ class BlockTransfers:
         try:
             return self._start(block, now, ended)
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            ended(Failure(outcome="cannot_send", cause=str(error)))
+            ended(Failure(outcome="cannot_send", cause=explain(error)))
             return []
 
     def _start(self, block: Block, now: int, ended: Ended) -> list[Command]:
@@ -150,7 +151,7 @@ class BlockTransfers:
             return self.client.read(address, station=station, count=count, now=now, on_done=done)
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             for read in reads:
-                read.key[1](Failure(outcome="cannot_send", cause=str(error)))
+                read.key[1](Failure(outcome="cannot_send", cause=explain(error)))
             return []
 
     def read_of(self, block: Block, ended: Ended) -> Read[tuple[Block, Ended]] | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.main import WrongWords
+from framekit.codec.shown import explain
 
 if TYPE_CHECKING:
     from framekit.codec.stored import StoredCodec
@@ -140,7 +141,7 @@ def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> Non
     try:
         scope.set(name, parse(value) if isinstance(value, str) else value)
     except (ValueError, TypeError) as error:
-        raise WrongWords(f"variable '{name}': {error}") from None
+        raise WrongWords(f"variable '{name}': {explain(error)}") from None
 
 
 def duration_of(text: str | None) -> int | None:

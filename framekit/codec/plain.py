@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.codec.errors import EncodeError
-from framekit.codec.shown import shown
+from framekit.codec.shown import explain, shown
 from framekit.definition.load.scalars import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -61,7 +61,7 @@ class PlainValues:
             except (ValueError, TypeError) as error:
                 if isinstance(error, EncodeError):
                     raise
-                raise EncodeError(name, f"'{name}': {str(error).partition(' – ')[0]}") from None
+                raise EncodeError(name, f"'{name}': {explain(error).partition(' – ')[0]}") from None
         return result
 
     def _value(self, segment: Segment, value: Any) -> Any:

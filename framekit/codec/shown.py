@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from opcode import opmap
+from pathlib import Path
 from typing import Any
 
 
@@ -14,3 +16,30 @@ def shown(value: Any) -> Any:
     if isinstance(value, list):
         return [shown(item) for item in value]
     return value
+
+
+_OURS = str(Path(__file__).parent.parent)
+_RAISE = opmap["RAISE_VARARGS"]
+
+
+def explain(error: Exception) -> str:
+    """What went wrong, in framekit's words: what the interpreter says of its own accord is for nobody else."""
+    if isinstance(error, KeyError):
+        name = error.args[0] if error.args else ""
+        return name if isinstance(name, str) and " " in name else f"there is no '{name}'"
+    text = str(error)
+    return text if text and _is_worded(error) else "it cannot be worked out from these values"
+
+
+def _is_worded(error: Exception) -> bool:
+    """Whether a statement of framekit, or of a module made by it, has raised the error, and so worded it."""
+    if type(error).__module__.startswith("framekit"):
+        return True
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    if place is None:
+        return True
+    code = place.tb_frame.f_code
+    is_ours = code.co_filename.startswith((_OURS, "<"))
+    return is_ours and code.co_code[place.tb_lasti] == _RAISE

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression
 from framekit.link.addresses import AddressError
 from framekit.link.construct_values import EACH
@@ -148,7 +149,7 @@ class BackwardRow:
         try:
             return evaluate(names)
         except EVALUATION_ERRORS as error:
-            raise MismatchError(str(error)) from None
+            raise MismatchError(explain(error)) from None
 
     def _bind(self, binding: Binding, names: Names) -> None:
         """The names with values, then those whose values follow from what area it is; `back` goes before them."""

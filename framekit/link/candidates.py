@@ -11,7 +11,7 @@ from functools import partial
 
 from framekit.codec.errors import FrameError
 from framekit.link.arrivals import BadFrame, Fault
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
 from framekit.link.frame_info import FrameInfo
 from framekit.link.inside import InsideFinder
@@ -49,11 +49,7 @@ class Candidates:
             if type(said) is not Unfinished or end - position <= said.had:
                 return said
             seen, before = said.seen, said.had
-        try:
-            length = info.measure(stream.buffer, position, end, self._context, seen)
-        except EVALUATION_ERRORS as error:
-            self._trouble(info.name, error)
-            length = 0
+        length = self._length(info, position, end, seen)
         result: Result
         if length > 0:
             result = Complete(length)
@@ -66,6 +62,14 @@ class Candidates:
             result = Unfinished(silent, end - position, before, 0 if silent else end - position - length)
         self.said[info.name] = result
         return result
+
+    def _length(self, info: FrameInfo, start: int, end: int, seen: int = 0) -> int:
+        """What measuring says; where it fails, that no such frame begins here."""
+        try:
+            return info.measure(self._stream.buffer, start, end, self._context, seen)
+        except CODEC_ERRORS as error:
+            self._trouble(info.name, error)
+            return 0
 
     def read(self, info: FrameInfo, complete: Complete) -> Result:
         """What a complete candidate holds: a good frame or a bad one."""
@@ -119,13 +123,13 @@ class Candidates:
             return self._damaged(info, raw, fault, True)
         try:
             return Good(info, raw, info.decode(raw, self._context), None)
-        except EVALUATION_ERRORS as error:
+        except CODEC_ERRORS as error:
             return self._judged(info, raw, error, True)
 
     def _judged(self, info: FrameInfo, raw: bytes, error: Exception, known_end: bool) -> Result:
         if not isinstance(error, FrameError):
             self._trouble(info.name, error)
-            return NO
+            return self._bad(info, raw, lambda: Fault("value", expected="values that fit together"), known_end)
         if error.refuse is not None:
             return Good(info, raw, dict(error.fields), error.refuse)
         return self.misread(info, raw, error, known_end)
@@ -142,7 +146,7 @@ class Candidates:
         low, high = start + 1, end
         while low < high:
             middle = (low + high) // 2
-            if info.measure(self._stream.buffer, start, middle, self._context, 0) == self._lost:
+            if self._length(info, start, middle) == self._lost:
                 high = middle
             else:
                 low = middle + 1
@@ -152,7 +156,7 @@ class Candidates:
             return self._damaged(info, raw, fault, False)
         try:
             info.decode(raw, self._context)
-        except EVALUATION_ERRORS as error:
+        except CODEC_ERRORS as error:
             judged = self._judged(info, raw, error, False)
             return judged if judged is NO or type(judged) is Bad else self._endless(info, raw)
         return self._endless(info, raw)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.link.addresses import Address
 from framekit.link.client_exchanges import ClientExchanges, given_in
 from framekit.link.direct_read import DirectRead
@@ -184,7 +185,9 @@ class Client(ClientExchanges):
             except ServiceError as error:
                 problem = problem or error
             except EVALUATION_ERRORS as error:
-                problem = ServiceError(f"the condition of row '{facts.row.name}' cannot be worked out: {error!r}")
+                problem = ServiceError(
+                    f"the condition of row '{facts.row.name}' cannot be worked out: {explain(error)}"
+                )
         kind = f"{len(pieces)} addresses" if pieces else "no address"
         raise problem or ServiceError(f"no row of '{rows[0].row.service}' fits these arguments and {kind}")
 

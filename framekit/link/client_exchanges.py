@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
 
+from framekit.codec.shown import explain
 from framekit.definition.model import protocol as model
 from framekit.link.construct_values import EACH
 from framekit.link.direct import DirectRequest
@@ -97,7 +98,7 @@ class ClientExchanges:
             buffer = b"" if row.buffer is None else row.buffer(offered)
             run = None if plan.facts.run is None else plan.facts.run(offered)
         except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the request of row '{plan.facts.row.name}' cannot be made: {error}") from None
+            raise ServiceError(f"the request of row '{plan.facts.row.name}' cannot be made: {explain(error)}") from None
         arguments = self._arguments(run, offered) if pieces and request is None else {}
         return Prepared(row, pieces, offered, run, names["station"], request, buffer, arguments, params)
 
@@ -140,7 +141,7 @@ class ClientExchanges:
                 raise UnfitReplyError("the reply brings no data")
             return Answer(data=data, gives=gives)
         except EVALUATION_ERRORS as error:
-            return Answer(TransferResult(False, outcome="unfit_reply", cause=str(error)))
+            return Answer(TransferResult(False, outcome="unfit_reply", cause=explain(error)))
 
     def _gives(self, asked: Prepared, outcome: Outcome) -> dict[str, Any]:
         if not asked.row.gives:

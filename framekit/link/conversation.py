@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation, ScriptLine
 from framekit.definition.times import NEVER, LineFormat, readable_time
@@ -74,7 +75,7 @@ def run_conversation(
     try:
         return _Player(case, protocol, codec, make_side, line or default_line(protocol)).run()
     except EVALUATION_ERRORS as error:
-        return [f"{case.at}: {case.name}: {error}"]
+        return [f"{case.at}: {case.name}: {explain(error)}"]
 
 
 class _Player:

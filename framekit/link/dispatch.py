@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.link.arrivals import BadFrame
-from framekit.link.evaluate import EVALUATION_ERRORS, explain
+from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.lanes import Lanes
 from framekit.link.machine import Machine
 from framekit.link.program import CompiledRow, rows_naming

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.clock import DEFAULT_START
@@ -165,7 +166,7 @@ class EngineCore:
         machine.show("trouble", reason="one event leads to another without end")
 
     def _frame_trouble(self, frame: str, error: Exception) -> None:
-        self.machine.show("trouble", frame=frame, reason=str(error))
+        self.machine.show("trouble", frame=frame, reason=explain(error))
 
     # ---- time ---------------------------------------------------------------------------------------------
 

@@ -97,9 +97,5 @@ def compile_expression(expression: Expression) -> Evaluate:
 
 EVALUATION_ERRORS = (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError)
 
-
-def explain(error: Exception) -> str:
-    """What went wrong, in words."""
-    if isinstance(error, KeyError):
-        return f"there is no '{error.args[0]}'" if error.args else "a name is missing"
-    return str(error) or type(error).__name__
+CODEC_ERRORS = Exception
+"""What a receiver takes for a frame that does not fit: whatever its functions raise, nothing ends the line."""

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from framekit.codec.plain import PlainValues
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import FrameVector
 from framekit.definition.times import NEVER, LineFormat, parse_format
@@ -26,7 +27,7 @@ def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: Codec) -> l
     try:
         return _Case(vector, protocol, codec).run()
     except EVALUATION_ERRORS as error:
-        return [f"{_title(vector)}: {error}"]
+        return [f"{_title(vector)}: {explain(error)}"]
 
 
 def _title(vector: FrameVector) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
@@ -165,7 +166,7 @@ def _layout(decode: Callable[..., dict[str, Any]], fields: Match) -> Match:
         try:
             record = read_layout(decode, actual, names)
         except EVALUATION_ERRORS as error:
-            raise DamagedBufferError(error if isinstance(error, ValueError) else ValueError(str(error))) from None
+            raise DamagedBufferError(error if isinstance(error, ValueError) else ValueError(explain(error))) from None
         fields(record, binding, names)
 
     return match

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
@@ -210,4 +211,4 @@ class Listener:
         self.monitor(Seen(direction, kind, at))
 
     def _trouble(self, frame: str, error: Exception) -> None:
-        self.monitor(Seen("", "trouble", self.scope.now, frame=frame, reason=str(error)))
+        self.monitor(Seen("", "trouble", self.scope.now, frame=frame, reason=explain(error)))

@@ -11,7 +11,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived
 from framekit.link.candidates import Candidates, Trouble
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.frame_info import FrameInfo, Make
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.inside import InsideFinder
@@ -160,7 +160,7 @@ class Looking(Recovery):
         raw = bytes(stream.buffer[start:end])
         try:
             fields = info.decode(raw, self._names)
-        except EVALUATION_ERRORS as error:
+        except CODEC_ERRORS as error:
             self._trouble(info.name, error)
             fields = {}
         arrived = self._arrival(info.make, fields, raw, start)

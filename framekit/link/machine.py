@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
-from framekit.link.evaluate import EVALUATION_ERRORS, explain
+from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.exchange import Asked, Exchange, Outcome
 from framekit.link.program import CompiledSequence
 from framekit.link.runs import Activation, Dealing, Run, State

@@ -9,7 +9,7 @@ from typing import Any
 
 from framekit.codec.errors import FrameError
 from framekit.link.arrivals import Arrival, BadFrame, Noise
-from framekit.link.evaluate import EVALUATION_ERRORS
+from framekit.link.evaluate import CODEC_ERRORS
 from framekit.link.frame_info import FrameInfo
 from framekit.link.interest import Interest, Left
 from framekit.link.rough import UNSURE, WANTING
@@ -39,7 +39,7 @@ class PlainLooking(RowLooking):
                 return False
             try:
                 taken = self._taken(left)
-            except EVALUATION_ERRORS:
+            except CODEC_ERRORS:
                 return False
             info, size, fields, _ = taken
             if info is None or fields is None:

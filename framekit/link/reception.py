@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise, ToldBytes
 from framekit.link.clocks import frame_arriving, frame_gone
@@ -137,7 +138,7 @@ class Reception:
         try:
             self.machine.announce(value)
         except EVALUATION_ERRORS as error:
-            self.machine.show("trouble", frame=value.frame, reason=str(error))
+            self.machine.show("trouble", frame=value.frame, reason=explain(error))
 
     def unsolicited(self, value: FrameValue) -> None:
         """A good frame that nobody took."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
@@ -145,7 +146,7 @@ class ReplyReader:
         except UnfitReplyError:
             raise
         except EVALUATION_ERRORS as error:
-            raise UnfitReplyError(f"the reply cannot be read: {error}") from None
+            raise UnfitReplyError(f"the reply cannot be read: {explain(error)}") from None
         return found
 
     def _unpacked(self, found: Found, pieces: Sequence[Piece]) -> list[bytes]:

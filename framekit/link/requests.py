@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
 from framekit.link.packing import cut_memory, values_of
@@ -171,7 +172,7 @@ class Planner:
         try:
             return int(limit(offered))
         except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the limit of row '{facts.row.name}' cannot be worked out: {error!r}") from None
+            raise ServiceError(f"the limit of row '{facts.row.name}' cannot be worked out: {explain(error)}") from None
 
     def _exchanges(self, facts: RowFacts, pieces: Iterator[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
         if not facts.row.most_variables:

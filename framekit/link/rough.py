@@ -10,7 +10,7 @@ from typing import Any
 
 from framekit.link.arrivals import Arrival, BadFrame, Fault, Noise, new_tuple
 from framekit.link.candidates import fault_of
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.frame_info import FrameInfo, Taken
 from framekit.link.interest import NOT_LOOKED, Interest, Left
 from framekit.link.looking import Looking
@@ -93,7 +93,7 @@ class RoughLooking(Looking):
                     self._end_run(found, data, first, place, skipped)
                     first = place
                     return place, left, taken[0], taken[1]
-        except EVALUATION_ERRORS:
+        except CODEC_ERRORS:
             size = 0
         finally:
             if place > first:

@@ -9,7 +9,7 @@ from bisect import bisect_right
 from typing import Any
 
 from framekit.link.arrivals import Arrival, FrameArrived
-from framekit.link.evaluate import EVALUATION_ERRORS
+from framekit.link.evaluate import CODEC_ERRORS
 from framekit.link.interest import NOT_LOOKED, Interest
 from framekit.link.rough import NOTHING, UNSURE, WANTING, RoughLooking
 
@@ -89,7 +89,7 @@ class RowLooking(RoughLooking):
                     arrived.times = came
                 add(arrived)
                 place = behind
-        except EVALUATION_ERRORS:
+        except CODEC_ERRORS:
             pass
         return place, UNSURE
 
@@ -132,7 +132,7 @@ class RowLooking(RoughLooking):
                     behind_noise = False
                 add(self._arrival(only.make, fields, raw, place))
                 place += len(raw)
-        except EVALUATION_ERRORS:
+        except CODEC_ERRORS:
             pass
         return place, UNSURE
 
@@ -164,7 +164,7 @@ class RowLooking(RoughLooking):
                         return False
             sizes = [info.measure(data, place, len(data), names, 0) for info in infos]
             return bool(sizes) and max(sizes) <= 0 and any(quiet < size < 0 for size in sizes)
-        except EVALUATION_ERRORS:
+        except CODEC_ERRORS:
             return False
 
     def _is_strange(self) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, cast
 
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Parameter
 from framekit.definition.model.services import Argument, ServiceRow
 from framekit.definition.problems import NOWHERE, did_you_mean, listed
@@ -60,7 +61,7 @@ def _value(service: str, argument: Argument, given: Mapping[str, Any], names: Na
         try:
             return compile_expression(argument.default)(names)
         except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the default of '{argument.name}' cannot be worked out: {error!r}") from None
+            raise ServiceError(f"the default of '{argument.name}' cannot be worked out: {explain(error)}") from None
     try:
         return checked(argument, given[argument.name])
     except ParameterError as error:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Refusal
@@ -17,7 +18,7 @@ from framekit.link.backwards import BackwardRow, Codes, ElsewhereError, Reading
 from framekit.link.block_work import CompiledBlock
 from framekit.link.construct_values import EACH, compile_value
 from framekit.link.device_areas import DeviceAreas
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression, explain
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.exchange import Served
 from framekit.link.frame_table import Codec
 from framekit.link.leaves import DamagedBufferError, MismatchError

@@ -21,6 +21,7 @@ from framekit.blocks.jobs.table import JobTable
 from framekit.blocks.model import Place
 from framekit.blocks.own_memory import read_piece, store_pieces
 from framekit.codec.codec import compile_protocol
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.client import TransferResult
@@ -225,7 +226,7 @@ class JobService:
         try:
             channel.driver.do(lambda now: self._start(channel, order, now, done))
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            self.table.ended(attempt, Failure(outcome="cannot_send", cause=str(error)), self.clock.now())
+            self.table.ended(attempt, Failure(outcome="cannot_send", cause=explain(error)), self.clock.now())
 
     def _start(
         self, channel: ChannelService, order: Order, now: int, done: Callable[[TransferResult], None]

@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from framekit.codec.shown import explain
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.tapped_port import LineEvent
 
@@ -69,7 +70,7 @@ class JsonReader:
             try:
                 yield _event(json.loads(text))
             except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
-                raise JsonCaptureError(f"line {number} is no event of a capture ({error})") from None
+                raise JsonCaptureError(f"line {number} is no event of a capture ({explain(error)})") from None
 
 
 def _event(line: dict[str, Any]) -> tuple[int, LineEvent]:

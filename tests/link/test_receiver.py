@@ -378,3 +378,60 @@ def test_flush_gives_back_what_has_become_nothing() -> None:
     receiver.append(GET, 1)
     event = receiver.next(ALL)
     assert isinstance(event, FrameArrived) and isinstance(event.value, FrameValue)
+
+
+RADIO = """
+protocol: radio
+groups:
+  g: {head: [{field: sync, type: u8%s}, {length: n, type: u8, of: [d], range: 1..20}], tail: [{check: crc16-modbus}]}
+frames:
+  A: {group: g, %sbody: [{data: d, size: n}]}
+"""
+STARTS = {
+    "where": ("", "where: {sync: [0xC8, 0xEE]}, "),
+    "is": (", is: 0xC8", ""),
+    "only": (", values: {0xC8: here}, only: values", ""),
+}
+
+
+@pytest.mark.parametrize("how", STARTS)
+@pytest.mark.parametrize("stray", [b"\x01\x05", b"\x00\x14", b"\x01\x05\xff"], ids=bytes.hex)
+def test_stray_bytes_that_no_frame_begins_with_hold_nothing_up(how: str, stray: bytes) -> None:
+    text = RADIO % STARTS[how]
+    good = built(text, "A", d=b"\xc8abc", sync=0xC8)
+    for pieces in ([stray + good], [bytes((byte,)) for byte in stray + good]):
+        found = feed(receiver_of(text), pieces, ("A",), quiet_at_end=False)
+        assert found == [("noise", stray, 0, False), ("frame", "A", good, len(stray), None)]
+
+
+class SurpriseError(Exception):
+    """Nothing that anybody expects."""
+
+
+@pytest.mark.parametrize("error", [SurpriseError, NameError, RecursionError, MemoryError, AssertionError])
+@pytest.mark.parametrize("which", [("decode", "take"), ("measure", "extent", "take"), ("take",)], ids="-".join)
+@pytest.mark.parametrize(
+    "text, frame", [(LETTERS, "get"), (NUMBERS % "next_start", "short")], ids=["letters", "numbers"]
+)
+def test_whatever_a_generated_function_raises_ends_nothing(
+    text: str, frame: str, which: tuple[str, ...], error: type[Exception]
+) -> None:
+    """A frame that cannot be judged is a bad one, others are found as ever."""
+    data = GET if frame == "get" else built(text, "short", data=b"ab")
+    for pieces in ([data], [bytes((byte,)) for byte in data]):
+        receiver = receiver_of(text)
+        info = receiver.table.infos[frame]
+
+        def fails(*_: Any, **__: Any) -> Any:
+            raise error("what Python says")
+
+        for name in which:
+            setattr(info, name, fails)
+        found = feed(receiver, pieces, (frame,))
+        if which == ("take",):
+            assert [item[:2] for item in found] == [("frame", frame)]
+        elif "decode" in which:
+            assert found[0][:3] == ("bad", frame, "value")
+        assert b"".join(item[2] if item[0] == "frame" else b"" for item in found) in (b"", data)
+        if "measure" in which:
+            assert found == [("noise", data, 0, False)]

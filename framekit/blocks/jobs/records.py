@@ -13,6 +13,7 @@ from framekit.blocks.commands import CommandBlocks
 from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order
 from framekit.blocks.model import Place
 from framekit.codec.codec import compile_protocol
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.visit import expressions_of
 from framekit.link.addresses import Address
@@ -52,14 +53,14 @@ class RecordReader:
         try:
             status = self._place(self.blocks.status_words(words), 16)
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            raise StatusPlaceError(str(error)) from None
+            raise StatusPlaceError(explain(error)) from None
         try:
             refusal, block, names = self.blocks.plan(words)
             if refusal or block is None or block.job is None:
                 return Command(kind="job", slot=None, status=status, id=number), refusal
             return self._command(block, block.job, names, status, number), 0
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            raise CommandFaultError(str(error)) from None
+            raise CommandFaultError(explain(error)) from None
 
     def _words(self, data: bytes) -> CommandWords:
         try:

@@ -12,6 +12,7 @@ from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import Filling
 from framekit.codec.construct_backend.forms import FormError, form_of
 from framekit.codec.construct_backend.state import Reading
+from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import FieldType
 
@@ -72,7 +73,7 @@ def write_wire(type_: FieldType, wire: Any, name: str, filling: Filling, stream:
     try:
         data = form.build(wire)
     except (ConstructError, ValueError, OverflowError) as error:
-        why = str(error).splitlines()[-1] if isinstance(error, FormError) else "that does not fit into its bytes"
+        why = explain(error).splitlines()[-1] if isinstance(error, FormError) else "that does not fit into its bytes"
         raise filling.error(name, f"'{name}' cannot be {wire!r}: {why}") from None
     stream.write(data)
     context._state.leaf(data)
