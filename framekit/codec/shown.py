@@ -20,6 +20,14 @@ def shown(value: Any) -> Any:
 
 _OURS = str(Path(__file__).parent.parent)
 _RAISE = opmap["RAISE_VARARGS"]
+_WORDS: dict[type[Exception], str] = {
+    ZeroDivisionError: "something is divided by 0",
+    ArithmeticError: "a number is too large",
+    IndexError: "there is no such item",
+    TypeError: "a value is not there, or is of another kind than is needed",
+    AttributeError: "a value is not there, or is of another kind than is needed",
+    ValueError: "a value does not fit",
+}
 
 
 def explain(error: Exception) -> str:
@@ -28,7 +36,9 @@ def explain(error: Exception) -> str:
         name = error.args[0] if error.args else ""
         return name if isinstance(name, str) and " " in name else f"there is no '{name}'"
     text = str(error)
-    return text if text and _is_worded(error) else "it cannot be worked out from these values"
+    if text and _is_worded(error):
+        return text
+    return next((words for kind, words in _WORDS.items() if isinstance(error, kind)), "it cannot be worked out")
 
 
 def _is_worded(error: Exception) -> bool:

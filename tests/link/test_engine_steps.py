@@ -450,7 +450,7 @@ main:
 """
     side = run(text)
     side.gets(b"\x02\x00")
-    assert side.outcomes[0].ok and "zero" in side.reasons("trouble")[0]
+    assert side.outcomes[0].ok and "divided by 0" in side.reasons("trouble")[0]
 
 
 def test_circles_of_steps_are_stopped() -> None:
