@@ -26,8 +26,8 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.visit import expressions_of
+from framekit.definition.nodes import Entry, Scalar, read_nodes, without
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.nodes import Scalar, read_nodes, without
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import kind_of
 from framekit.link.addresses import AddressGrammar
@@ -46,7 +46,8 @@ class Device:
     """A simulated device, ready to be put on a line. `grammar` reads addresses of its memory.
 
     `profile` is None for a memory that is the areas of the protocol. `mapping`: areas of the protocol that stand
-    elsewhere in the memory (area → memory area and the number of its first element there).
+    elsewhere in the memory (area → memory area and the number of its first element there). `shares`: it is the
+    device of that name before it, over another protocol of the line (`also`): they have one memory.
     """
 
     name: str
@@ -60,6 +61,17 @@ class Device:
     mapping: Mapping[str, tuple[str, int]]
     initial: tuple[tuple[Place, tuple[int, ...]], ...]
     faults: FaultPlan | None = None
+    shares: bool = False
+
+    @property
+    def station(self) -> str:
+        """Its own station for people: bytes that are a text as this text, others as hex pairs; '' for none."""
+        if isinstance(self.own, bytes):
+            text = self.own.rstrip(b"\0")
+            return (
+                text.decode() if text.isascii() and text.decode().isprintable() and text else self.own.hex(" ").upper()
+            )
+        return "" if self.own is None else str(self.own)
 
     def areas_without_memory(self) -> list[str]:
         """Areas of the protocol that a memory of its own does not have: every request for them is refused."""
@@ -95,10 +107,38 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
         if settings is not None:
             definition = replace(definition, root=settings.on(definition.root))
         devices = _DeviceLoader(reader, definition).load()
+        devices += _over_others(reader, documents, definition, devices)
     problems = documents.first_words(reader.problems)
     if not devices or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
     return devices
+
+
+def _over_others(
+    reader: Reader, documents: Documents, definition: DeviceDefinition, devices: tuple[Device, ...]
+) -> tuple[Device, ...]:
+    """The same devices over the other protocols that the file names (`also`); what is wrong is noted."""
+    root, found = definition.root, list[Device]()
+    for node in reader.items(root.get("also")):
+        with reader.going_on():
+            protocol = load_protocol(documents.find(node, definition.path))
+            if protocol.kind == "application" or protocol.name in {one.protocol.name for one in (*devices, *found)}:
+                what = f"'{reader.text(node)}' is no other protocol for this line"
+                raise reader.broken(node.at, what, "name a protocol, each once")
+            own = tuple(entry for entry in root.entries if entry.key.text in ("device", "station"))
+            given = tuple(entry for entry in reader.entries(root.get("params")) if entry.key.text in protocol.params)
+            if given:
+                own = (*own, Entry(Scalar("params", node.at), MappingNode(given, node.at)))
+            part = replace(definition, protocol=protocol, root=MappingNode(own, root.at), plain=True)
+            loader = _DeviceLoader(reader, part)
+            for one, main in zip(loader.load(), devices, strict=False):
+                known = {name for area in main.areas for name in (area.name, *area.aliases)}
+                if main.mapping or known.isdisjoint(area.memory for area in protocol.areas.values()):
+                    what = f"no area of '{protocol.name}' is in the memory of this device"
+                    raise reader.broken(node.at, what, "name a protocol for the same memory, without map")
+                one = replace(one, areas=main.areas, grammar=main.grammar, profile=main.profile, initial=())
+                found.append(replace(one, name=main.name, shares=True))
+    return tuple(found)
 
 
 def _definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:

@@ -111,10 +111,12 @@ def _device(path: Path) -> Checked:
     from framekit.blocks.device import load_devices
 
     devices = load_devices(path, path.parent)
-    name, protocol = devices[0].name, devices[0].protocol.name
-    if len(devices) == 1:
+    name = devices[0].name
+    protocol = " and ".join(dict.fromkeys(device.protocol.name for device in devices))
+    alone = [device for device in devices if not device.shares]
+    if len(alone) == 1:
         return Checked(f"device {name} speaking {protocol}", [])
-    stations = ", ".join(str(device.own) for device in devices)
+    stations = ", ".join(device.station for device in alone)
     name = name.removesuffix(f" {devices[0].own}")
     return Checked(f"device {name}, stations {stations}, speaking {protocol}", [])
 

@@ -84,7 +84,7 @@ class TextServeOutput(ServeOutput):
     """For people."""
 
     def show_ready(self, served: Served) -> None:
-        own = [str(device.own) for device in self.devices if device.own is not None]
+        own = list(dict.fromkeys(device.station for device in self.devices if device.own is not None))
         stations = f" station{'s' if len(own) > 1 else ''} {', '.join(own)}" if own else ""
         names = dict.fromkeys(device.protocol.name for device in self.devices)
         self.line(f"ready: {', '.join(names)}{stations} on {served.about}")
@@ -95,7 +95,7 @@ class TextServeOutput(ServeOutput):
     def summary(self, serving: Serving) -> None:
         rows, reasons, status = [], [], []
         for number, store in enumerate(serving.stores):
-            own = "-" if store.device.own is None else str(store.device.own)
+            own = store.device.station or "-"
             rows.append((own, str(store.counters.done), str(store.counters.errors)))
             reasons += [(own, text, str(count)) for text, count in self.reasons(serving, number).items()]
             status += [(own, name, str(value)) for name, value in serving.published(number).items()]

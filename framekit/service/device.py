@@ -5,7 +5,7 @@ What a device keeps lies in a store, so that it can serve several connections at
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from framekit.blocks.device import Device
 from framekit.blocks.fault_plan import FaultPlan
@@ -91,6 +91,20 @@ class DeviceStore:
         """Brings these bits up to date."""
         if self.system is not None:
             self.system.update(self.clock.now())
+
+
+def stores_of(
+    devices: Sequence[Device | DeviceStore], clock: Clock, of_line: FaultPlan | None = None
+) -> list[DeviceStore]:
+    """A store for every device that has none yet; a device over two protocols has one memory."""
+    stores: list[DeviceStore] = []
+    known: dict[str, AddressedMemory] = {}
+    for one in devices:
+        if isinstance(one, Device):
+            one = DeviceStore(one, clock, of_line, access=known[one.name] if one.shares else None)
+        known[one.device.name] = one.access
+        stores.append(one)
+    return stores
 
 
 class DeviceService:

@@ -12,7 +12,7 @@ from framekit.definition.line_settings import MOST_STATIONS
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
-from framekit.service.device import DeviceService
+from framekit.service.device import DeviceService, stores_of
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.transport.clock import Clock
@@ -37,8 +37,12 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
         except DefinitionError as error:
             problems += [_here(problem, name, channel) for problem in error.problems]
             continue
+        spoken = any(set(device.protocol.sources) & set(channel.protocol.sources) for device in devices)
         for device in devices:
-            problems += _fits(device, found, channel)
+            if not device.shares and not spoken:
+                what = f"the device '{device.name}' speaks {device.protocol.name}, this channel {channel.protocol.name}"
+                problems.append(Problem(channel.port_at, what, "name a device of that protocol"))
+            problems += _same_station(device, found, channel)
             found.append(device)
     problems += _too_many(found, channel)
     if problems:
@@ -52,14 +56,11 @@ def _here(problem: Problem, name: str, channel: Channel) -> Problem:
     return Problem(channel.port_at, problem.what, problem.todo) if missing else problem
 
 
-def _fits(device: Device, others: list[Device], channel: Channel) -> list[Problem]:
-    """Whether a device can be on the line of this channel beside the others."""
+def _same_station(device: Device, others: list[Device], channel: Channel) -> list[Problem]:
+    """Devices of one station on the line of a channel."""
     found = []
-    if not set(device.protocol.sources) & set(channel.protocol.sources):
-        what = f"the device '{device.name}' speaks {device.protocol.name}, this channel {channel.protocol.name}"
-        found.append(Problem(channel.port_at, what, "name a device of that protocol"))
     for other in others:
-        if device.own is not None and other.own == device.own:
+        if not device.shares and not other.shares and device.own is not None and other.own == device.own:
             what = f"the devices '{other.name}' and '{device.name}' have the same station {device.own}"
             found.append(Problem(channel.port_at, what, "give one of them another station"))
     return found
@@ -68,9 +69,10 @@ def _fits(device: Device, others: list[Device], channel: Channel) -> list[Proble
 def _too_many(devices: list[Device], channel: Channel) -> list[Problem]:
     """More devices than this kind of line can have."""
     kind = channel.wiring.type
-    if kind is None or len(devices) <= MOST_STATIONS[kind]:
+    count = sum(not device.shares for device in devices)
+    if kind is None or count <= MOST_STATIONS[kind]:
         return []
-    what = f"{len(devices)} devices on one {kind} line, which has room for {MOST_STATIONS[kind]}"
+    what = f"{count} devices on one {kind} line, which has room for {MOST_STATIONS[kind]}"
     return [Problem(channel.port_at, what, "use type: rs485, or more channels")]
 
 
@@ -80,7 +82,10 @@ def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Por
         return open_port(channel.port, channel.line, clock, wiring=channel.wiring), []
     line = SimulatedLine(clock, channel.line, full_duplex=not channel.wiring.half_duplex)
     faults = None if channel.faults is None else channel.faults.of_line()
-    services = [DeviceService(device, line.port(device.name), clock, channel.line, faults=faults) for device in devices]
+    services = [
+        DeviceService(store.device, line.port(store.device.name), clock, channel.line, store=store)
+        for store in stores_of(devices, clock, faults)
+    ]
     port = line.port(f"channel {channel.number}")
     if channel.wiring.echo:
         port.fault = _echo

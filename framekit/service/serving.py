@@ -15,7 +15,7 @@ from typing import Any
 from framekit.blocks.device import Device
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
-from framekit.service.device import DeviceService, DeviceStore
+from framekit.service.device import DeviceService, DeviceStore, stores_of
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
 from framekit.transport.shared_port import SharedPort
@@ -74,7 +74,7 @@ class Serving:
         self.monitor = monitor
         self.on_state = on_state or (lambda port, state: None)
         self.wrap = wrap or (lambda port: port)
-        self.stores = [one if isinstance(one, DeviceStore) else DeviceStore(one, clock) for one in devices]
+        self.stores = stores_of(devices, clock)
         self.stations: dict[Port, list[DeviceService]] = {}
         self.line_errors: Counter[str] = Counter()
         self.connections = 0

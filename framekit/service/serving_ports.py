@@ -28,14 +28,15 @@ class Served:
 
 def check_line(devices: list[Device]) -> None:
     """Whether devices can share a line. Raises ValueError with a sentence."""
-    for number, device in enumerate(devices):
-        others = devices[:number]
+    alone = [device for device in devices if not device.shares]
+    for number, device in enumerate(alone):
+        others = alone[:number]
         if any(device.own is not None and device.own == other.own for other in others):
             raise ValueError(f"two devices have the station {device.own} – give one of them another")
         if others and not set(device.protocol.sources) & set(others[0].protocol.sources):
             protocols = f"{others[0].protocol.name} and {device.protocol.name}"
             raise ValueError(f"{protocols} can't share a line – serve them on two ports")
-    if len(devices) > 1 and any(device.own is None for device in devices):
+    if len(alone) > 1 and any(device.own is None for device in alone):
         raise ValueError("several devices on one line need stations – add station to their files")
 
 

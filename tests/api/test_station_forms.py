@@ -74,3 +74,34 @@ def test_what_is_decoded_of_system_addresses_can_be_encoded(processor: str) -> N
                 assert pccc.decode(again, "word_range_read").fields == frame.fields
                 tried += 1
     assert tried >= 16
+
+
+def test_one_port_for_two_protocols_over_one_memory(tmp_path: Path) -> None:
+    """F037: a break-free slave of SNP that takes X-Attach too. What one protocol writes, the other reads."""
+    file = tmp_path / "cpu.device.yaml"
+    file.write_text("device: cpu\nprotocol: snp\nalso: snp-x\nstation: UNIT7\nparams: {use_break: no}\n")
+    given = {"station": "UNIT7", "params": {"use_break": "no"}}
+    with framekit.serve(file, "tcp://127.0.0.1:0") as server:
+        with framekit.connect("snp-x", server.port, **given) as client:
+            client.write("R2", [77])
+        with framekit.connect("snp", server.port, **given) as client:
+            assert client.read("R2") == [77]
+    with framekit.connect("snp-x", f"sim:{file}", **given) as client:
+        assert client.read("R2") == [0]
+
+
+@pytest.mark.parametrize(
+    ("also", "message"),
+    [
+        ("snp", "'snp' is no other protocol for this line – name a protocol, each once"),
+        ("[snp-x, snp-x]", "'snp-x' is no other protocol for this line – name a protocol, each once"),
+        ("modbus-rtu", "no area of 'modbus-rtu' is in the memory of this device – name a protocol for the same memory"),
+        ("snpx", "there is no definition 'snpx' – did you mean"),
+    ],
+)
+def test_a_second_protocol_that_does_not_fit_is_told(tmp_path: Path, also: str, message: str) -> None:
+    file = tmp_path / "cpu.device.yaml"
+    file.write_text(f"device: cpu\nprotocol: snp\nalso: {also}\nstation: UNIT7\n")
+    with pytest.raises(DefinitionError) as told:
+        framekit.serve(file, "tcp://127.0.0.1:0")
+    assert message in str(told.value) and f"{file}:3:" in str(told.value)

@@ -310,7 +310,8 @@ def test_datagrams_of_two_senders_on_one_port_make_no_frame_together() -> None:
         other.write(ask)
         assert len(await answers.bytes(11)) == 11
         assert service.store.counters.done == 1
-        assert service.engine.counters.noise_bytes == len(ask)
+        counters = service.engine.counters
+        assert (counters.received, counters.bad) == (1, 1) and counters.noise_bytes > 0
         for port in (one, other, there):
             port.close()
 

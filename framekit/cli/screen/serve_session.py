@@ -58,7 +58,7 @@ class ServeSession(Session):
         return self._view
 
     def _name(self, device: Device) -> str:
-        own = "" if device.own is None else f" station {device.own}"
+        own = f" station {device.station}" if device.station else ""
         return f"{device.protocol.name}{own}" + ("" if self._line is None else f" {self._line}")
 
     async def _open(self, clock: AsyncioClock, monitor: Callable[[str, int, Seen], None]) -> None:
