@@ -15,7 +15,7 @@ from framekit.blocks.model import BLOCKS_IN_SET
 from framekit.link.codes import code_text
 from framekit.link.transfer import TransferResult
 
-EXPLAINED = ("cannot_store", "cannot_send", "bad_setting")
+EXPLAINED = ("damaged_frame", "cannot_store", "cannot_send", "bad_setting")
 """Outcomes that say little without their cause."""
 
 

@@ -28,6 +28,7 @@ class ErrorCode(enum.IntEnum):
     DAMAGED_REPLY = 0xFF03
     UNFIT_REPLY = 0xFF04
     EXHAUSTED = 0xFF05
+    DAMAGED_FRAME = 0xFF06
     REFUSED = 0xFF10
     CLOSED = 0xFF20
     CANCELLED = 0xFF21

@@ -94,18 +94,19 @@ class Dispatcher:
         """A good frame that no row takes goes to the first who says what to do with such frames."""
         return any(self._handle(run, "on_other", it=value) for run in self._receiving())
 
-    def bad(self, bad: BadFrame) -> None:
-        """A bad frame goes to the lane whose rows name it, else to the first with a handler."""
+    def bad(self, bad: BadFrame) -> bool:
+        """A bad frame goes to the lane whose rows name it, else to the first with a handler. False: to none."""
         receiving = list(self._receiving())
         for run in receiving:
             if bad.frame in run.interest:
                 run.cause = f"{bad.frame}: {bad.cause}"
                 self._handle(run, "on_bad", cause=bad.cause, frame=bad.frame)
-                return
+                return True
         for run in receiving:
             run.cause = f"{bad.frame}: {bad.cause}"
             if self._handle(run, "on_bad", cause=bad.cause, frame=bad.frame):
-                return
+                return True
+        return False
 
     def noise(self) -> None:
         """Noise goes to the first lane that says what to do with it."""

@@ -28,7 +28,8 @@ MOST_HELD = 262_144
 class Reception:
     """`interest` are the names of frames expected and of others; None while those who will wait do not wait yet.
 
-    `cutting`: frames are being broken off because a time limit has run out; they are shown, and nothing more.
+    `on_bad` gets bad frames that nobody waited for. `cutting`: frames are being broken off because a time limit has run
+    out; they are shown, and nothing more.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Reception:
         self.lanes = dispatcher.lanes
         self.counters = counters
         self.on_frame = on_frame
+        self.on_bad: Callable[[BadFrame], None] | None = None
         self.cutting = False
         self._told = ToldBytes()
         self._all = receiver.table.on_line
@@ -156,8 +158,9 @@ class Reception:
             "bad", "in", bad.raw, bad.frame,
             reason=bad.cause, started_at=bad.started_at, segment=bad.segment, place=bad.place,
         )  # fmt: skip
-        if not self.cutting:
-            self.dispatcher.bad(bad)
+        on_bad = self.on_bad
+        if not self.cutting and not self.dispatcher.bad(bad) and on_bad is not None:
+            self.machine.callbacks.append(lambda: on_bad(bad))
 
     def show_noise(self, found: Iterable[Noise]) -> None:
         for noise in found:

@@ -10,6 +10,7 @@ from framekit.blocks.merging import Read
 from framekit.blocks.model import STATIONED, Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.link.arrivals import BadFrame
 from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
@@ -75,6 +76,7 @@ class ChannelService:
             on_frame=self._frame,
             monitor=monitor,
         )
+        self.engine.reception.on_bad = self._bad
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(
             self.engine,
@@ -232,3 +234,10 @@ class ChannelService:
                 self.owner.arrived(block.id, Failure(outcome="cannot_store", cause=str(error)))
             else:
                 self.owner.arrived(block.id, None)
+
+    def _bad(self, bad: BadFrame) -> None:
+        """A bad frame nobody waited for: the RECEIVE blocks that name it have failed."""
+        for block in self.receiving.get(bad.frame, ()) if self.receiving else ():
+            if self.owner.takes(block.id) is not None:
+                cause = f"{bad.cause} at byte {bad.place}"
+                self.owner.arrived(block.id, Failure(outcome="damaged_frame", cause=cause))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from framekit.blocks.error_codes import ErrorCode
 from framekit.blocks.load import load_run
 from framekit.service.run import RunService
+from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SECOND = 1_000_000_000
 ONE = "device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: 11}}\n"
 TWO = "device: two\nprotocol: modbus-rtu\nstation: 2\nmemory: {set: {40001: [22, 23, 24]}}\n"
@@ -176,3 +179,39 @@ def test_a_memory_of_ones_own_may_show_blocks(tmp_path: Path) -> None:
     assert seen == [[1, 1, 0, 0], [0, 1, 0, 128], [0, 1, 0, 0]], "counts and pulse in one write"
     bench.clock.run_for(SECOND // 2)
     assert bench.memory.read("S", "word", 14, 4) == [0, 1, ErrorCode.NO_REPLY, 0]
+
+
+DAMAGED = """
+run: damaged
+memory: masterlogic
+channels:
+  1: {port: "sim:third-party-plc.device.yaml", protocol: third-party-plc, faults: {rules: [FAULT]}}
+blocks:
+  0: {send: WR.REQ, when: F00093, data: {payload: M0}}
+  1: {receive: RD.DATA, data: {payload: M100}}
+  2: {send: IMM.RESPONSE, when: block 1 failed}
+  3: {send: IMM.RESPONSE, when: L006311}
+"""
+FAULT = "{fault: wrong_check, frame: RD.DATA, every: 2}"
+
+
+def test_a_frame_that_comes_damaged_is_an_abnormal_completion_of_the_block_that_receives_it(tmp_path: Path) -> None:
+    for name in ("third-party-plc.device.yaml", "third-party-plc.yaml"):
+        if (EXAMPLES / name).exists():
+            shutil.copy(EXAMPLES / name, tmp_path)
+    bench = Bench(tmp_path, DAMAGED.replace("FAULT", FAULT))
+    bench.clock.run_for(20 * SECOND + SECOND // 2)
+    sent = bench.counts(0)[0]
+    assert bench.counts(1) == (sent // 2, sent // 2) and sent >= 20
+    assert bench.shown(1)[1:] == (ErrorCode.DAMAGED_FRAME, sent // 2, sent // 2)
+    assert bench.counts(2) == (sent // 2, 0), "when: block 1 failed"
+    assert bench.counts(3) == (sent // 2, 0), "ERR of block 1"
+    [channel] = run_status(bench.service).channels
+    assert (channel.errors, channel.reasons, channel.bad) == (sent // 2, {"damaged_frame": sent // 2}, sent // 2)
+    failure = bench.service.status()[1].last_failure
+    assert failure is not None and str(failure).startswith("damaged_frame: check at byte ")
+    bench.service.enable(1, False)
+    bench.clock.run_for(20 * SECOND)
+    assert bench.counts(1) == (sent // 2, sent // 2), "a block that is off fails no more than it takes"
+    states = bench.service.states.values()
+    assert all(one.counters.started == one.counters.done + one.counters.failed for one in states)
