@@ -21,6 +21,7 @@ from framekit.memory.errors import DeviceMemoryError
 from framekit.service.driver import Driver, Moment
 from framekit.service.listening_port import ListeningPort
 from framekit.service.memory_access import AddressedMemory, RefreshedServer
+from framekit.service.service_counters import ChannelCounters, CountingServer
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
@@ -42,7 +43,10 @@ class ChannelOwner(Protocol):
 
 
 class ChannelService:
-    """Runs blocks on one channel; a role that answers serves the own memory."""
+    """Runs blocks on one channel; a role that answers serves the own memory.
+
+    `counters`: services that no block has asked for.
+    """
 
     def __init__(
         self,
@@ -57,6 +61,7 @@ class ChannelService:
     ) -> None:
         self.channel = channel
         self.owner = owner
+        self.counters = ChannelCounters()
         self.receiving: dict[str, list[Block]] = {}
         self.receive_for(receiving)
         protocol = channel.protocol
@@ -111,7 +116,7 @@ class ChannelService:
         if not protocol.services:
             return None
         server = MemoryServer(protocol, codec, access.memory, mapping=self.channel.mapping)
-        return RefreshedServer(server, access.refresh)
+        return CountingServer(RefreshedServer(server, access.refresh), self.counters.served)
 
     def _on_state(self, state: str) -> None:
         self.state = state

@@ -220,7 +220,9 @@ class JobService:
             return
 
         def done(result: TransferResult) -> None:
-            self.table.ended(attempt, failure_of(result), self.clock.now(), lambda: self._store(order, result))
+            failure = failure_of(result)
+            channel.counters.ended("" if failure is None else failure.outcome)
+            self.table.ended(attempt, failure, self.clock.now(), lambda: self._store(order, result))
             self._wake()
 
         try:

@@ -228,6 +228,8 @@ class RunService:
         self.system.start(now)
         self.exchanges.reset()
         self.removed.clear()
+        for channel in self.channels.values():
+            channel.counters.clear()
         if self.jobs is not None:
             self.jobs.reset()
         self.scheduler.reset(now)

@@ -76,6 +76,9 @@ class RunChannels:
 
     def put(self, number: int, made: Made) -> None:
         """From now on this is the channel of that number."""
+        before = self.channels.get(number)
+        if before is not None:
+            made[0].counters.add(before.counters)
         self.channels[number], self.devices[number] = made
 
     def remove(self, number: int) -> None:

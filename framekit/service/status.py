@@ -27,7 +27,8 @@ class ChannelStatus:
 
     `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `line_type`:
     kind of interface and half duplex, '' where nothing is said of it; `mode`: run or stop;
-    `state`: open, or why not. `services` and `errors` count exchanges that ended, `reasons` the errors by outcome.
+    `state`: open, or why not. `services` and `errors` count exchanges that ended, of blocks and of jobs, and requests
+    that were served here; `reasons` the errors by outcome.
     `frames_in` are good frames by themselves, `bad` and `noise_bytes` what was none. `load`: the part of the time that
     the line was busy, None without a speed.
     """
@@ -107,6 +108,8 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
     for state in states:
         reasons.update(state.reasons)
     protocol = channel.protocol
+    beside = at_work.counters.reasons(protocol)
+    reasons.update(beside)
     return ChannelStatus(
         number=channel.number,
         port=channel.port,
@@ -118,8 +121,8 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         mode="run" if service.running else "stop",
         state=at_work.state,
         blocks=len(states),
-        services=removed.done + sum(state.counters.done for state in states),
-        errors=removed.failed + sum(state.counters.failed for state in states),
+        services=removed.done + sum(state.counters.done for state in states) + at_work.counters.services,
+        errors=removed.failed + sum(state.counters.failed for state in states) + beside.total(),
         reasons=dict(reasons),
         frames_in=counters.received,
         bad=counters.bad,

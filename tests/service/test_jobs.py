@@ -9,6 +9,7 @@ from job_bench import MS, SECOND, Bench, bench, write_device
 
 from framekit.blocks.load import load_run
 from framekit.definition.problems import DefinitionError
+from framekit.service.status import run_status
 
 HEAD = """
 run: jobs
@@ -39,6 +40,21 @@ def test_a_read_job_repeats_by_itself(tmp_path: Path) -> None:
     assert (status.counters.good, status.state, status.kind, status.host) == (10, "idle", "read", "3.0.0.2")
     at_work.run(2000)
     assert at_work.jobs.table.slots[5].counters.good == 10 and at_work.bits() == (13, 16)
+
+
+def test_a_channel_counts_the_transfers_of_its_jobs(tmp_path: Path) -> None:
+    block = """  0: {job: 5, read: "40001", count: 4, into: D100, channel: 1, every: 100 ms, status: D10, once: yes}
+  1: {job: 6, read: "41001", into: D200, channel: 1, every: 200 ms, status: D11, once: yes}
+  2: {read: "40001", into: D300, channel: 1, every: 500 ms}
+"""
+    at_work = run(tmp_path, block)
+    at_work.run(2050)
+    [first, second] = run_status(at_work.service).channels
+    counters = {slot: at_work.jobs.table.slots[slot].counters for slot in (5, 6)}
+    assert counters[5].good == 21 and first.errors == counters[6].refused > 0
+    assert first.services == counters[5].good + at_work.service.states[2].counters.done
+    assert first.reasons == {"refused": first.errors}
+    assert (second.services, second.errors) == (0, 0)
 
 
 def test_a_write_job_writes_what_stands_there_then(tmp_path: Path) -> None:
