@@ -132,7 +132,7 @@ class ProfileLoader:
                 continue
             if difflib.get_close_matches(key, _AREA_KEYS, n=1, cutoff=0.75):
                 self.reader.note(entry.key.at, f"an area has no key '{key}'", did_you_mean(key, _AREA_KEYS))
-            columns[key] = self.reader.constant(entry.value)
+            columns[key] = self.reader.cell(entry.value)
         return columns
 
     # --- bits the memory sets by itself

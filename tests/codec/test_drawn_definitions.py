@@ -7,6 +7,10 @@ from typing import Any
 import pytest
 from definition_trial import Trial
 
+from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import EncodeError
+from framekit.definition.load import load_protocol_text
+
 FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
     "a value in the range of a check takes no bytes": (
         "[{field: w, type: u8}, {value: a, read: w}, {field: v, type: u8}, {check: sum8, over: w..here}]",
@@ -60,3 +64,37 @@ def protocol_of(body: str) -> str:
 def test_definitions_that_once_went_wrong(title: str) -> None:
     body, values, data = FOUND[title]
     assert Trial(protocol_of(body), values).run() == bytes.fromhex(data)
+
+
+def test_what_is_missing_is_named_with_its_record() -> None:
+    hop = "layouts: {hop: [{field: a, type: u8}, {field: b, type: u8, when: a == 1}, {data: c, size: 1, when: a == 2}]}"
+    records = "[{include: hop, as: one}, {include: hop, as: two}, {repeat: r, times: 2, of: [{include: hop}]}]"
+    codec = compile_protocol(load_protocol_text(f"protocol: p\n{hop}\nframes: {{f: {{body: {records}}}}}", "p"))
+    plain = {"a": 0}
+    for name, values in (
+        ("two.b", {"one": plain, "two": {"a": 1}, "r": [plain, plain]}),
+        ("two.c", {"one": plain, "two": {"a": 2}, "r": [plain, plain]}),
+        ("r[1].b", {"one": plain, "two": plain, "r": [plain, {"a": 1}]}),
+    ):
+        with pytest.raises(EncodeError) as caught:
+            codec.encode("f", values)
+        assert (caught.value.field, str(caught.value)) == (name, f"'{name}' is missing")
+
+
+def test_a_default_that_is_built_decides_on_what_follows() -> None:
+    """Of a record and of the frame itself."""
+    layouts = "layouts: {hop: [{bits: {s: 1-7, last: 0}, of: u8, build: {last: 0}}]}"
+    body = (
+        "[{include: hop, as: one}, {include: hop, as: two, when: one.last == 0}, {field: a, type: u8, build: 3},"
+        " {field: b, type: u8, when: a == 3}]"
+    )
+    values = {"one": {"s": 1}, "two": {"s": 2}, "b": 9}
+    assert Trial(f"protocol: p\n{layouts}\nframes: {{f: {{body: {body}}}}}", values).run() == b"\x02\x04\x03\x09"
+
+
+def test_what_is_quoted_in_a_table_is_a_text() -> None:
+    tables = """{b: {1: '0', 2: ' ', 3: B, 4: 7, 5: "h'10 3A'", 6: "'x'", 7: 50 ms, 8: '50 ms', 9: "", 10: 'yes'}}"""
+    protocol = load_protocol_text(f"protocol: p\ntables: {tables}\nframes: {{f: {{body: [{{const: 01}}]}}}}", "p")
+    found = dict(protocol.tables["b"].entries)
+    wanted = ["0", " ", "B", 7, b"\x10\x3a", "x", 50_000_000, "50 ms", "", "yes"]
+    assert list(found.values()) == wanted

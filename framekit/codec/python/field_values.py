@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import default_text
-from framekit.codec.python.building import Building
+from framekit.codec.python.building import Building, filled_in
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
 from framekit.codec.python.source import literal, quoted
@@ -104,10 +104,10 @@ class FieldValueWriter(Building):
     def _given(self, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
         """Text of a value that is given, or built, or has a default."""
         if needed:
-            key = given.value(item.name)
             if item.when is None:
                 given.needed += 1
-                return key
+                return given.value(item.name)
+            key = self.wanted(item.name, given)
             return f"{key} if {self.text(item.when, scope, OR)} else None"
         if item.constants is not None:
             return given.value_or(item.name, literal(item.constants[0]))
@@ -119,11 +119,16 @@ class FieldValueWriter(Building):
             return given.value_or(item.name, text)
         return given.value_or_worked_out(item.name, self.writer(with_missing).value(expression))
 
-    @staticmethod
-    def with_missing(scope: Scope, given: Given, missing: set[str]) -> Scope:
+    def wanted(self, name: str, given: Given) -> str:
+        """Text of a value that is wanted here; in a record it says itself whose value is missing."""
+        if not given.path:
+            return given.value(name)
+        return f"{self.module.function('needed')}({given.text}, {quoted(name)}, {filled_in(given.path)})"
+
+    def with_missing(self, scope: Scope, given: Given, missing: set[str]) -> Scope:
         """A scope in which names that are not worked out yet are those given."""
         inner = Scope(scope)
-        inner.entries = {name: Entry(given.value(name)) for name in missing}
+        inner.entries = {name: Entry(self.wanted(name, given)) for name in sorted(missing)}
         return inner
 
     def _judge(self, item: Field, scope: Scope, local: str) -> None:
@@ -223,6 +228,8 @@ class FieldValueWriter(Building):
     def _data(self, data: Data, scope: Scope, given: Given) -> None:
         local = self.local(data.name, given)
         key = given.value(data.name) if data.pad is None else given.value_or(data.name, 'b""')
+        if data.when is not None and data.pad is None:
+            key = self.wanted(data.name, given)
         if data.when is None:
             given.needed += data.pad is None
             self.bind(local, key)

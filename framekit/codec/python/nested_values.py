@@ -122,6 +122,8 @@ class NestedValueWriter(ValueWriter):
     def _plain_given(self, segment: Inner | Repeat, scope: Scope, given: Given) -> None:
         """A local for a value that has to be given."""
         local, key = self.local(segment.name, given), given.value(segment.name)
+        if segment.when is not None:
+            key = self.wanted(segment.name, given)
         if segment.when is None:
             given.needed += 1
             self.bind(local, key)

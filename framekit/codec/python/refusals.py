@@ -162,6 +162,13 @@ def misfit_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
     return None
 
 
+def needed(values: Context, name: str, path: str) -> Any:
+    """A value of a record that has to be there. Raises EncodeError."""
+    if name not in values:
+        raise EncodeError(path + name, f"'{path}{name}' is missing")
+    return values[name]
+
+
 def check_size(name: str, found: int, wanted: int) -> None:
     """A value must be as long as another one says. Raises EncodeError."""
     if found != wanted:

@@ -81,6 +81,11 @@ class Reader:
         """A number, a time, `h'…'` bytes or a text."""
         return self._parsed(node, scalars.parse_constant)
 
+    def cell(self, node: Node | None) -> Constant:
+        """Such a value of a table or a column: what stands in quotes there is a text, unless it is bytes."""
+        quoted = self.scalar(node).quoted
+        return self._parsed(node, scalars.parse_quoted if quoted else scalars.parse_constant)
+
     def flag(self, node: Node | None, default: bool = False) -> bool:
         return default if node is None else bool(self._parsed(node, scalars.parse_flag))
 

@@ -136,6 +136,12 @@ def parse_constant(text: str) -> Constant:
         return text
 
 
+def parse_quoted(text: str) -> Constant:
+    """Such a value in YAML's quotes: a text as it stands, but for `h'…'` and `'quoted'`, which need them."""
+    inner = text.strip()
+    return parse_constant(inner) if re.fullmatch(r"h?'[^']*'", inner) else text
+
+
 def parse_key(text: str) -> int | str:
     """A table's key: a number, or text."""
     text = text.strip()

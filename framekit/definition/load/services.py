@@ -78,7 +78,7 @@ def _codes(reader: Reader, keys: Mapping) -> dict[str, Constant]:
 
 
 def _constant(reader: Reader, node: Node) -> Constant:
-    return reader.constant(node)
+    return reader.cell(node)
 
 
 class ServiceLoader:

@@ -35,10 +35,10 @@ def load_table(reader: Reader, entry: Entry) -> Table:
 
 def _table_value(reader: Reader, node: Node) -> TableValue:
     if isinstance(node, Mapping):
-        return {row.key.text: reader.constant(row.value) for row in node.entries}
+        return {row.key.text: reader.cell(row.value) for row in node.entries}
     if isinstance(node, Sequence):
-        return tuple(reader.constant(item) for item in node.items)
-    return reader.constant(node)
+        return tuple(reader.cell(item) for item in node.items)
+    return reader.cell(node)
 
 
 def load_check(reader: Reader, entry: Entry) -> CheckMethod:
