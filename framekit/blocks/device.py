@@ -108,7 +108,8 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
             definition = replace(definition, root=settings.on(definition.root))
         devices = _DeviceLoader(reader, definition).load()
         devices += _over_others(reader, documents, definition, devices)
-    problems = documents.first_words(reader.problems)
+    file = definition_path(name, folder) if settings is None else None  # settings go before keys of the file
+    problems = documents.first_words(reader.problems, file)
     if not devices or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
     return devices

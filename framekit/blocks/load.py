@@ -58,7 +58,7 @@ def read_run(path: Path) -> RunReading:
     with suppress(Broken):
         loader = RunLoader(reader, path, documents.root(path, "run"))
         run = loader.load()
-    problems = documents.first_words(reader.problems)
+    problems = documents.first_words(reader.problems, path)
     if any(not problem.warning for problem in problems):
         run = None
     return RunReading(run, () if loader is None else loader.read_channels, problems)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from framekit.blocks.attempts import Attempts
-from framekit.blocks.given import read_station
+from framekit.blocks.given import read_params, read_station
 from framekit.blocks.jobs.section import JobsSection
 from framekit.blocks.load_call import CallLoader
 from framekit.blocks.load_channel import needs_own, needs_station
@@ -24,10 +24,12 @@ from framekit.blocks.load_triggers import STARTS, TriggerLoader
 from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Instruction, Place
 from framekit.blocks.own_places import address_at, check_written
 from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import did_you_mean, is_nearly
+from framekit.definition.tree import unread
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
@@ -101,8 +103,7 @@ class BlockLoader:
     def block(self, number: int, set_number: int, entry: Entry) -> Block:
         """Raises Broken when anything of it is wrong, after all of it has been looked at."""
         keys = self.reader.mapping(entry.value)
-        in_memory = "command" in keys and "channel" not in keys and "commands" not in keys and self.jobs.reads_records
-        if in_memory or any(name in keys for name in COMMANDS):
+        if self._is_record(keys) or any(name in keys for name in COMMANDS):
             return self._command(number, set_number, keys, entry)
         kinds = [name for name in INSTRUCTIONS if name in keys]
         if len(kinds) != 1:
@@ -116,7 +117,10 @@ class BlockLoader:
             node = keys.get("channel") or entry.key
             what = f"channel {channel.number} listens for connections and answers on them"
             self.reader.note(node.at, what, "leave the block out, or use another channel")
-        common["params"] = self.rules.params(keys, channel.protocol)
+        if instruction == "send":
+            common["params"] = read_params(self.reader, self.reader.entries(keys.get("params")), channel.protocol)
+        elif instruction != "receive":
+            common["params"] = self.rules.params(keys, channel.protocol)
         common |= {"channel": channel.number, **self._station(instruction, keys, channel, entry)}
         found: dict[str, Any] | None
         if instruction in ("read", "write"):
@@ -130,7 +134,19 @@ class BlockLoader:
             found = self.attempts.to(lambda: frames.read(instruction, keys, protocol, channel.number, number))
         if self.attempts.spoilt or found is None:
             raise Broken(entry.key.text)
+        places = " of several places" if len(found.get("targets", ())) > 1 else ""
+        self._without_effect(keys, f"beside {instruction}:{places}")
         return Block(**common, **found)
+
+    def _without_effect(self, keys: MappingNode, where: str) -> None:
+        """Keys that nothing has read: what such a block does not look at."""
+        if sum(name in keys for name in (*INSTRUCTIONS, "report", "abort", "inspect")) != 1:
+            return  # which one is meant the schema asks
+        self.reader.problems.extend(without_effect(entry, where) for _, entry in unread(keys))
+
+    def _is_record(self, keys: MappingNode) -> bool:
+        """Whether a block is a command to jobs whose words stand in memory."""
+        return "command" in keys and "channel" not in keys and "commands" not in keys and self.jobs.reads_records
 
     def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
         """A block that establishes, aborts or inspects a job; the cycle of one that establishes is the job's."""
@@ -142,10 +158,12 @@ class BlockLoader:
         block_id = BLOCKS_IN_SET * (set_number - 1) + number
         if instruction == "command":
             record = self.jobs.record(keys, block_id)
+            self._without_effect(keys, "beside command:")
             return Block(**common, channel=0, job=record, targets=(record.place.text,))
         command = self.jobs.command(keys, entry, block_id)
         if self.attempts.spoilt:
             raise Broken(entry.key.text)
+        self._without_effect(keys, f"beside {instruction}:")
         targets = () if command.order is None else (command.order.remote,)
         return Block(**common, channel=0, job=command, targets=targets)
 
@@ -154,6 +172,8 @@ class BlockLoader:
     ) -> dict[str, Any]:
         """What all blocks have."""
         reader = self.reader
+        has_turn = instruction in INSTRUCTIONS and instruction != "receive" and not self._is_record(keys)
+        joins = instruction == "read" and len(reader.items(keys.get("read"))) == 1
         return {
             "number": number,
             "set": set_number,
@@ -162,9 +182,9 @@ class BlockLoader:
             "triggers": self.attempts.to(lambda: self.triggers.triggers(keys)) or (),
             "unless": self.attempts.maybe(self.condition, keys.get("unless")),
             "repeat": self.attempts.maybe(reader.number, keys.get("repeat")),
-            "priority": self.attempts.maybe(reader.number, keys.get("priority")) or 0,
+            "priority": (self.attempts.maybe(reader.number, keys.get("priority")) or 0) if has_turn else 0,
             "enabled": reader.flag(keys.get("enabled"), default=True),
-            "merge": reader.flag(keys.get("merge"), default=True),
+            "merge": reader.flag(keys.get("merge"), default=True) if joins else True,
             "at": entry.key.at,
         }
 
@@ -207,6 +227,8 @@ class BlockLoader:
         return any(is_nearly("station", one.key.text) for one in getattr(keys, "entries", ()))
 
     def _station(self, instruction: str, keys: MappingNode, channel: Channel, entry: Entry) -> dict[str, Any]:
+        if instruction in ("send", "receive"):
+            return {"station": channel.station}
         node = keys.get("station")
         asks = instruction in ("read", "write", "call")
         names_own = asks or instruction == "command"

@@ -16,9 +16,6 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import DefinitionError, Problem
 
-NO_COMMAND = ("type", "count", "into", "from", "data", "size", "values", "with")
-"""Keys of a block that its command block says instead."""
-
 
 class CommandBlockLoader:
     """Reads them; `place` reads a place of the own memory in a unit, `written` one that is to be written."""
@@ -38,9 +35,6 @@ class CommandBlockLoader:
         """What a block with `command:` has of its own. Raises Broken."""
         node, fault = keys.get("command"), keys.get("fault")
         assert node is not None
-        for key in NO_COMMAND:
-            if (other := keys.get(key)) is not None:
-                self.reader.note(other.at, f"{key}: does not belong to a command", "the words in memory say it")
         place = self._place(node, "word")
         return {
             "places": (place,),

@@ -52,7 +52,7 @@ class FrameBlockLoader:
                 place = where(entry.value)
                 self._fits(fields[entry.key.text], place, instruction, entry.value)
                 data[entry.key.text] = place
-        values = self._values(keys.get("values"), frame, fields)
+        values = self._values(keys.get("values"), frame, fields) if instruction == "send" else {}
         sizes = self._sizes(keys.get("size"), frame, fields)
         if instruction == "send" and not self.spoilt:
             self._missing(frame, {*data, *values}, sizes, keys)

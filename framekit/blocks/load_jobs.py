@@ -20,8 +20,6 @@ from framekit.memory.numbers import unit_bits
 
 COMMANDS: tuple[CommandKind, ...] = ("job", "abort", "inspect")
 ALL = "all"
-RECORD_SAYS = ("station", "type", "count", "into", "from", "values", "with", "status")
-"""Keys of a block that the words of its command say instead."""
 MOST_TIMES = 0xFFFF
 
 _KINDS: dict[str, Kind] = {"read": "read", "write": "write", "report": "report"}
@@ -76,9 +74,6 @@ class JobBlockLoader:
         """The command of a block whose words stand in memory. Raises Broken."""
         section = self.section
         assert isinstance(section, JobsSection) and section.commands is not None
-        for key in RECORD_SAYS:
-            if (other := keys.get(key)) is not None:
-                self.reader.note(other.at, f"{key}: does not belong to a command", "the words in memory say it")
         node, fault = keys.get("command"), keys.get("fault")
         assert node is not None
         return Record(

@@ -73,7 +73,7 @@ def read_opening(
     """The channel that is opened for hosts without one; None where the run allows none, and for a broken one."""
     entry = next((entry for entry in keys.entries if entry.key.text == "open"), None)
     most = keys.get("connections")
-    if entry is None:
+    if entry is None or keys.get("open") is None:
         if most is not None:
             reader.note(
                 most.at, "connections: counts channels that are opened when wanted", "add open: {port, protocol}"

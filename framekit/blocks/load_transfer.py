@@ -37,8 +37,8 @@ class TransferLoader:
         unit = self.attempts.maybe(reader.text, keys.get("type"))
         if unit is not None and not is_unit(unit):
             raise Broken("the schema has told what is wrong with the unit")
-        count = self._count(keys.get("count"))
         nodes = reader.items(keys.get(instruction))
+        count = self._count(keys.get("count")) if len(nodes) == 1 else 1
         protocol = channel.protocol
         if instruction not in protocol.services:
             raise reader.broken(
@@ -49,7 +49,7 @@ class TransferLoader:
         types: list[Address | None] = []
         for node in nodes:
             with reader.going_on():
-                address = address_at(reader, grammar, node.at, reader.text(node), unit, count if len(nodes) == 1 else 1)
+                address = address_at(reader, grammar, node.at, reader.text(node), unit, count)
                 units.append(unit or address.unit)
                 types.append(address if unit is None else None)
                 if instruction == "write" and protocol.areas[address.area].access == "read":

@@ -1,13 +1,18 @@
 """The nodes of a YAML file: scalars, mappings and lists with positions.
 
 Every scalar is text, nothing has been given a meaning yet. How a file becomes nodes is not known here.
+Every entry remembers whether a loader has read it: what no loader reads has no effect, and the user is told.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 from framekit.definition.problems import Position
+
+NOTES = ("about", "doc", "source", "second_source")
+"""Keys that are for people, in every part of every file."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +28,24 @@ class Scalar:
     absent: bool = False
 
 
+@dataclass
+class _Use:
+    """Whether a loader has read an entry."""
+
+    read: bool = False
+
+
 @dataclass(frozen=True)
 class Entry:
     """A key and its value."""
 
     key: Scalar
     value: Node
+    use: _Use = field(default_factory=_Use, compare=False, repr=False)
+
+    def holding(self, value: Node) -> Entry:
+        """The same entry with another value; who reads one of them has read both."""
+        return Entry(self.key, value, self.use)
 
 
 @dataclass(frozen=True)
@@ -40,8 +57,22 @@ class Mapping:
     flow: bool = False
 
     def get(self, key: str) -> Node | None:
-        """The value of a key; None when there is no such key."""
+        """The value of a key, which counts as read; None when there is no such key."""
+        for entry in self.entries:
+            if entry.key.text == key:
+                entry.use.read = True
+                return entry.value
+        return None
+
+    def value(self, key: str) -> Node | None:
+        """The value of a key that somebody else reads, or that has to be looked at before it is clear who does."""
         return next((entry.value for entry in self.entries if entry.key.text == key), None)
+
+    def read_all(self) -> tuple[Entry, ...]:
+        """All entries, which count as read: keys that the file's author chooses."""
+        for entry in self.entries:
+            entry.use.read = True
+        return self.entries
 
     def keys(self) -> tuple[str, ...]:
         """The texts of the keys."""
@@ -61,3 +92,22 @@ class Sequence:
 
 
 Node = Scalar | Mapping | Sequence
+
+
+def unread(node: Node) -> Iterator[tuple[Mapping, Entry]]:
+    """The entries that no loader has read, each with what it stands in.
+
+    A mapping of which nothing was read is passed over: it belongs to something that is not loaded at all.
+    """
+    waiting: list[Node] = [node]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, Sequence):
+            waiting.extend(node.items)
+        elif isinstance(node, Mapping):
+            looked_at = any(entry.use.read for entry in node.entries)
+            for entry in node.entries:
+                if entry.use.read:
+                    waiting.append(entry.value)
+                elif looked_at and entry.key.text not in NOTES:
+                    yield node, entry

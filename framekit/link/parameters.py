@@ -12,7 +12,7 @@ from framekit.definition.expression.parse import parse_expression
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load import scalars
 from framekit.definition.model.protocol import Parameter
-from framekit.definition.problems import NOWHERE
+from framekit.definition.problems import NOWHERE, plural
 from framekit.definition.times import NEVER, format_time, parse_time
 
 
@@ -62,13 +62,15 @@ def _numbered(parameter: Parameter, item: Any, place: int) -> Any:
 
 
 def check_value(parameter: Parameter, value: Any) -> None:
-    """Raises ParameterError for a value out of range, or not among the choices; for a list, if one item is that."""
+    """Raises ParameterError for a value out of range, of a wrong size, or not among the choices; items of lists too."""
     if isinstance(value, list):
         for item in value:
             check_value(parameter, item)
         return
     if parameter.type == "choice" and parameter.choices and value not in parameter.choices:
         raise ParameterError(parameter.name, f"'{value}' is none of {', '.join(parameter.choices)}")
+    if parameter.size is not None and isinstance(value, bytes) and len(value) != parameter.size:
+        raise ParameterError(parameter.name, f"{plural(len(value), 'byte')} are not {parameter.size}")
     if parameter.limits is None or not isinstance(value, int):
         return
     low, high = parameter.limits

@@ -126,7 +126,7 @@ class ProfileLoader:
 
     def _columns(self, node: Mapping) -> MappingOf[str, int | str | bytes]:
         columns: dict[str, int | str | bytes] = {}
-        for entry in node.entries:
+        for entry in node.read_all():
             key = entry.key.text
             if key in _AREA_KEYS:
                 continue

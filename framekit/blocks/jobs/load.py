@@ -31,7 +31,7 @@ def load_job_profile(name_or_path: str | Path, folder: Path | None = None, at: P
     profile = None
     with suppress(Broken):
         profile = JobProfileLoader(reader, documents.root(path, "jobs")).profile()
-    problems = documents.first_words(reader.problems)
+    problems = documents.first_words(reader.problems, path)
     if profile is None or problems:
         raise DefinitionError(problems)
     return profile

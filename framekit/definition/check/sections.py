@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from framekit.definition.check.segments import constant_number
-from framekit.definition.expression.syntax import Expression, List, Name, Number, Text
+from framekit.definition.expression.syntax import Bytes, Expression, List, Name, Number, Text
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, Queue, StateVariable
-from framekit.definition.problems import NOWHERE, Problem, did_you_mean
+from framekit.definition.problems import NOWHERE, Problem, did_you_mean, plural
 from framekit.definition.times import format_time
 
 RESERVED = frozenset({
@@ -72,6 +72,9 @@ def _parameter(parameter: Parameter) -> Iterator[Problem]:
     if parameter.type == "choice":
         yield from _choice(parameter, default)
     yield from _in_range(parameter, default)
+    if parameter.size is not None and isinstance(default.root, Bytes) and len(default.root.value) != parameter.size:
+        what = f"the default of '{name}' has {plural(len(default.root.value), 'byte')}, not {parameter.size}"
+        yield Problem(default.at, what, "correct one of them")
 
 
 def _choice(parameter: Parameter, default: Expression) -> Iterator[Problem]:

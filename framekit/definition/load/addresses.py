@@ -45,7 +45,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         unit=unit,
         units_table=table,
         results={
-            entry.key.text: reader.expression(entry.value) for entry in keys.entries if entry.key.text not in named
+            entry.key.text: reader.expression(entry.value) for entry in keys.read_all() if entry.key.text not in named
         },
         wire=reader.flag(keys.get("wire")),
         at=keys.at,

@@ -59,7 +59,7 @@ def _own(entry: Entry) -> Entry:
     if entry.key.text != "params" or not isinstance(entry.value, Mapping):
         return entry
     defined = tuple(item for item in entry.value.entries if isinstance(item.value, Mapping))
-    return Entry(entry.key, Mapping(defined, entry.value.at))
+    return entry.holding(Mapping(defined, entry.value.at))
 
 
 def _says(entry: Entry) -> bool:

@@ -16,6 +16,7 @@ from framekit.definition.nodes import Entry, Mapping, Node, Scalar, read_nodes
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
 from framekit.definition.shipped import find_definition, shipped_folder
+from framekit.definition.tree import unread
 
 
 @dataclass(slots=True)
@@ -36,7 +37,7 @@ class Source:
     def section(self, key: str) -> tuple[Entry, ...]:
         """The named entries of a section; none when it is missing or is not a mapping."""
         node = self.root.get(key)
-        return node.entries if isinstance(node, Mapping) else ()
+        return node.read_all() if isinstance(node, Mapping) else ()
 
 
 class Documents:
@@ -80,11 +81,15 @@ class Documents:
             self.roots[path] = node
         return self.roots[path]
 
-    def first_words(self, problems: list[Problem]) -> list[Problem]:
+    def first_words(self, problems: list[Problem], file: Path | None = None) -> list[Problem]:
         """The problems sorted, each once; where the schema spoke, what loaders said of the same place is left out.
 
-        So is what they said of a line in which YAML has cut something: the pieces mean nothing.
+        So is what they said of a line in which YAML has cut something: the pieces mean nothing. In a `file` without
+        errors, keys that no loader has read are problems too.
         """
+        root = None if file is None else self.roots.get(file.resolve())
+        if root is not None and all(problem.warning for problem in problems):
+            problems = [*problems, *(without_effect(entry) for _, entry in unread(root))]
         return [
             problem
             for problem in sorted(set(problems))
@@ -162,6 +167,11 @@ class Documents:
         return None
 
 
+def without_effect(entry: Entry, where: str = "here") -> Problem:
+    """The problem that no loader reads a key."""
+    return Problem(entry.key.at, f"'{entry.key.text}' has no effect {where}", "remove it")
+
+
 def merged(base: Mapping, own: Mapping) -> Mapping:
     """`own` on top of `base`: sections joined by name, other keys replaced."""
     sections = {entry.key.text: entry for entry in base.entries if entry.key.text != "extends"}
@@ -170,7 +180,7 @@ def merged(base: Mapping, own: Mapping) -> Mapping:
         old = sections.get(key)
         if old is not None and isinstance(old.value, Mapping) and isinstance(entry.value, Mapping):
             depth = 2 if key in ("params", "state", "areas") else 1
-            entry = Entry(entry.key, joined(old.value, entry.value, depth))
+            entry = entry.holding(joined(old.value, entry.value, depth))
         sections[key] = entry
     return Mapping(tuple(sections.values()), own.at)
 
@@ -181,7 +191,7 @@ def joined(base: Mapping, own: Mapping, depth: int) -> Mapping:
     for entry in own.entries:
         old = entries.get(entry.key.text)
         if depth > 1 and old is not None and isinstance(old.value, Mapping) and isinstance(entry.value, Mapping):
-            entry = Entry(entry.key, joined(old.value, entry.value, depth - 1))
+            entry = entry.holding(joined(old.value, entry.value, depth - 1))
         entries[entry.key.text] = entry
     return Mapping(tuple(entries.values()), own.at)
 

@@ -143,7 +143,7 @@ class FrameLoader:
         for name in reversed([group, *self._parents(space, group)]):
             value = space.section("groups")[name].entry.value
             keys = value if isinstance(value, Mapping) else node
-            found.update({entry.key.text: entry.value for entry in keys.entries if entry.key.text in INHERITED})
+            found |= _inherited_keys(keys)
         return found
 
     def _parents(self, space: Namespace, group: str) -> list[str]:
@@ -172,7 +172,7 @@ class FrameLoader:
         reader, space = self.reader, outline.space
         own = reader.mapping(outline.owned.entry.value)
         keys = self._inherited(space, outline.groups[0]) if outline.groups else {}
-        keys |= {entry.key.text: entry.value for entry in own.entries if entry.key.text in INHERITED}
+        keys |= _inherited_keys(own)
         if not self._keys_known(outline, own):
             raise Broken(outline.name)
         loader = SegmentLoader(space, self.find)
@@ -215,5 +215,9 @@ class FrameLoader:
 
     def _echo(self, node: Node | None) -> dict[str, Expression]:
         if isinstance(node, Mapping):
-            return {entry.key.text: self.reader.expression(entry.value) for entry in node.entries}
+            return {entry.key.text: self.reader.expression(entry.value) for entry in node.read_all()}
         return {self.reader.text(item): self.reader.expression(item) for item in self.reader.items(node)}
+
+
+def _inherited_keys(keys: Mapping) -> dict[str, Node]:
+    return {name: node for name in INHERITED if (node := keys.get(name)) is not None}

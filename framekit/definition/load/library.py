@@ -79,7 +79,7 @@ def _load(path: Path) -> Loaded:
         loader = ProtocolLoader(reader, documents, documents.source(path))
         protocol = loader.load()
         reader.problems.extend(check_protocol(protocol, loader.broken(protocol)))
-    problems = documents.first_words(reader.problems)
+    problems = documents.first_words(reader.problems, path)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
     return Loaded(replace(protocol, warnings=tuple(problems)), sources_of(documents.roots, documents.found))

@@ -93,7 +93,7 @@ class PlainSegmentLoader:
         if node is None:
             return None
         if isinstance(node, Mapping):
-            return {self.reader.number(entry.key): self.reader.text(entry.value) for entry in node.entries}
+            return {self.reader.number(entry.key): self.reader.text(entry.value) for entry in node.read_all()}
         name = self.reader.text(node)
         table = self.space.table(name)
         if table is None:

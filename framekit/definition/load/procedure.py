@@ -176,7 +176,7 @@ class ProcedureLoader:
     def _ask(self, node: Node) -> FrameOf:
         """`{service: {argument: value}}`: the service's name stands where a constructor has its frame."""
         mapping = self.reader.mapping(node)
-        if len(mapping.entries) != 1:
+        if len(mapping.read_all()) != 1:
             raise self.reader.broken(
                 mapping.at, "ask runs exactly one service", "write ask: {service: {argument: value}}"
             )

@@ -207,7 +207,7 @@ class ProtocolLoader:
         wanted |= {area.layout: area.at for area in areas.values() if area.layout}
         for owned in self.space.section("state").values():
             for key in ("list", "record", "holds"):
-                node = owned.entry.value.get(key) if hasattr(owned.entry.value, "get") else None
+                node = owned.entry.value.value(key) if isinstance(owned.entry.value, MappingNode) else None
                 if isinstance(node, Scalar) and node.text in self.space.section("layouts"):
                     wanted[node.text] = node.at
         found: dict[str, Layout] = {}
@@ -246,7 +246,7 @@ class ProtocolLoader:
                 else:
                     keys = self.reader.mapping(owned.entry.value)
                     for key in ("list", "record"):
-                        if (node := keys.get(key)) is not None:
+                        if "table" not in keys and (node := keys.value(key)) is not None:
                             space.layout(node)
                     values = SegmentLoader(space, self.frames.find).values(keys.get("values"))
                     result[section][name] = load_state(self.reader, owned.entry, values, name in announced)
@@ -276,6 +276,6 @@ class ProtocolLoader:
             own = entries[entry.key.text]
             if own.source is not application and isinstance(own.entry.value, MappingNode):
                 assert isinstance(entry.value, MappingNode)
-                merged = Entry(own.entry.key, joined(entry.value, own.entry.value, 1))
+                merged = own.entry.holding(joined(entry.value, own.entry.value, 1))
                 entries[entry.key.text] = Owned(merged, own.source, False)
         return entries

@@ -143,7 +143,7 @@ class Reader:
         return node
 
     def entries(self, node: Node | None) -> tuple[Entry, ...]:
-        return () if node is None else self.mapping(node).entries
+        return () if node is None else self.mapping(node).read_all()
 
     def items(self, node: Node | None) -> tuple[Node, ...]:
         """The items of a list; a single thing stands for a list of one; nothing for an empty one."""

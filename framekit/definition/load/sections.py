@@ -60,6 +60,7 @@ def load_parameter(reader: Reader, entry: Entry) -> Parameter:
         doc=reader.maybe(reader.text, keys.get("doc")) or "",
         at=entry.key.at,
         items=items,  # type: ignore[arg-type]
+        size=_size(reader, keys, type_, "parameter"),
     )
 
 
@@ -71,17 +72,18 @@ def item_type(reader: Reader, node: Node | None) -> str | None:
 def load_state(reader: Reader, entry: Entry, values: object, announced: bool) -> StateVariable:
     """A variable of the link. `values`: names of its numbers, already read. Raises Broken."""
     keys = reader.mapping(entry.value)
-    list_node, record, holds = keys.get("list"), keys.get("record"), keys.get("holds")
-    type_ = reader.maybe(reader.text, keys.get("type"))
-    layout = None
-    if list_node is not None:
-        type_, layout = "list", reader.text(list_node)
-    elif record is not None:
-        type_, layout = "record", reader.text(record)
-    elif holds is not None:
+    table = keys.get("table")
+    type_ = layout = None
+    if table is not None and (holds := keys.get("holds")) is not None:
         type_ = reader.text(holds)
+    elif table is None and (list_node := keys.get("list")) is not None:
+        type_, layout = "list", reader.text(list_node)
+    elif table is None and (record := keys.get("record")) is not None:
+        type_, layout = "record", reader.text(record)
+    else:
+        type_ = reader.maybe(reader.text, keys.get("type"))
     if type_ is None:
-        todo = "add holds:" if keys.get("table") is not None else "add type:, list: or record:"
+        todo = "add holds:" if table is not None else "add type:, list: or record:"
         raise reader.broken(entry.key.at, f"variable '{entry.key.text}' has no type", todo)
     initial, scope = keys.get("initial"), reader.maybe(reader.text, keys.get("scope")) or "line"
     return StateVariable(
@@ -89,10 +91,10 @@ def load_state(reader: Reader, entry: Entry, values: object, announced: bool) ->
         scope=scope,  # type: ignore[arg-type]
         type=type_,
         initial=None if initial is None else literal_or_expression(reader, initial, type_),
-        keys=reader.maybe(reader.range, keys.get("table")),
+        keys=reader.maybe(reader.range, table),
         layout=layout,
-        most=reader.maybe(reader.number, keys.get("max")),
-        size=_size(reader, keys, type_),
+        most=reader.maybe(reader.number, keys.get("max")) if type_ == "list" else None,
+        size=_size(reader, keys, type_, "variable"),
         publish=reader.flag(keys.get("publish")),
         values=values,  # type: ignore[arg-type]
         announced=announced,
@@ -100,11 +102,11 @@ def load_state(reader: Reader, entry: Entry, values: object, announced: bool) ->
     )
 
 
-def _size(reader: Reader, keys: Mapping, type_: str) -> int | None:
-    """The number of bytes of a variable; only bytes have one. Raises Broken."""
+def _size(reader: Reader, keys: Mapping, type_: str, thing: str) -> int | None:
+    """The number of bytes of a variable or parameter; only bytes have one. Raises Broken."""
     node = keys.get("size")
     if node is not None and type_ != "bytes":
-        raise reader.broken(node.at, f"a variable of type {type_} has no size", "remove it, or write type: bytes")
+        raise reader.broken(node.at, f"a {thing} of type {type_} has no size", "remove it, or write type: bytes")
     return reader.maybe(reader.number, node)
 
 
@@ -140,8 +142,8 @@ def load_station(reader: Reader, node: Node | None) -> StationType:
         reader.note(pad.at, "pad fills texts for stations of type bytes with a size", "leave pad out")
     return StationType(
         type=type_,  # type: ignore[arg-type]
-        limits=reader.maybe(reader.range, keys.get("range")),
-        size=reader.maybe(reader.number, keys.get("size")),
+        limits=reader.maybe(reader.range, keys.get("range")) if type_ == "number" else None,
+        size=reader.maybe(reader.number, keys.get("size")) if type_ in ("text", "bytes") else None,
         pad=reader.maybe(reader.byte, pad),
         default=None if default is None else literal_or_expression(reader, default, type_),
     )

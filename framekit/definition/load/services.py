@@ -50,7 +50,7 @@ def load_area(reader: Reader, entry: Entry) -> Area:
         layout=reader.maybe(reader.text, keys.get("layout")),
         columns={
             column.key.text: _constant(reader, column.value)
-            for column in keys.entries
+            for column in keys.read_all()
             if column.key.text not in AREA_KEYS
         },
         at=entry.key.at,
@@ -73,7 +73,7 @@ def _codes(reader: Reader, keys: Mapping) -> dict[str, Constant]:
     if node is None:
         return {}
     if isinstance(node, Mapping):
-        return {entry.key.text: _constant(reader, entry.value) for entry in node.entries}
+        return {entry.key.text: _constant(reader, entry.value) for entry in node.read_all()}
     return {"": _constant(reader, node)}
 
 
@@ -151,7 +151,7 @@ class ServiceLoader:
 
     def _reply(self, keys: Mapping) -> ReplyRow:
         buffer = keys.get("buffer")
-        frames = [entry for entry in keys.entries if entry.key.text not in ("buffer", "when")]
+        frames = [entry for entry in keys.read_all() if entry.key.text not in ("buffer", "when")]
         if len(frames) > 1:
             raise self.reader.broken(keys.at, "a reply row has one frame", "write a list with one row a frame")
         return ReplyRow(

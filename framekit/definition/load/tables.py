@@ -35,7 +35,7 @@ def load_table(reader: Reader, entry: Entry) -> Table:
 
 def _table_value(reader: Reader, node: Node) -> TableValue:
     if isinstance(node, Mapping):
-        return {row.key.text: reader.cell(row.value) for row in node.entries}
+        return {row.key.text: reader.cell(row.value) for row in node.read_all()}
     if isinstance(node, Sequence):
         return tuple(reader.cell(item) for item in node.items)
     return reader.cell(node)

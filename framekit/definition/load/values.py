@@ -44,9 +44,10 @@ class ValueLoader:
     def frame_of(self, node: Node | None) -> FrameOf:
         """`{frame: {…}}` where a frame must stand. Raises Broken."""
         mapping = self.reader.mapping(node)
-        if len(mapping.entries) != 1:
+        entries = mapping.read_all()
+        if len(entries) != 1:
             raise self.reader.broken(mapping.at, "exactly one frame is wanted here", "write {frame: {field: value}}")
-        return self._frame(mapping.entries[0])
+        return self._frame(entries[0])
 
     def _frame(self, entry: Entry) -> FrameOf:
         name = entry.key.text
@@ -59,7 +60,7 @@ class ValueLoader:
 
     def _mapping(self, node: Mapping) -> Value:
         if len(node.entries) == 1:
-            entry = node.entries[0]
+            entry = node.read_all()[0]
             if entry.key.text == "each":
                 return EachOf(self.fields(entry.value), node.at)
             if entry.key.text in self.frames.outlines and not isinstance(entry.value, Scalar):

@@ -38,7 +38,7 @@ def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:
     vectors = None
     with suppress(Broken):
         vectors = _VectorsLoader(reader).load(documents.root(Path(path), "vectors"))
-    return vectors, documents.first_words(reader.problems)
+    return vectors, documents.first_words(reader.problems, Path(path))
 
 
 def parse_wire(text: str) -> Wire:

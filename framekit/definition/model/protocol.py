@@ -35,7 +35,7 @@ class Line:
 class Parameter:
     """A named setting. `is_` is a formula that nobody sets. `items`: what a list holds, None for anything.
 
-    `limits` of a list are those of each item.
+    `limits` of a list are those of each item; `size`: bytes are that many, no others.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Parameter:
     doc: str
     at: Position
     items: Literal["time", "number", "flag", "text", "bytes"] | None = None
+    size: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
