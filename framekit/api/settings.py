@@ -14,7 +14,7 @@ from typing import Any
 
 from framekit.api.errors import RequestError
 from framekit.blocks.given import parse_station
-from framekit.blocks.load_channel import CLIENT_ROLES, needs_own, needs_station
+from framekit.blocks.load_channel import needs_own, needs_station
 from framekit.blocks.model import Channel
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
@@ -83,7 +83,6 @@ def line_settings(
     protocol: ProtocolGiven,
     port: str,
     *,
-    roles: tuple[str, ...] = CLIENT_ROLES,
     role: str | None = None,
     frames_alone: bool = False,
     speed: int | None = None,
@@ -98,8 +97,8 @@ def line_settings(
         raise RequestError(f"'{found.name}' is carried by other protocols, it has no line of its own")
     return LineSettings(
         protocol=found,
-        port=_port(port),
-        role=None if frames_alone else _role(found, role, roles),
+        port=found.line.port_of(_port(port)),
+        role=None if frames_alone else _role(found, role),
         line=_line(found, speed, format),
         own=None if own is None else checked_station(found, own),
         station=None if station is None else checked_station(found, station),
@@ -138,11 +137,11 @@ def _port(port: str) -> str:
     return port
 
 
-def _role(protocol: Protocol, role: str | None, usual: tuple[str, ...]) -> str | None:
+def _role(protocol: Protocol, role: str | None) -> str | None:
     if role is None:
         if not protocol.roles:
             return None
-        role = next((name for name in usual if name in protocol.roles), None)
+        role = protocol.asking_role
         if role is None:
             raise RequestError(f"name the role: one of {', '.join(protocol.roles)}")
     if role not in protocol.roles:

@@ -16,16 +16,13 @@ from framekit.blocks.model import Channel
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import WITHOUT_NUMBER, Protocol
 from framekit.definition.model.visit import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.definition.times import LineFormat, parse_format
 
 T = TypeVar("T")
-
-CLIENT_ROLES = ("client", "master", "full")
-"""The roles a channel plays when the run does not say."""
 
 _HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
 
@@ -64,12 +61,13 @@ class ChannelLoader:
         port = self._maybe(self._port, keys.get("port"))
         answer = self._maybe(reader.time, keys.get("answer"))
         protocol = self._protocol(keys)
+        port = self._with_number(port or "", port_node, protocol)
         line = self._line(keys, protocol)
-        wires = LineLoader(reader, keys, protocol, port or "", line)
+        wires = LineLoader(reader, keys, protocol, port, line)
         silence = self.rules.silence(keys, line)
         channel = Channel(
             number=number or 0,
-            port=port or "",
+            port=port,
             protocol=protocol,
             role=self._role(keys, entry, protocol),
             line=line,
@@ -95,6 +93,15 @@ class ChannelLoader:
         if self.spoilt:
             raise Broken(entry.key.text)
         return channel
+
+    def _with_number(self, port: str, node: Node, protocol: Protocol) -> str:
+        """The port with the protocol's own port number where it names none."""
+        found = protocol.line.port_of(port)
+        if WITHOUT_NUMBER.fullmatch(found):
+            what = f"'{port}' names no port number, and '{protocol.name}' has none of its own"
+            self.reader.note(node.at, what, f"write {port.rstrip('/')}:NUMBER")
+            self.spoilt = True
+        return found
 
     def _port(self, node: Node) -> str:
         port = self.reader.text(node)
@@ -150,7 +157,7 @@ class ChannelLoader:
                 self.reader.note(node.at, f"'{protocol.name}' has no roles", "leave role out")
             return None
         if node is None:
-            role = next((name for name in CLIENT_ROLES if name in protocol.roles), None)
+            role = protocol.asking_role
             if role is None:
                 known = ", ".join(protocol.roles)
                 self.reader.note(entry.key.at, f"channel {entry.key.text} says no role", f"add role: one of {known}")

@@ -93,14 +93,13 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
 def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
     """Command blocks on a port that has done nothing yet, over an empty memory."""
     from framekit.blocks.commands import CommandBlocks
-    from framekit.blocks.load_channel import CLIENT_ROLES
     from framekit.blocks.memory_settings import memory_of
     from framekit.codec.codec import compile_protocol
     from framekit.link.frame_vectors import default_line
     from framekit.link.scope import Scope
     from framekit.memory.memory import DeviceMemory
 
-    role = arguments.role or next((name for name in CLIENT_ROLES if name in protocol.roles), None)
+    role = arguments.role or protocol.asking_role
     channel = Scope(protocol, role=role, line=default_line(protocol))
     areas, _ = memory_of(application)
     return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=channel)

@@ -113,7 +113,7 @@ def monitor_of(
     from framekit.transport.open_port import open_port
 
     try:
-        port = open_port(arguments.port, line_of(protocol, arguments), clock, listen_only=True)
+        port = open_port(protocol.line.port_of(arguments.port), line_of(protocol, arguments), clock, listen_only=True)
     except ValueError as error:
         raise WrongWords(str(error)) from None
     capture = None

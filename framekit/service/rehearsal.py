@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from framekit.blocks.block_status import Failure
-from framekit.blocks.device import SERVING_ROLES, Device
+from framekit.blocks.device import Device
 from framekit.blocks.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
 from framekit.blocks.memory_settings import memory_of, put_values
 from framekit.blocks.model import Block, Channel, Run
@@ -28,9 +28,6 @@ from framekit.transport.transmission import Transmission
 
 LONGEST = 3_600_000_000_000
 """An exchange that has not ended after an hour never will."""
-
-ASKING_ROLES = ("client", "master")
-"""Roles whose other side is one of `SERVING_ROLES`; every other role talks to one like itself."""
 
 OWN = "own"
 
@@ -108,9 +105,7 @@ class Rehearsal:
 
     def _servers(self, stations: Iterable[Any]) -> list[DeviceService]:
         protocol = self.channel.protocol
-        role = self.channel.role
-        if role in ASKING_ROLES:
-            role = next((one for one in SERVING_ROLES if one in protocol.roles), None)
+        role = None if self.channel.role is None else protocol.other_side(self.channel.role)
         if role is None or not protocol.services:
             return []
         areas, grammar = memory_of(protocol)

@@ -57,6 +57,7 @@ async def begin_serving(
 
     What has to be closed at the end goes on the stack. Raises ValueError for what is no port, OSError.
     """
+    url = serving.stores[0].device.protocol.line.port_of(url)
     scheme, _, rest = url.partition("://")
     if rest and scheme.lower() in LISTENING:
         host, number = host_and_port(rest)

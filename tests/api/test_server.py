@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,57 @@ def test_a_protocol_on_tcp_under_two_clients() -> None:
     device.close()
     with pytest.raises(ConnectionError):
         framekit.connect("modbus-tcp", device.port)
+
+
+ROLES = """
+protocol: roles
+line: {{kind: stream, tcp: {tcp}}}
+groups: {{request: {{from: client}}}}
+frames:
+  ask:  {{group: request, body: [{{const: ENQ}}, {{field: number, type: u8}}]}}
+  back: {{from: server, body: [{{const: ACK}}, {{field: number, type: u8}}]}}
+sequences:
+  exchange:
+    takes: [request]
+    gives: {{reply: a}}
+    local: {{a: frame}}
+    steps: [{{step: s, send: request, receive: [{{frame: expected, set: {{a: it}}, then: end}}], within: 2 s}}]
+  listen:
+    local: {{question: frame}}
+    steps:
+      - {{step: idle, receive: [{{frame: ask, set: {{question: it}}, then: next}}]}}
+      - {{step: answer, send: {{back: {{number: question.number + 1}}}}, then: end}}
+roles:
+  {serving}: {{lanes: {{main: {{listen: listen}}}}}}
+  {asking}: {{lanes: {{main: {{exchange: exchange}}}}}}
+services:
+  ping: [{{takes: {{n: {{type: number}}}}, request: {{ask: {{number: n}}}}, reply: {{back: {{}}}}, gives: {{n: reply.number}}}}]
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.mark.parametrize(("asking", "serving"), [("computer", "plc"), ("client", "plc"), ("slave", "master")])
+def test_roles_of_any_name_on_the_port_of_the_protocol(tmp_path: Path, asking: str, serving: str) -> None:
+    number = free_port()
+    path = tmp_path / "roles.yaml"
+    path.write_text(ROLES.format(tcp=number, asking=asking, serving=serving), encoding="utf-8")
+    with framekit.serve(str(path), "tcp://127.0.0.1") as device:
+        assert device.port == f"tcp://127.0.0.1:{number}"
+        with framekit.connect(str(path), "tcp://127.0.0.1") as client:
+            assert client.call("ping", {"n": 4})["n"] == 5
+
+
+def test_a_protocol_that_no_role_answers_is_not_served(tmp_path: Path) -> None:
+    text = ROLES.format(tcp=502, asking="computer", serving="plc")
+    path = tmp_path / "roles.yaml"
+    path.write_text(text.replace("  plc: {lanes: {main: {listen: listen}}}\n", ""), encoding="utf-8")
+    with pytest.raises(framekit.DefinitionError, match="no role of 'roles' listens, so nothing would answer"):
+        framekit.serve(str(path), "tcp://127.0.0.1:0")
 
 
 def test_stations_on_one_pseudo_terminal() -> None:

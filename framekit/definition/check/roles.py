@@ -23,6 +23,9 @@ def check_roles(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem
         if role.session is not None and role.session not in protocol.sessions and role.session not in broken:
             hint = did_you_mean(role.session, protocol.sessions)
             yield Problem(role.at, f"there is no session '{role.session}'", hint)
+        if role.other_side is not None and role.other_side not in {*protocol.roles, *broken}:
+            hint = did_you_mean(role.other_side, protocol.roles)
+            yield Problem(role.at, f"there is no role '{role.other_side}'", hint)
         for lane in role.lanes:
             yield from _lane(protocol, role, lane)
     for session in protocol.sessions.values():

@@ -213,7 +213,8 @@ class ProcedureLoader:
         reader, keys = self.reader, self.reader.mapping(entry.value)
         lanes = tuple(self._lane(lane, sequences) for lane in reader.entries(keys.get("lanes")))
         session = reader.maybe(reader.text, keys.get("session"))
-        return Role(name=entry.key.text, session=session, lanes=lanes, at=entry.key.at)
+        other = reader.maybe(reader.text, keys.get("other_side"))
+        return Role(name=entry.key.text, session=session, lanes=lanes, at=entry.key.at, other_side=other)
 
     def _lane(self, entry: Entry, sequences: set[str]) -> Lane:
         reader, keys = self.reader, self.reader.mapping(entry.value)

@@ -154,12 +154,23 @@ class Lane:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Role:
-    """A side of the line: its lanes in the order frames are offered to them."""
+    """A side of the line: its lanes in the order frames are offered to them. `other_side`: the role that answers it."""
 
     name: str
     session: str | None
     lanes: tuple[Lane, ...]
     at: Position
+    other_side: str | None = None
+
+    @property
+    def exchanges(self) -> bool:
+        """Whether services can be called in it."""
+        return any(lane.exchange for lane in self.lanes)
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The sequences that run whenever a lane is free."""
+        return tuple(lane.listen for lane in self.lanes if lane.listen is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

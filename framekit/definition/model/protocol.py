@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -16,9 +17,13 @@ from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
 
 
+WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
+"""A connection to a host, or a listener there, whose port number nobody has said."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What the protocol says about its line. Speeds in bits a second; `tcp` is the default port of a stream."""
+    """What the protocol says about its line. Speeds in bits a second; `tcp`: the port number of `tcp://HOST`."""
 
     kind: Literal["serial", "stream"] = "serial"
     speed: int = 9600
@@ -29,6 +34,12 @@ class Line:
     key_delay: Expression | None = None
     tcp: int | None = None
     at: Position = NOWHERE
+
+    def port_of(self, url: str) -> str:
+        """A port as users name it: `tcp://HOST` gets the protocol's own port number."""
+        if self.tcp is None or not WITHOUT_NUMBER.fullmatch(url):
+            return url
+        return f"{url.rstrip('/')}:{self.tcp}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,6 +160,45 @@ class Protocol:
     @property
     def frames_alone(self) -> bool:
         return not self.roles
+
+    @property
+    def asking_role(self) -> str | None:
+        """The role of a client: the first that can exchange, or the only one there is."""
+        asking = [role.name for role in self.roles.values() if role.exchanges]
+        return next(iter(asking or (self.roles if len(self.roles) == 1 else ())), None)
+
+    @property
+    def serving_role(self) -> str | None:
+        """The role of a server: the other side of a client's, or the first that listens; None where no role does."""
+        asking = next((role.name for role in self.roles.values() if role.exchanges), None)
+        return self._first_listening() if asking is None else self.other_side(asking)
+
+    def other_side(self, role: str) -> str | None:
+        """The role that answers a role: what it says itself; its own, if it serves; else the first that listens."""
+        own = self.roles[role]
+        if own.other_side is not None:
+            return own.other_side
+        if own.exchanges and self._serves(own):
+            return role
+        return self._first_listening(role) or (role if own.listens else None)
+
+    def _first_listening(self, but: str = "") -> str | None:
+        """The first role that listens; those that only do that go before others."""
+        found = [one for one in self.roles.values() if one.listens and one.name != but]
+        return min(found, key=lambda one: one.exchanges).name if found else None
+
+    def _serves(self, role: Role) -> bool:
+        """Whether what a role listens with, and what that calls, has a step that serves."""
+        waiting, seen = list(role.listens), set[str]()
+        while waiting:
+            sequence = self.sequences.get(name := waiting.pop())
+            if sequence is None or name in seen:
+                continue
+            seen.add(name)
+            if any(step.serve is not None for step in sequence.steps):
+                return True
+            waiting += [step.call.sequence for step in sequence.steps if step.call is not None]
+        return False
 
     def frames_of(self, name: str) -> tuple[str, ...]:
         """The frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
