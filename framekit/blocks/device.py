@@ -250,12 +250,12 @@ class _DeviceLoader:
                 raise self.reader.broken(node.at, f"there is no role '{role}'", did_you_mean(role, roles))
             return role
         own = [entry.key.text for entry in self.reader.entries(self.root.get("roles"))]
-        role = next((role for role in own if role in roles), self.protocol.serving_role)
-        if role is None:
+        usual = next((role for role in own if role in roles), self.protocol.serving_role)
+        if usual is None:
             known = ", ".join(roles)
             what = f"no role of '{self.protocol.name}' listens, so nothing would answer (it has {known})"
             raise self.reader.broken(self.root.at, what, "give the protocol a role with listen:, or say role:")
-        return role
+        return usual
 
     def _profile(self) -> MemoryProfile | None:
         """The profile that the file describes; None for the areas of the protocol. Raises Broken, DefinitionError."""

@@ -56,7 +56,8 @@ roles:
   {serving}: {{lanes: {{main: {{listen: listen}}}}}}
   {asking}: {{lanes: {{main: {{exchange: exchange}}}}}}
 services:
-  ping: [{{takes: {{n: {{type: number}}}}, request: {{ask: {{number: n}}}}, reply: {{back: {{}}}}, gives: {{n: reply.number}}}}]
+  ping:
+    - {{takes: {{n: {{type: number}}}}, request: {{ask: {{number: n}}}}, reply: {{back: {{}}}}, gives: {{n: reply.number}}}}
 """
 
 

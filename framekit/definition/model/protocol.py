@@ -16,7 +16,6 @@ from framekit.definition.model.services import AddressForm, Area, Errors, Refusa
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
 
-
 WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
 """A connection to a host, or a listener there, whose port number nobody has said."""
 
