@@ -57,7 +57,10 @@ roles:
   {asking}: {{lanes: {{main: {{exchange: exchange}}}}}}
 services:
   ping:
-    - {{takes: {{n: {{type: number}}}}, request: {{ask: {{number: n}}}}, reply: {{back: {{}}}}, gives: {{n: reply.number}}}}
+    - takes: {{n: {{type: number}}}}
+      request: {{ask: {{number: n}}}}
+      reply: {{back: {{}}}}
+      gives: {{n: reply.number}}
 """
 
 

@@ -107,7 +107,7 @@ def run_with(
         ("command: R1, once: yes", "protocol: modbus-rtu", "", "'modbus-rtu' names no application of commands"),
         ("command: R1, once: yes", "protocol: modbus-rtu, commands: commreq-ccm", "", "calls 'read_quick', which"),
         ("command: R1, once: yes", "protocol: snp, commands: nothing", "", "there is no definition 'nothing'"),
-        ("command: R1, once: yes, count: 3", "protocol: snp", "", "count: does not belong to a command"),
+        ("command: R1, once: yes, count: 3", "protocol: snp", "", "'count' has no effect beside command:"),
         ("command: M1, once: yes", "protocol: snp", "", "commreq-snp"),
         ("command: M2, once: yes", "protocol: snp", "", "is not at the start of a word"),
         ("command: R1, once: yes, fault: M1025", "protocol: snp", "", "M1025 is not in area M"),
