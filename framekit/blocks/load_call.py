@@ -104,7 +104,7 @@ class CallLoader:
             told = "results of a call go to places by their names" if what == "RESULT" else "a call takes arguments"
             key = "into" if what == "RESULT" else "from"
             raise self.reader.broken(node.at, told, f"write {key}: {{{what}: ADDRESS}}")
-        return node.entries
+        return node.read_all()
 
     # ---- arguments ----------------------------------------------------------------------------------------
 
