@@ -253,7 +253,7 @@ class Channel:
     def listens(self) -> bool:
         """Whether others make connections to it, each of which is answered by itself."""
         scheme = self.port.partition("://")[0].lower()
-        return scheme == "tcp-listen" or (scheme == "tcp" and not self.asks)
+        return scheme == "tcp-listen" or (scheme in ("tcp", "udp-listen") and not self.asks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from framekit.service.device import DeviceStore
 from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.serving import Serving
+from framekit.service.serving_ports import DATAGRAMS
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.open_port import host_and_port
 from framekit.transport.port import Port, PortEvents
@@ -30,7 +31,9 @@ class ListeningPort(Port):
         self.clock = clock
         self.name = channel.port
         self.settings = None
-        self.host, self.number = host_and_port(channel.port.partition("://")[2])
+        scheme, _, place = channel.port.partition("://")
+        self._datagrams = scheme.lower() == DATAGRAMS
+        self.host, self.number = host_and_port(place)
         self.serving: Serving | None = None
 
     def answer(
@@ -51,12 +54,13 @@ class ListeningPort(Port):
         now = self.clock.now()
         assert self.serving is not None
         try:
-            self.number = self.serving.listen_now(self.host, self.number)
+            self.number = self.serving.listen_now(self.host, self.number, datagrams=self._datagrams)
         except OSError as error:
             reason = f"{self.channel.port}: {error.strerror or error}"
             self.clock.call_soon(lambda: events.closed(now, reason))
             return
-        self.name = f"tcp-listen://{bracketed(self.host)}:{self.number}"
+        scheme = DATAGRAMS if self._datagrams else "tcp-listen"
+        self.name = f"{scheme}://{bracketed(self.host)}:{self.number}"
         self.clock.call_soon(lambda: events.opened(now))
 
     def write(self, data: bytes) -> None:

@@ -90,26 +90,23 @@ class Serving:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
         self._begin(port, lambda state: self.on_state(port.name, state))
 
-    async def listen(self, host: str, number: int) -> int:
-        """Answers on every connection made to `host:number`; the number, where 0 asks for any. Raises OSError."""
-        if not isinstance(self.clock, AsyncioClock):
-            raise ValueError("a listener needs real time")
-        self.listener = TcpListener(host, number, self.clock, self.accept)
-        return await self.listener.start()
+    async def listen(self, host: str, number: int, *, datagrams: bool = False) -> int:
+        """Answers on every connection made to `host:number`, with `datagrams` every sender of them by itself.
 
-    def listen_now(self, host: str, number: int) -> int:
+        Tells the number, where 0 asks for any. Raises OSError.
+        """
+        return await self._listener(host, number, datagrams).start()
+
+    def listen_now(self, host: str, number: int, *, datagrams: bool = False) -> int:
         """As `listen`; connections are accepted as soon as the loop goes on. Raises OSError."""
-        if not isinstance(self.clock, AsyncioClock):
-            raise ValueError("a listener needs real time")
-        self.listener = listener = TcpListener(host, number, self.clock, self.accept)
-        return listener.listen()
+        return self._listener(host, number, datagrams).listen()
 
-    async def listen_for_datagrams(self, host: str, number: int) -> int:
-        """Answers every sender of datagrams to `host:number` by itself. Raises OSError."""
+    def _listener(self, host: str, number: int, datagrams: bool) -> TcpListener | UdpListener:
         if not isinstance(self.clock, AsyncioClock):
             raise ValueError("a listener needs real time")
-        self.listener = UdpListener(host, number, self.clock, self.accept)
-        return await self.listener.start()
+        kind = UdpListener if datagrams else TcpListener
+        self.listener = listener = kind(host, number, self.clock, self.accept)
+        return listener
 
     def accept(self, port: AcceptedPort | SenderPort) -> None:
         """Answers on a connection, or closes it where there are too many."""

@@ -66,7 +66,7 @@ async def begin_serving(
         return Served(name, name)
     if rest and scheme.lower() == DATAGRAMS:
         host, number = host_and_port(rest)
-        number = await serving.listen_for_datagrams(host, number)
+        number = await serving.listen(host, number, datagrams=True)
         name = f"{DATAGRAMS}://{bracketed(host)}:{number}"
         return Served(name, name)
     if url == PSEUDO_TERMINAL:

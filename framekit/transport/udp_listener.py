@@ -7,6 +7,7 @@ here.
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -94,19 +95,43 @@ class UdpListener(asyncio.DatagramProtocol):
         self.clock = clock
         self.accepted = accepted
         self.senders: dict[Any, SenderPort] = {}
+        self._socket: socket.socket | None = None
+        self._opening: asyncio.Task[None] | None = None
         self._transport: asyncio.DatagramTransport | None = None
 
-    async def start(self) -> int:
+    def listen(self) -> int:
         """Begins to listen; the port number, which matters where 0 was asked for. Raises OSError."""
-        place = (self.host, self.number)
-        transport, _ = await self.clock.loop.create_datagram_endpoint(lambda: self, local_addr=place)
-        self.number = int(transport.get_extra_info("sockname")[1])
+        found = socket.getaddrinfo(self.host or None, self.number, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        self._socket = listening = socket.socket(family, kind, protocol)
+        try:
+            listening.setblocking(False)
+            listening.bind(address)
+        except OSError:
+            listening.close()
+            raise
+        self.number = int(listening.getsockname()[1])
+        self._opening = self.clock.loop.create_task(self._open(listening))
         return self.number
+
+    async def start(self) -> int:
+        """As `listen`, in a coroutine; datagrams are heard when it returns. Raises OSError."""
+        number = self.listen()
+        if self._opening is not None:
+            await self._opening
+        return number
+
+    async def _open(self, listening: socket.socket) -> None:
+        await self.clock.loop.create_datagram_endpoint(lambda: self, sock=listening)
 
     def stop(self) -> None:
         """Hears nothing and sends nothing more."""
+        if self._opening is not None:
+            self._opening.cancel()
         if self._transport is not None:
             self._transport.close()
+        elif self._socket is not None:
+            self._socket.close()
 
     def send(self, data: bytes, address: Any) -> None:
         """Sends bytes to a sender, in more than one datagram only where they do not fit into one."""

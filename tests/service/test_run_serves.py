@@ -144,6 +144,51 @@ def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
     asyncio.run(asyncio.wait_for(scenario(), LONGEST))
 
 
+class Sender(asyncio.DatagramProtocol):
+    """One sender of datagrams, and what it gets."""
+
+    def __init__(self) -> None:
+        self.got: asyncio.Queue[bytes] = asyncio.Queue()
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        self.got.put_nowait(data)
+
+
+def test_a_channel_answers_every_sender_of_datagrams_by_itself(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        path = tmp_path / "listening.run.yaml"
+        path.write_text(LISTENING.replace("tcp-listen:", "udp-listen:"), "utf-8")
+        loop, opened = asyncio.get_running_loop(), asyncio.Event()
+        service = RunService(
+            load_run(path), AsyncioClock(loop), lambda channel, seen: opened.set() if channel == 1 else None
+        )
+        service.start()
+        transports = []
+        try:
+            await opened.wait()
+            number = int(service.channels[1].driver.port.name.rpartition(":")[2])
+            senders = [Sender(), Sender()]
+            for sender in senders:
+                made, _ = await loop.create_datagram_endpoint(
+                    lambda sender=sender: sender, remote_addr=("127.0.0.1", number)
+                )
+                transports.append(made)
+            one, other = transports
+            one.sendto(MODBUS_READ[:8])
+            other.sendto(MODBUS_READ)
+            one.sendto(MODBUS_READ[8:])
+            for sender in senders:
+                assert await sender.got.get() == MODBUS_REPLY + bytes.fromhex("1234 5678")
+            [status, _] = run_status(service).channels
+            assert (status.services, status.errors, status.bad, status.noise_bytes) == (2, 0, 0, 0)
+        finally:
+            for transport in transports:
+                transport.close()
+            service.stop()
+
+    asyncio.run(asyncio.wait_for(scenario(), LONGEST))
+
+
 def test_a_port_that_is_taken_is_told_and_tried_again(tmp_path: Path) -> None:
     async def scenario() -> None:
         taken = socket.create_server(("127.0.0.1", 0))

@@ -196,7 +196,7 @@ async def served_by_datagrams(limits: ConnectionLimits = DEFAULT_LIMITS) -> Asyn
     devices = load_devices("modbus-rtu", HERE, DeviceSettings(initial={"40001": "100,200,300"}))
     serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None, limits=limits)
     try:
-        yield serving, await serving.listen_for_datagrams("127.0.0.1", 0)
+        yield serving, await serving.listen("127.0.0.1", 0, datagrams=True)
     finally:
         serving.stop()
 
