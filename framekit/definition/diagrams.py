@@ -12,6 +12,7 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
+from framekit.definition.problems import printable
 
 EVENTS = {
     "on_timeout": "time is up",
@@ -182,4 +183,4 @@ def _state(name: str, kind: str = "step") -> str:
 
 def _text(words: str) -> str:
     """A label: what Mermaid would read as its own signs is written as character codes."""
-    return "".join(f"#{ord(letter)};" if letter in '#;:"{}<>' else letter for letter in words)
+    return "".join(f"#{ord(letter)};" if letter in '#;:"{}<>' else letter for letter in printable(words))

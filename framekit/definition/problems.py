@@ -37,7 +37,7 @@ class Problem:
 
     def __str__(self) -> str:
         kind = "warning: " if self.warning else ""
-        return f"{self.at}: {kind}{self.what}" + (f" – {self.todo}" if self.todo else "")
+        return printable(f"{self.at}: {kind}{self.what}" + (f" – {self.todo}" if self.todo else ""))
 
 
 class DefinitionError(ValueError):
@@ -46,6 +46,11 @@ class DefinitionError(ValueError):
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = tuple(sorted(set(problems)))
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+def printable(text: str) -> str:
+    """The text on one line: signs that are not shown, line ends among them, as `repr` writes them."""
+    return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def plural(number: int, noun: str) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import Any, Literal
@@ -109,8 +110,16 @@ def _validator(kind: Kind) -> Any:
     resources = [(name, DRAFT202012.create_resource(schema)) for name, schema in _schemas().items()]
     registry: Registry[Any] = Registry().with_resources(resources)
     extend: Any = validators.extend  # it has no types
-    validator = extend(Draft202012Validator, {OWN_KEYS: _own_keys})
+    validator = extend(Draft202012Validator, {OWN_KEYS: _own_keys, "pattern": _pattern})
     return validator({"$ref": kind + _SUFFIX}, registry=registry)
+
+
+def _pattern(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:
+    """Keyword `pattern`: as in the schemas' own language, its `$` is the very end; to Python a line end may follow."""
+    from jsonschema import ValidationError
+
+    if isinstance(instance, str) and re.search(re.sub(r"\$\Z", r"\\Z", wanted), instance) is None:
+        yield ValidationError(f"{instance!r} does not match {wanted!r}")
 
 
 def _own_keys(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.definition.cut_expressions import CUT, looks_cut
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean, printable
 from framekit.definition.schema_places import Path, Places
 from framekit.definition.tree import Mapping as MappingNode
 from framekit.definition.tree import Node, Scalar
@@ -294,5 +294,5 @@ def _shape_of(node: Node) -> str:
 
 
 def _short(text: str) -> str:
-    text = " ".join(text.split())
+    text = " ".join(text.split()) if text == text.strip() else printable(text)
     return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"

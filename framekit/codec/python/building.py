@@ -10,7 +10,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import everything, follows_its_length, named, names_read
-from framekit.codec.python.source import Source, quoted
+from framekit.codec.python.source import Code, Source, text_source
 from framekit.definition.expression.emit import OR, PRODUCT
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children, walk
 from framekit.definition.model.segments import (
@@ -66,18 +66,14 @@ class Building:
         if condition not in self.conditions:
             self.conditions.append(condition)
 
-    def complain_if(self, condition: str, field: str, message: str) -> None:
-        """The values are refused with a message of its own if `condition` holds; {…} in it are worked out then."""
-        self.complain(condition, filled_in(field), filled_in(message))
-
     def complain(self, condition: str, field: str, message: str) -> None:
-        """As `complain_if`, with the texts of field and message as they stand in the source."""
+        """The values are refused if `condition` holds; `field` and `message` as they stand in the source."""
         with self.out.block(f"if {condition}:"):
             self.add(f"raise EncodeError({field}, {message})")
 
-    def compare_size(self, path: str, found: str, wanted: str, conditions: list[str]) -> None:
+    def compare_size(self, path: tuple[str | Code, ...], found: str, wanted: str, conditions: list[str]) -> None:
         """The value is refused if its size (a text) is not the one that is wanted, where the conditions hold."""
-        line = f"{self.module.function('check_size')}({filled_in(path)}, {found}, {wanted})"
+        line = f"{self.module.function('check_size')}({text_source(*path)}, {found}, {wanted})"
         if conditions:
             with self.out.block(f"if {' and '.join(conditions)}:"):
                 self.add(line)
@@ -238,8 +234,3 @@ class Building:
             case _:
                 return "0"
         return self.if_present(segment, scope, text, "0")
-
-
-def filled_in(text: str) -> str:
-    """A text in quotes; what stands in {…} is worked out when it is used."""
-    return f"{'f' if '{' in text else ''}{quoted(text)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from framekit.codec.python import forms
 from framekit.codec.python.module import Module
+from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.model.segments import Check
 
 
@@ -30,14 +31,14 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
             order = "" if check.size == 1 else "<" if check.order == "little" else ">"
             struct = module.struct(forms.INT_CODES[check.size], order)
             return f"{struct}.pack({_number(module, check, covered)})"
-        return f'{code}.to_bytes({check.size}, "{check.order}")'
+        return f"{code}.to_bytes({check.size}, {quoted(check.order)})"
     if check.form == "dec":
         return f"{module.function(f'build_dec{little}')}({code}, {check.size})"
     if check.form == "nibbles":
         return f"{module.function('build_nibbles')}({code}, {check.size // 2})"
     lower = "_lower" if check.form == "hex" else ""
     if check.size == 2 and not little:
-        return f'b"%02{"x" if lower else "X"}" % {code}'
+        return f"{bytes_literal(b'%02x' if lower else b'%02X')} % {code}"
     return f"{module.function(f'build_hex{little}{lower}')}({code}, {check.size})"
 
 

@@ -38,21 +38,14 @@ def summary(segments: Iterable[Segment]) -> str:
 def write_docstring(out: Source, first: str, layout: str, *more: str, notes: Sequence[str] = ()) -> None:
     """A docstring: one line if everything fits, else the sentence, a blank line and the layout; `notes` at its end."""
     lines = [first]
-    if layout:
-        lines += ["", *textwrap.wrap(layout.replace("\\", "\\\\"), 100)]
-    for text in more:
-        lines += ["", *textwrap.wrap(text.replace("\\", "\\\\"), 100)]
+    for text in (layout, *more):
+        if text:
+            lines += ["", *textwrap.wrap(text, 100)]
     if notes:
         lines.append("")
     for note in notes:
-        text = note.replace("\\", "\\\\").replace('"', "'")
-        lines += textwrap.wrap(text, 100, subsequent_indent="    ")
-    if len(lines) == 1:
-        out.add(f'"""{first}"""')
-        return
-    out.lines.append("    " * out.depth + f'"""{lines[0]}')
-    out.lines.extend("    " * out.depth + line if line else "" for line in lines[1:])
-    out.lines.append("    " * out.depth + '"""')
+        lines += textwrap.wrap(note, 100, subsequent_indent="    ")
+    out.docstring(*lines)
 
 
 def _with_condition(segment: Segment) -> str:

@@ -13,7 +13,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter, is_needed
 from framekit.codec.python.shape import flat, named, names_read, value_names
-from framekit.codec.python.source import Source, literal, quoted
+from framekit.codec.python.source import Code, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
@@ -83,8 +83,8 @@ class EncodeWriter(PieceWriter):
 
     def limit(self, text: str, most: int) -> None:
         self.gather([text], self.buffer)
-        message = f"the frame takes {{len({self.buffer})}} bytes, more than {most}"
-        self.complain(f"len({self.buffer}) > {most}", '""', f'f"{message}"')
+        message = text_source("the frame takes ", Code(f"len({self.buffer})"), f" bytes, more than {most}")
+        self.complain(f"len({self.buffer}) > {most}", '""', message)
 
     def put_into_local(self, segment: Segment, scope: Scope) -> None:
         self.flush()
@@ -112,7 +112,7 @@ class EncodeWriter(PieceWriter):
         if whole:
             inside.entries[repeat.name] = Entry(complete, "list", inside)  # the items before this one
         place = self.names.fresh("place")
-        path = f"{given.path}{repeat.name}[{{{place}}}]."
+        path = (*given.path, f"{repeat.name}[", Code(place), "].")
         inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
         with self.out.block(f"for {place}, {item} in enumerate({items}):"):
             self.values(repeat.of, inside, inner)
@@ -152,7 +152,7 @@ class EncodeWriter(PieceWriter):
         with self.out.block(f"if {self.text(record.when, scope)}:"):
             needed = is_needed(record.of)
             self.add(f"{local} = {given.value(record.name) if needed else given.value_or(record.name, '{}')}")
-            inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", f"{given.path}{record.name}.")
+            inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
             self.values(record.of, inside, inner)
             self.flush()
             self.check_names(inner)

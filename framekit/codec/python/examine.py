@@ -54,7 +54,8 @@ def write_examiner(
         out.add(f"n = {module.function('Examination')}(data, ctx)")
         if frame is not None and frame.most is not None:
             with out.block(f"if len(data) > {frame.most}:"):
-                out.add(f'n.note("too_long", "frame", {frame.most}, "at most {frame.most} bytes", str(len(data)))')
+                most = quoted(f"at most {frame.most} bytes")
+                out.add(f'n.note("too_long", "frame", {frame.most}, {most}, str(len(data)))')
         out.extend(body)
         out.add("return n")
     return out
@@ -276,7 +277,7 @@ class ExamineWriter(SegmentExaminer):
     def _limits_of(self, wrap: Wrap, scope: Scope) -> None:
         refuse = self.refuse(wrap)
         if wrap.least:
-            rule = f'"short", {self.named(wrap)}, 0, "at least {wrap.least} bytes"'
+            rule = f'"short", {self.named(wrap)}, 0, {quoted(f"at least {wrap.least} bytes")}'
             self.out.add(f"n.expect({rule}, lambda n: n.end >= {wrap.least}{refuse})")
         if wrap.most is not None:
             most = str(wrap.most) if isinstance(wrap.most, int) else self.writer(scope).text(wrap.most, BIT_OR)

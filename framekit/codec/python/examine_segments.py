@@ -42,7 +42,7 @@ class SegmentExaminer(Examining):
                 add(f"n.skip({name}, {size})")
             case Fill(total=total):
                 add(f'n.skip("fill", n.rest({self.behind(behind)}, "fill"))')
-                add(f'n.expect("short", "frame", n.end, "{total} bytes", lambda n: n.end >= {total})')
+                add(f'n.expect("short", "frame", n.end, {quoted(f"{total} bytes")}, lambda n: n.end >= {total})')
                 add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')
             case Field():
                 self._field(segment, scope, behind)
@@ -127,7 +127,7 @@ class SegmentExaminer(Examining):
         converted = [t for t in single if length.plain and isinstance(t, Data) and t.convert is not None]
         rooms = [quoted(name) for name in length.of if name not in {target.name for target in converted}]
         parts = [f"n.room({', '.join(rooms)})"] if rooms else []
-        parts += [f'len(n["{target.name}"])' for target in converted]
+        parts += [f"len(n[{quoted(target.name)}])" for target in converted]
         total = " + ".join(parts) or "0"
         if length.unit != 1:
             total = f"({total}) // {length.unit}" if len(parts) > 1 else f"{total} // {length.unit}"
@@ -137,7 +137,7 @@ class SegmentExaminer(Examining):
         repeat = self.by_name.get(count.of)
         if not isinstance(repeat, Repeat) or (count.plus == 0 and is_plain_name(repeat.times, count.name)):
             return None
-        return f'len(n["{count.of}"])'
+        return f"len(n[{quoted(count.of)}])"
 
     def _bits(self, bits: Bits, scope: Scope) -> None:
         parts = {part.name: (part.low, (1 << part.high - part.low + 1) - 1) for part in bits.parts}

@@ -133,23 +133,23 @@ class Examining:
                     self.declare(otherwise or (), scope)
                 case Bits(parts=parts):
                     for part in parts:
-                        scope.entries[part.name] = Entry(f'n["{part.name}"]')
+                        scope.entries[part.name] = Entry(f"n[{quoted(part.name)}]")
                     if segment.name:
                         scope.entries[segment.name] = Entry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
                 case Record(name=name, of=of):
                     inside = Scope(scope)
                     self.declare(of, inside)
-                    scope.entries[name] = Entry(f'n["{name}"]', "record", inside)
+                    scope.entries[name] = Entry(f"n[{quoted(name)}]", "record", inside)
                 case Repeat(name=name, of=of):
                     inside = Scope(scope)
                     if isinstance(of, tuple):
                         self.declare(of, inside)
-                    scope.entries[name] = Entry(f'n["{name}"]', "list", inside)
+                    scope.entries[name] = Entry(f"n[{quoted(name)}]", "list", inside)
                 case Inner(name=name):
-                    scope.entries[name] = Entry(f'n["{name}"]', "inner")
+                    scope.entries[name] = Entry(f"n[{quoted(name)}]", "inner")
                 case Data(name=name) | Value(name=name):
-                    scope.entries[name] = Entry(f'n["{name}"]')
+                    scope.entries[name] = Entry(f"n[{quoted(name)}]")
                 case Field(name=name, type=type_) | Length(name=name, type=type_) | Count(name=name, type=type_):
                     sized = type_.kind in ("ascii", "bytes")
-                    entry = Entry(f'n["{name}"]', sized=sized, wire=f"n.room({quoted(name)})")
+                    entry = Entry(f"n[{quoted(name)}]", sized=sized, wire=f"n.room({quoted(name)})")
                     scope.entries[name] = entry

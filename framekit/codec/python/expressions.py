@@ -6,12 +6,11 @@ context. The meaning of operators and functions is `expression.emit`'s, shared w
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Protocol
 
-from framekit.codec.python.source import literal
+from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import AND, ATOM, COMPARE, CONDITIONAL, emit
 from framekit.definition.expression.functions import FUNCTIONS
 from framekit.definition.expression.syntax import (
@@ -94,17 +93,17 @@ class ExpressionWriter:
 
     def text(self, expression: Expression, level: int = CONDITIONAL) -> str:
         """Python text of the expression, in parentheses if it binds weaker than `level`."""
-        return _without_idle_brackets(emit(self._prepared(expression.root), self, level))
+        return emit(self._prepared(expression.root), self, level)
 
     def negated(self, expression: Expression) -> str:
         """Text of `not expression`, with the opposite comparison where there is one; for an operand of `or`."""
         root = expression.root
         if isinstance(root, Unary) and root.operator == "not":
-            return _without_idle_brackets(emit(self._prepared(root.operand), self, AND))
+            return emit(self._prepared(root.operand), self, AND)
         if isinstance(root, Compare) and len(root.rest) == 1:
             operator, right = root.rest[0]
             opposite = replace(root, rest=((_OPPOSITE[operator], right),))
-            return _without_idle_brackets(emit(self._prepared(opposite), self, AND))
+            return emit(self._prepared(opposite), self, AND)
         return f"not {self.text(expression, COMPARE)}"
 
     def value(self, expression: Expression) -> str:
@@ -155,12 +154,12 @@ class ExpressionWriter:
             return entry.inside.entries[node.name].text
         text = emit(node.value, self, ATOM)
         if entry is not None and entry.kind == "record":
-            return f'{text}["{node.name}"]'
+            return f"{text}[{quoted(node.name)}]"
         if entry is not None and entry.kind == "list":
-            return f'[item["{node.name}"] for item in {text}]'
+            return f"[item[{quoted(node.name)}] for item in {text}]"
         if self._from_table(node.value):
-            return f'{text}["{node.name}"]'
-        return f'{self.module.function("attribute")}({text}, "{node.name}")'
+            return f"{text}[{quoted(node.name)}]"
+        return f"{self.module.function('attribute')}({text}, {quoted(node.name)})"
 
     def _entry(self, node: Node) -> Entry | None:
         """What a node stands for, when it is a field, a part of one, or an item of a list."""
@@ -185,11 +184,6 @@ class ExpressionWriter:
 
     def call(self, function: str, arguments: list[str]) -> str:
         return f"{self.module.function(function)}({', '.join(arguments)})"
-
-
-def _without_idle_brackets(text: str) -> str:
-    """The text without brackets around a single word before a dot."""
-    return re.sub(r"(?<![\w)\]])\((\w+)\)(?=\.)", r"\1", text)
 
 
 def is_flag(node: Node) -> bool:

@@ -9,7 +9,7 @@ from framekit.codec.python.branches import default_text
 from framekit.codec.python.building import Building, filled_in
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
-from framekit.codec.python.source import literal, quoted
+from framekit.codec.python.source import Code, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, OR
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
 from framekit.definition.model.segments import BitsPart, Count, Data, Field, Length, Segment
@@ -25,7 +25,7 @@ class Given:
 
     text: str
     rules: str
-    path: str = ""
+    path: tuple[str | Code, ...] = ()
     needed: int = 0
     names: list[str] = field(default_factory=list)
     computed: dict[str, str] = field(default_factory=dict)
@@ -161,7 +161,7 @@ class FieldValueWriter(Building):
             condition = f"{literal(item.type.end.decode('latin-1'))} in {local}"
             if item.when is not None:
                 condition = f"{self.text(item.when, scope, AND)} and {condition}"
-            self.complain_if(condition, item.name, f"'{item.name}' holds its own end")
+            self.complain(condition, quoted(item.name), quoted(f"'{item.name}' holds its own end"))
 
     def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
         """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
@@ -180,8 +180,8 @@ class FieldValueWriter(Building):
 
     def _refuse_others(self, name: str, local: str, constants: tuple[int | str | bytes, ...]) -> None:
         shown = ", ".join(repr(constant) for constant in constants)
-        message = f"'{name}' is one of {shown}, not {{{local}!r}}".replace('"', "'")
-        self.complain(f"{local} not in {literal(constants)}", quoted(name), f'f"{message}"')
+        message = text_source(f"'{name}' is one of {shown}, not ", Code(f"repr({local})"))
+        self.complain(f"{local} not in {literal(constants)}", quoted(name), message)
 
     def bits_task(self, part: BitsPart, scope: Scope, given: Given) -> Task:
         return Task(
@@ -262,4 +262,4 @@ class FieldValueWriter(Building):
             state = self.module.protocol.state.get(name)
             if state is not None and state.announced and scope.find(name) is None:
                 conditions.append(f"{self.module.given(name)} is not None")
-        self.compare_size(given.path + data.name, found, size, conditions)
+        self.compare_size((*given.path, data.name), found, size, conditions)

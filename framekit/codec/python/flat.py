@@ -15,7 +15,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.field_values import Given
 from framekit.codec.python.module import Module
 from framekit.codec.python.parameters import LEFT_OUT, Level, Parameters
-from framekit.codec.python.source import Source
+from framekit.codec.python.source import Code, Source
 from framekit.codec.python.together import NotPlain, Together, shown
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.model.segments import FieldType, Repeat, Value
@@ -193,5 +193,5 @@ class FlatWriter(EncodeWriter):
         with self.out.block(f"if {condition}:"):
             self.add("raise Misfit")
 
-    def compare_size(self, path: str, found: str, wanted: str, conditions: list[str]) -> None:
+    def compare_size(self, path: tuple[str | Code, ...], found: str, wanted: str, conditions: list[str]) -> None:
         self.complain(" and ".join([*conditions, f"{found} != {wanted}"]), "", "")

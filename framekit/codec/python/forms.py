@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from framekit.codec.python.source import bytes_literal
+from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.model.segments import Bits, Check, Const, Count, Data, Field, FieldType, Length, Segment, Skip
 
 INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
@@ -79,10 +79,10 @@ def parse(functions: Functions, type_: FieldType, raw: str) -> str:
     name = functions.function
     if type_.kind == "int":
         if type_.order in ("BADC", "CDAB"):
-            return f'{name("parse_int")}({raw}, "{type_.order}"{", True" if type_.signed else ""})'
-        return f'int.from_bytes({raw}, "{type_.order}"{", signed=True" if type_.signed else ""})'
+            return f"{name('parse_int')}({raw}, {quoted(type_.order)}{', True' if type_.signed else ''})"
+        return f"int.from_bytes({raw}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
     if type_.kind == "float":
-        return f'{name("parse_float")}({raw}, "{type_.order}")'
+        return f"{name('parse_float')}({raw}, {quoted(type_.order)})"
     little = "_little" if type_.order == "little" else ""
     if type_.kind == "digits":
         return f"{name(f'parse_{_DIGIT_NAMES[type_.base]}{little}')}({raw})"
@@ -101,10 +101,10 @@ def build(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
     name = functions.function
     if type_.kind == "int":
         if type_.order in ("BADC", "CDAB"):
-            return f'{name("build_int")}({wire}, {size}, "{type_.order}"{", True" if type_.signed else ""})'
-        return f'({wire}).to_bytes({size}, "{type_.order}"{", signed=True" if type_.signed else ""})'
+            return f"{name('build_int')}({wire}, {size}, {quoted(type_.order)}{', True' if type_.signed else ''})"
+        return f"({wire}).to_bytes({size}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
     if type_.kind == "float":
-        return f'{name("build_float")}({wire}, {size}, "{type_.order}")'
+        return f"{name('build_float')}({wire}, {size}, {quoted(type_.order)})"
     little = "_little" if type_.order == "little" else ""
     if type_.kind == "digits":
         lower = "_lower" if type_.base == 16 and not type_.upper else ""

@@ -252,7 +252,7 @@ def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair
     result = fields.text(function.out)
     out = Source()
     with out.block(f"def {identifier}(data: bytes, ctx: Context) -> dict[str, Any]:"):
-        out.add(f'"""Read `{frame.name}` with `{pair.inside_name}` inside."""')
+        out.docstring(f"Read `{frame.name}` with `{pair.inside_name}` inside.")
         for context, local in function.hoisted.items():
             out.add(f"{local} = {module.given(context)}")
         out.extend(function.out)

@@ -17,7 +17,7 @@ from framekit.codec.python.measuring import Finished, Pairs
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place
 from framekit.codec.python.shape import Fill, leading, names_read, of_type, value_names, without_when
-from framekit.codec.python.source import Source, bytes_literal, literal
+from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
@@ -280,7 +280,7 @@ class MeasureWriter(WrapMeasurer):
                 raise Finished
             if found is not None:
                 fields = ", ".join(
-                    f'"{name}": {entry.text}' for name, entry in inside.entries.items() if entry.text != found
+                    f"{quoted(name)}: {entry.text}" for name, entry in inside.entries.items() if entry.text != found
                 )
                 self.add(f"{found}.append({{{fields}}})")
         self.needed = before

@@ -17,7 +17,7 @@ from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
 from framekit.codec.python.pasting import class_source, whole_source
 from framekit.codec.python.shape import Shapes
-from framekit.codec.python.source import Source, literal
+from framekit.codec.python.source import Code, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.protocol import Protocol
@@ -110,7 +110,8 @@ class Module:
             key = f"{self.function('Packs' if packs else 'Structs')}({literal(before)}, {literal(code)})"
         else:
             self.imports.add("from struct import Struct")
-            key = f'[Struct(f"{before}{{count}}{code}").pack for count in range({most + 1})]'
+            form = text_source(before, Code("count"), code)
+            key = f"[Struct({form}).pack for count in range({most + 1})]"
         if key not in self.structs_of_lists:
             name = f"{'packs_' if packs else ''}{_ORDER_NAMES[order]}_{before[1:]}_{code}s".replace("__", "_")
             self.structs_of_lists[key] = self.names.constant(*((name,) if len(name) <= _LONGEST_FORMAT_NAME else hint))
@@ -230,7 +231,7 @@ class Module:
         mask = (1 << method.width) - 1
         out = Source()
         with out.block(f"def {name}(data: bytes) -> int:"):
-            out.add(f'"""The check code `{method.name}`: {method.expression}, from {method.initial:#x} on."""')
+            out.docstring(f"The check code `{method.name}`: {method.expression}, from {method.initial:#x} on.")
             out.add(f"code = {method.initial:#x}")
             table = _step_table(self, method, mask)
             if table is not None:
@@ -246,7 +247,7 @@ class Module:
     def given(self, name: str) -> str:
         """Text of a context value."""
         self.context.add(name)
-        return f'ctx["{name}"]'
+        return f"ctx[{quoted(name)}]"
 
     def words(self) -> Iterable[str]:
         """Names that locals must not take."""

@@ -40,7 +40,7 @@ def late_constants(module: Module) -> Source:
     for text, name in module.structs_of_lists.items():
         out.add(f"{name} = {text}")
     for name, (text, about) in module.late.items():
-        out.add(f"{name} = {text}  # {about}")
+        out.add(f"{name} = {text}", about)
     return out
 
 

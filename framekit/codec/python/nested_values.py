@@ -154,11 +154,11 @@ class NestedValueWriter(ValueWriter):
         found = self.count_of(scope.entries[repeat.name].text)
         conditions = [] if repeat.when is None else [self.text(repeat.when, scope, AND)]
         conditions.append(f"{found} != {self.text(repeat.times, scope, BIT_OR)}")  # sooner than the call
-        self.compare_size(given.path + repeat.name, found, self.text(repeat.times, scope), conditions)
+        self.compare_size((*given.path, repeat.name), found, self.text(repeat.times, scope), conditions)
 
     def _record(self, record: Record, scope: Scope, given: Given) -> None:
         local = self.local(record.name, given)
-        inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", f"{given.path}{record.name}.")
+        inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
         if is_needed(record.of):
             given.needed += 1
             self.bind(local, given.value(record.name))

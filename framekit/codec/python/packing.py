@@ -142,8 +142,8 @@ class PackingWriter(NestedValueWriter):
             if types[0].order == "little" and size > 2:
                 text = forms.build(self.module, types[0], argument.text, str(size))
             else:
-                letter = "X" if types[0].upper else "x"
-                text = f'b"%0{size}{letter}" % {_operand(argument.text)}'
+                form = f"%0{size}{'X' if types[0].upper else 'x'}"
+                text = f"{bytes_literal(form.encode())} % {_operand(argument.text)}"
             return Argument(f"{size}s", "", text)
         self.module.imports.add("from binascii import hexlify")
         codes = "".join(forms.INT_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
@@ -226,7 +226,7 @@ def _formatted(parts: list[str]) -> str:
         else:
             form += "%b"
             operands.append(part)
-    return f'b"{form}" % ({", ".join(operands)})'
+    return 'b"' + form + '" % (' + ", ".join(operands) + ")"
 
 
 def merged(texts: list[str]) -> list[str]:

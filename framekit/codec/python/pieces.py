@@ -16,7 +16,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.packing import PackingWriter, Placed, sum_of
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import Fill, without_when
-from framekit.codec.python.source import bytes_literal, quoted
+from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.codec.support import build_int
 from framekit.definition.expression.emit import OR
 from framekit.definition.expression.syntax import Expression
@@ -125,7 +125,7 @@ class PieceWriter(PackingWriter):
         mark = bytes_literal(tail[0].data[:1])
         body = f"{buffer}[{tail[1]}:]" if tail[1] else buffer
         message = f"the body holds {tail[0].data[0]:02X}, which ends it"
-        self.complain(f"{mark} in {body}", '""', f'"{message}"')
+        self.complain(f"{mark} in {body}", '""', quoted(message))
 
     def _late(self, name: str, before: list[str]) -> str:
         """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
@@ -159,8 +159,8 @@ class PieceWriter(PackingWriter):
             else:
                 parts.append(self.if_present(segment, scope, str(size), "0"))
         room = " - ".join([str(fill.total - fixed), *parts])
-        message = f"the values take {{len({buffer})}} bytes, more than {{{room}}}"
-        self.complain(f"len({buffer}) > {room}", '""', f'f"{message}"')
+        message = text_source("the values take ", Code(f"len({buffer})"), " bytes, more than ", Code(room))
+        self.complain(f"len({buffer}) > {room}", '""', message)
         self.gathered.clear()
         self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
         return buffer
@@ -292,5 +292,5 @@ class PieceWriter(PackingWriter):
         if wrap.most is not None:
             most = str(wrap.most) if isinstance(wrap.most, int) else self.text(wrap.most, scope, OR)
             tests.append(f"len({buffer}) > {most}")
-        message = f"the content takes {{len({buffer})}} bytes, that is not allowed"
-        self.complain(" or ".join(tests), '""', f'f"{message}"')
+        message = text_source("the content takes ", Code(f"len({buffer})"), " bytes, that is not allowed")
+        self.complain(" or ".join(tests), '""', message)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from framekit.codec.python.source import Source
+from framekit.codec.python.source import Source, quoted
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,9 @@ class Fields:
         if self.is_open:
             self.flush(out)
             return self.variable
-        parts = [f'"{name}": {value if isinstance(value, str) else value.text(out)}' for name, value in self.entries]
+        parts = [
+            f"{quoted(name)}: {value if isinstance(value, str) else value.text(out)}" for name, value in self.entries
+        ]
         return "{" + ", ".join(parts) + "}"
 
     def open(self, out: Source) -> None:
@@ -95,4 +97,4 @@ class Fields:
             return
         entries, self.entries = self.entries, []
         for name, value in entries:
-            out.add(f'{self.variable}["{name}"] = {value if isinstance(value, str) else value.text(out)}')
+            out.add(f"{self.variable}[{quoted(name)}] = {value if isinstance(value, str) else value.text(out)}")

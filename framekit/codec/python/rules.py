@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from framekit.codec.python import forms
 from framekit.codec.python.module import Module
 from framekit.codec.python.shape import flat
+from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Bits,
     Choose,
@@ -41,7 +42,7 @@ class RuleWriter:
             always = id(segment) not in branches and segment.when is None
             for name, rule in self._of(segment, always, lengths):
                 found.setdefault(name, rule)
-        return "{" + ", ".join(f'"{name}": {rule}' for name, rule in found.items()) + "}"
+        return "{" + ", ".join(f"{quoted(name)}: {rule}" for name, rule in found.items()) + "}"
 
     def _of(self, segment: Segment, always: bool, lengths: Mapping[str, forms.Range]) -> Iterable[tuple[str, str]]:
         match segment:
@@ -77,7 +78,7 @@ class RuleWriter:
         only: bool = False,
         unit: int = 1,
     ) -> str:
-        parts = [f'"{kind}"']
+        parts = [quoted(kind)]
         if limits.least is not None or limits.most is not None:
             parts += [str(limits.least), str(limits.most)]
         if needed:

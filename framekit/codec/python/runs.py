@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from framekit.codec.python import forms
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import START, Item
-from framekit.codec.python.source import bytes_literal
+from framekit.codec.python.source import bytes_literal, quoted
 from framekit.codec.python.verdict import JudgingReader
 from framekit.definition.model.segments import (
     Bits,
@@ -270,7 +270,7 @@ class RunReader(JudgingReader):
             return forms.parse(self.module, type_, source)
         self.module.imports.add("from binascii import unhexlify")
         raw = f"unhexlify({source})"
-        return f"{raw}[0]" if places == 1 else f'int.from_bytes({raw}, "{type_.order}")'
+        return f"{raw}[0]" if places == 1 else f"int.from_bytes({raw}, {quoted(type_.order)})"
 
 
 def type_of(segment: Segment) -> FieldType:

@@ -1,6 +1,8 @@
 """Python source being written: lines with indentation, long ones broken at brackets, literals as people write them.
 
-It knows Python's layout and nothing of protocols.
+This is the one place where text of a file becomes source: `quoted`, `text_source`, `docstring` and `comment` write
+signs as `repr` does, so that it stays text whatever it holds. All other text of a line is the generator's own. It knows
+Python's layout and nothing of protocols.
 """
 
 from __future__ import annotations
@@ -10,6 +12,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import groupby
 from typing import Any
+
+from framekit.definition.problems import printable
 
 WIDTH = 110
 INDENT = "    "
@@ -26,9 +30,31 @@ class Source:
         self.lines: list[str] = []
         self.depth = depth
 
-    def add(self, text: str = "") -> None:
-        """One statement; it is broken over several lines if it is too long."""
+    def add(self, text: str = "", about: str = "") -> None:
+        """One statement, with a comment if need be; it is broken over several lines if it is too long.
+
+        Raises ValueError for a sign that only text may hold: it was written without `quoted`.
+        """
+        if not text.isprintable():
+            raise ValueError(f"no line of source: {text!r}")
         self.lines.extend(broken(INDENT * self.depth + text) if text else [""])
+        if about:
+            self.lines[-1] += f"  # {printable(about)}"
+
+    def comment(self, text: str) -> None:
+        """A line of its own."""
+        self.lines.append(f"{INDENT * self.depth}# {printable(text)}")
+
+    def docstring(self, *lines: str) -> None:
+        """A docstring of these lines, whatever they hold."""
+        indent = INDENT * self.depth
+        first, *others = [_in_docstring(line) for line in lines]
+        if not others:
+            self.lines.append(f'{indent}"""{first}"""')
+            return
+        self.lines.append(f'{indent}"""{first}')
+        self.lines.extend(indent + line if line else "" for line in others)
+        self.lines.append(f'{indent}"""')
 
     def extend(self, other: Source) -> None:
         """The lines of another source, as deep as this one stands now."""
@@ -173,9 +199,36 @@ def literal(value: Any) -> str:
     return repr(value)
 
 
+class Code(str):
+    """Source inside a text: what it gives is shown when the text is needed."""
+
+
+def text_source(*parts: str | Code) -> str:
+    """Source of a text: the parts as they are, and what `Code` among them gives."""
+    if not any(isinstance(part, Code) for part in parts):
+        return quoted("".join(parts))
+    if any(isinstance(part, Code) and re.search(r"[^\w ()+\-.]", part) for part in parts):  # no f-string can hold it
+        return " + ".join(f"str({part})" if isinstance(part, Code) else quoted(part) for part in parts)
+    shown = (
+        f"{{{part}}}" if isinstance(part, Code) else _escaped(part).replace("{", "{{").replace("}", "}}")
+        for part in parts
+    )
+    return f'f"{"".join(shown)}"'
+
+
 def quoted(text: str) -> str:
     """The text in double quotes, whatever it holds."""
-    return '"' + repr("'" + text)[2:-1].replace("\\'", "'").replace('"', '\\"') + '"'
+    return f'"{_escaped(text)}"'
+
+
+def _escaped(text: str) -> str:
+    """The text as it stands between double quotes: what `repr` writes otherwise, and the quotes, escaped."""
+    return printable(text.replace("\\", "\\\\").replace('"', '\\"'))
+
+
+def _in_docstring(line: str) -> str:
+    """A line between triple quotes: no quotes before others or at its end without a backslash."""
+    return printable(re.sub(r'"(?="|\Z)', r"\"", line.replace("\\", "\\\\")))
 
 
 def bytes_literal(data: bytes) -> str:

@@ -71,9 +71,11 @@ def write_rows(
     parameters = "data: bytes, begin: int, end: int, ctx: Context, first: Any, others: Any, offset: int"
     out = Source()
     with out.block(f"def rows_{identifier}({parameters}, arrival: Any, make: Any, add: Any) -> tuple[int, Taken]:"):
-        out.add(f'"""Add all `{frame.name}` in a row from data[begin] on; where it ends, and what is taken there.')
-        out.add("")
-        out.add('`first`, `others`: the times of the first one, and of those behind it."""')
+        out.docstring(
+            f"Add all `{frame.name}` in a row from data[begin] on; where it ends, and what is taken there.",
+            "",
+            "`first`, `others`: the times of the first one, and of those behind it.",
+        )
         out.add(f"last = end - {there - 1}")
         with out.block("try:"), out.block("while begin < last:"):
             out.add(f"kind = data[begin + {place}]")

@@ -6,13 +6,12 @@ from collections.abc import Iterable
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import default_text
-from framekit.codec.python.building import filled_in
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import FieldValueWriter, Given
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import flat, value_names
-from framekit.codec.python.source import literal, quoted
+from framekit.codec.python.source import Code, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR, COMPARE, OR, PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -55,7 +54,7 @@ class ValueWriter(FieldValueWriter):
         """What is given beyond what is needed must be known, or as computed."""
         check = self.module.function("check_given")
         computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
-        options = f", {filled_in(given.path)}" if given.path else ""
+        options = f", {text_source(*given.path)}" if given.path else ""
         absent = [f"() if {there} else {literal(names)}" for there, names in self.conditions_of(given)]
         if absent:
             options += f", absent={absent[0] if len(absent) == 1 else ' + '.join(f'({text})' for text in absent)}"
@@ -174,13 +173,12 @@ class ValueWriter(FieldValueWriter):
             self.refuse_digits(number, scope, local)
         else:
             limits = forms.value_range(number)
-            message = (
-                f"'{given.path}{number.name}' is computed as {{{local}}}, it must be {limits.least}..{limits.most}"
-            )
+            path = *given.path, number.name
+            found = "' is computed as ", Code(local), f", it must be {limits.least}..{limits.most}"
             condition = f"not {limits.least} <= {local} <= {limits.most}"
             if number.when is not None:
                 condition = f"{self.text(number.when, scope, AND)} and {condition}"
-            self.complain_if(condition, given.path + number.name, message)
+            self.complain(condition, text_source(*path), text_source("'", *path, *found))
 
     def _value_tasks(self, value: Value, scope: Scope, given: Given) -> list[Task]:
         waits = self.waits(value.build or value.read)
@@ -205,8 +203,9 @@ class ValueWriter(FieldValueWriter):
         if given.computed.get(value.name) == local:
             return
         read = self.text(value.read, scope, BIT_OR)
-        message = f"'{given.path}{value.name}' does not agree with the other values"
-        self.complain_if(f"{local} != {read}", given.path + value.name, message)
+        path = *given.path, value.name
+        message = text_source("'", *path, "' does not agree with the other values")
+        self.complain(f"{local} != {read}", text_source(*path), message)
 
     def _require(self, segment: Segment, condition: Expression, scope: Scope) -> None:
         text = self.writer(scope).negated(condition)

@@ -13,7 +13,7 @@ from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, not_possible
 from framekit.codec.python.shape import Target, is_followed, is_plain_name, targets_of
-from framekit.codec.python.source import literal
+from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import Bits, BitsPart, Check, Count, Field, Length, Repeat
@@ -125,7 +125,7 @@ class JudgingReader(BufferReader):
         """Text of the number behind a check code's bytes."""
         little = "_little" if check.order == "little" else ""
         if check.form == "raw":
-            return f'int.from_bytes({local}, "{check.order}")'
+            return f"int.from_bytes({local}, {quoted(check.order)})"
         if check.form == "dec":
             return f"{self.module.function(f'parse_dec{little}')}({local})"
         if check.form == "nibbles":

@@ -137,15 +137,20 @@ class _Emitter:
         if function in _SAME_IN_PYTHON:
             return f"{function}({', '.join(arguments)})", ATOM
         if function in _METHODS:
-            return f"({arguments[0]}).{_METHODS[function]}()", ATOM
+            return f"{_owner(arguments[0])}.{_METHODS[function]}()", ATOM
         if function == "none":
             return "None", ATOM
         if function == "text":
             return f"str({arguments[0]})", ATOM
         if function == "get":
-            return f"({arguments[0]}).get({arguments[1]}, {arguments[2]})", ATOM
+            return f"{_owner(arguments[0])}.get({arguments[1]}, {arguments[2]})", ATOM
         if function == "ms":
             return f"(({arguments[0]}) * 1000000)", ATOM
         if function == "limit":
             return f"(({arguments[0]}) or {NEVER})", ATOM
         return self.names.call(function, arguments), ATOM
+
+
+def _owner(text: str) -> str:
+    """Source of what a method is called of: in parentheses if it is more than a name."""
+    return text if text.isidentifier() else f"({text})"
