@@ -49,10 +49,10 @@ TEXTS = (HOSTILE, SHORT)
 HARMLESS = tuple(("harmless" * 20)[: len(text)] for text in TEXTS)
 LARGE = 3000
 """Larger definitions are tried with one text and one module, since they take a second each."""
-READ = {"name", "about", "kind", "params", "state", "tables", "layouts", "frames", "sources"}
+READ = {"name", "about", "kind", "params", "state", "tables", "layouts", "frames", "sources", "receiver"}
 """What generators read of a definition."""
 NOT_READ = {
-    "sequences", "roles", "sessions", "services", "areas", "addresses", "errors", "server", "commands", "receiver",
+    "sequences", "roles", "sessions", "services", "areas", "addresses", "errors", "server", "commands",
     "queues", "station", "line",
 }  # fmt: skip
 """Sections that they do not read, so that no text of them can reach the source."""
