@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
 from framekit.codec.python.branches import default_text
-from framekit.codec.python.building import Building, filled_in
+from framekit.codec.python.building import Building
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
 from framekit.codec.python.source import Code, literal, quoted, text_source
@@ -123,7 +123,7 @@ class FieldValueWriter(Building):
         """Text of a value that is wanted here; in a record it says itself whose value is missing."""
         if not given.path:
             return given.value(name)
-        return f"{self.module.function('needed')}({given.text}, {quoted(name)}, {filled_in(given.path)})"
+        return f"{self.module.function('needed')}({given.text}, {quoted(name)}, {text_source(*given.path)})"
 
     def with_missing(self, scope: Scope, given: Given, missing: set[str]) -> Scope:
         """A scope in which names that are not worked out yet are those given."""
