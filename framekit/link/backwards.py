@@ -12,7 +12,9 @@ from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.values import LayoutOf
 from framekit.link.addresses import AddressError
+from framekit.link.area_view import code_of
 from framekit.link.construct_values import EACH
 from framekit.link.device_areas import DeviceAreas, Span
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
@@ -67,7 +69,7 @@ class BackwardRow:
         self.codes = codes
         self.grammar = shared.grammar
         self._request = leaves.match(row.request)
-        self._buffer = None if row.buffer is None else leaves.match(row.buffer)
+        self._buffer = None if row.buffer is None else leaves.match(row.buffer, padded=isinstance(row.buffer, LayoutOf))
         self._back = {name: _word_or_value(name, value, areas) for name, value in row.back.items()}
         self._when: Evaluate | None = self._back.pop("when", facts.when)
         self._arguments = {argument.name for argument in row.takes}
@@ -76,7 +78,7 @@ class BackwardRow:
         """The request's meaning by this row. `check_only`: the bytes beside it are not here yet.
 
         Raises MismatchError when the row does not fit, ElsewhereError when it is not for the area that is asked for,
-        DamagedBufferError when the bytes beside the request cannot be read.
+        DamagedBufferError when bytes in the request, or beside it, are not the layout they should be.
         """
         binding = Binding()
         self._request(request, binding, names)
@@ -201,8 +203,15 @@ class BackwardRow:
         found = self.codes.get(code, [])
         for area, unit in found:
             if not self.facts.row.areas or area in self.facts.row.areas:
-                return area, unit
+                return area, self._unit_of_row(area, unit, code)
         raise ElsewhereError(bool(found))
+
+    def _unit_of_row(self, area: str, unit: str, code: Any) -> str:
+        """The unit that the code means in this row: one of the row's own, where the code can stand for it."""
+        units = self.facts.row.units
+        if not units or unit in units:
+            return unit
+        return next((own for own in units if code_of(self.grammar.areas[area], own) == code), unit)
 
     # ---- counts and data ----------------------------------------------------------------------------------
 

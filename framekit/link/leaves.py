@@ -29,7 +29,7 @@ class MismatchError(Exception):
 
 
 class DamagedBufferError(Exception):
-    """The bytes beside a request do not have the layout they should; `refuse` is the code for that, if there is one."""
+    """Bytes of a request do not have the layout they should; `refuse` is the code for that, if there is one."""
 
     def __init__(self, cause: ValueError) -> None:
         super().__init__(str(cause))
@@ -79,7 +79,7 @@ class LeafCompiler:
                 return self._fields(fields, {}, frozenset())
             case LayoutOf(layout=layout, fields=fields):
                 padding = padded_names(self.protocol.layouts[layout].segments)
-                return _layout(self.codec.layouts[layout][1], self._fields(fields, {}, padding))
+                return _layout(self.codec.layouts[layout][1], self._fields(fields, {}, padding), padded)
             case ListOf(items=items):
                 return _list([self.match(item) for item in items])
             case EachOf(fields=fields):
@@ -161,10 +161,12 @@ def _frame(frame: str, fields: Match) -> Match:
     return match
 
 
-def _layout(decode: Callable[..., dict[str, Any]], fields: Match) -> Match:
+def _layout(decode: Callable[..., dict[str, Any]], fields: Match, padded: bool) -> Match:
+    """Bytes that must be the layout, and nothing more unless they are `padded`."""
+
     def match(actual: Any, binding: Binding, names: Names) -> None:
         try:
-            record = read_layout(decode, actual, names)
+            record = read_layout(decode, actual, names) if padded else decode(actual, names)
         except EVALUATION_ERRORS as error:
             raise DamagedBufferError(error if isinstance(error, ValueError) else ValueError(explain(error))) from None
         fields(record, binding, names)

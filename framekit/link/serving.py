@@ -151,7 +151,7 @@ class MemoryServer:
         self, request: FrameValue, buffer: bytes, check_only: bool, names: Names
     ) -> tuple[ServingRow, Reading]:
         """The first row that fits. Raises RefusedError with the best reason why none does."""
-        reason = "no_service"
+        reason, damaged = "no_service", None
         for row in self._rows.get(request.frame, ()):
             try:
                 return row, row.back.read(request, buffer, names, check_only)
@@ -163,7 +163,9 @@ class MemoryServer:
                 elif reason != "access":
                     reason = "unknown"
             except DamagedBufferError as error:
-                raise RefusedError(self._code_or(error.refuse, "range", names)) from None
+                damaged = damaged or error
+        if damaged is not None:
+            raise RefusedError(self._code_or(damaged.refuse, "range", names)) from None
         raise RefusedError(self._memory_code(reason, names))
 
     # ---- work and reply -----------------------------------------------------------------------------------
@@ -194,7 +196,7 @@ class MemoryServer:
             variables = [target.names for target in reading.targets]
             if len(variables) != len(data):
                 variables = [Names(parent=names) for _ in data]
-            names[EACH] = [Names({"data": part}, level) for part, level in zip(data, variables, strict=True)]
+            names[EACH] = [{**own, "data": part} for part, own in zip(data, variables, strict=True)]
         for when, frame, buffer in row.replies:
             if when is None or when(names):
                 reply = None if frame is None else frame(names)

@@ -252,6 +252,101 @@ def test_a_row_for_servers_only_is_answered_and_never_asked() -> None:
         loop.do("call", "peek")
 
 
+# ---- rows that speak of their items, their unit, or a layout -----------------------------------------------------
+
+
+LIST_OF_PLACES = """\
+protocol: list_of_places
+extends: standard
+groups: {request: {from: client}}
+frames:
+  ask:
+    group: request
+    body:
+      - const: STX
+      - {count: n, type: u8, of: items}
+      - {repeat: items, times: n, of: [{field: area, type: u8}, {field: at, type: u16}]}
+  back:
+    from: server
+    body:
+      - const: ACK
+      - {count: n, type: u8, of: items}
+      - {repeat: items, times: n, of: [{field: area, type: u8}, {field: at, type: u16}, {data: data, size: SIZE}]}
+areas: {D: {unit: word, size: 100, code: 7}, C: {unit: word, size: 100, code: 8}}
+addresses: [{form: "{area}D{start:dec}", unit: dword}, {form: "{area}{start:dec}"}]
+services:
+  read:
+    - areas: [D, C]
+      units: [UNIT]
+      variables: {max: 8, same: unit}
+      limit: {count: 1}
+      request: {ask: {items: {each: {area: code, at: PLACE}}}}
+      reply: {back: {items: {each: {area: code, at: start, data: data}}}}
+"""
+
+
+def list_of_places(unit: str, size: int, place: str) -> Loop:
+    return Loop(LIST_OF_PLACES.replace("UNIT", unit).replace("SIZE", str(size)).replace("PLACE", place))
+
+
+def test_every_item_of_a_reply_has_the_names_of_its_own_place() -> None:
+    loop = list_of_places("word", 2, "start")
+    loop.memory.write("D", "word", 60, [0x1234])
+    loop.memory.write("C", "word", 3, [7])
+    assert loop.do("read_variables", ["D60", "C3"]).values == [0x1234, 7]
+    assert loop.log[0][1] == bytes.fromhex("06 02 07 003C 3412 08 0003 0700")
+    assert loop.troubles == []
+
+
+def test_a_row_counts_in_its_own_unit_when_it_is_served() -> None:
+    loop = list_of_places("dword", 4, "start * 2")
+    loop.memory.write("D", "word", 4, [0x5678, 0x1234])
+    assert loop.do("read_variables", ["DD2", "CD0"]).values == [0x12345678, 0]
+    assert loop.log[0][:2] == (
+        bytes.fromhex("02 02 07 0004 08 0000"),
+        bytes.fromhex("06 02 07 0002 78563412 08 0000 00000000"),
+    )
+
+
+RANGES = """\
+protocol: ranges
+extends: standard
+order: little
+station: {type: none}
+layouts:
+  range: [{field: start, type: u8}, {field: count, type: u8}]
+groups: {request: {from: client}}
+frames:
+  ask: {group: request, body: [{const: STX}, {length: n, type: u8, of: [objects]}, {data: objects, size: n}]}
+  tell: {from: server, body: [{const: ACK}, {length: n, type: u8, of: [values]}, {data: values, size: n}]}
+  no: {from: server, body: [{const: NAK}, {field: code, type: u8}]}
+areas: {D: {unit: byte, size: 100}}
+addresses: [{form: "D{start:dec}", area: D}]
+errors: {frame: no, code: code, answer: {no: {code: code}}, memory: {unknown: 1, range: 2, access: 3, no_service: 4}}
+services:
+  read:
+    - {areas: [D], request: {ask: {objects: {range: {start: start, count: count}}}}, reply: {tell: {values: data}}}
+  all:
+    - request: {ask: {objects: h'CA'}}
+      serve: {read: {area: D, start: 0, count: 3}}
+      reply: {tell: {values: data}}
+      gives: {values: reply.values}
+  none:
+    - {request: {ask: {objects: h'CB 01 FF FF'}}, reply: {tell: {values: h''}}, gives: {values: reply.values}}
+"""
+
+
+def test_bytes_that_are_no_such_layout_are_left_to_later_rows() -> None:
+    loop = Loop(RANGES)
+    loop.memory.write("D", "byte", 0, [5, 6, 7, 8])
+    assert loop.do("read", "D1", count=2).values == [6, 7]
+    assert loop.do("call", "all").gives == {"values": bytes((5, 6, 7))}
+    assert loop.do("call", "none").gives == {"values": b""}
+    assert loop.answer(bytes.fromhex("02 01 CC")) == bytes.fromhex("15 02"), "the layout is cut off"
+    assert loop.answer(bytes.fromhex("02 03 01 02 03")) == bytes.fromhex("15 02"), "the layout has no third byte"
+    assert loop.troubles == []
+
+
 # ---- a device with everything else: tests/data/rack.yaml -------------------------------------------------------------
 
 
