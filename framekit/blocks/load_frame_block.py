@@ -8,6 +8,7 @@ from typing import Any
 
 from framekit.blocks.fields import FramePart, may_overflow, misfit, no_number, parts_of
 from framekit.blocks.model import Place
+from framekit.definition.expression.syntax import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
@@ -16,6 +17,7 @@ from framekit.definition.model.sizes import field_names
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.nodes import Node, Scalar
 from framekit.definition.problems import did_you_mean
+from framekit.link.parameters import ParameterError, given_value
 
 
 class FrameBlockLoader:
@@ -54,9 +56,10 @@ class FrameBlockLoader:
                 data[entry.key.text] = place
         values = self._values(keys.get("values"), frame, fields) if instruction == "send" else {}
         sizes = self._sizes(keys.get("size"), frame, fields)
+        sized_by = self._sized_by(keys.get("size"), fields, protocol) if instruction == "send" else {}
         if instruction == "send" and not self.spoilt:
-            self._missing(frame, {*data, *values}, sizes, keys)
-        return {"frame": name, "data": data, "values": values, "sizes": sizes}
+            self._missing(frame, {*data, *values}, data.keys() - values.keys() - sizes.keys(), keys)
+        return {"frame": name, "data": data, "values": values, "sizes": sizes, "sized_by": sized_by}
 
     @contextmanager
     def _going_on(self) -> Iterator[None]:
@@ -131,7 +134,23 @@ class FrameBlockLoader:
                 found[entry.key.text] = size
         return found
 
-    def _missing(self, frame: Frame, given: set[str], sizes: Mapping[str, int], keys: MappingNode) -> None:
+    def _sized_by(self, node: Node | None, fields: Mapping[str, FramePart], protocol: Protocol) -> dict[str, str]:
+        """Fields whose size the block says and the frame takes from a parameter, with that."""
+        found = {}
+        for entry in self.reader.entries(node):
+            size = getattr(fields.get(entry.key.text), "size", None)
+            name = size.root.name if isinstance(size, Expression) and isinstance(size.root, Name) else ""
+            if name in protocol.params and name not in fields:
+                with self._going_on():
+                    found[entry.key.text] = name
+                    try:
+                        given_value(protocol.params[name], self.reader.number(entry.value))
+                    except ParameterError as error:
+                        what, _, todo = str(error).partition(" – ")
+                        raise self.reader.broken(entry.value.at, what, todo) from None
+        return found
+
+    def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
         """Fields that nothing gives a value, and data whose size nobody says."""
         for part in frame.segments:
             if part.when is not None or not isinstance(part, (Data, Field)):
@@ -139,7 +158,7 @@ class FrameBlockLoader:
             if part.name not in given and not _has_value(part):
                 what = f"nothing gives '{part.name}' of '{frame.name}'"
                 self.reader.note(keys.at, what, f"add data: {{{part.name}: ADDRESS}}, or values")
-            elif isinstance(part, Data) and part.name in given and part.name not in sizes and part.size == "rest":
+            elif isinstance(part, Data) and part.name in unsized and not isinstance(part.size, int):
                 what = f"nothing says how many bytes '{part.name}' of '{frame.name}' has"
                 self.reader.note(keys.at, what, f"add size: {{{part.name}: N}}")
 

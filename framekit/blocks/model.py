@@ -119,7 +119,8 @@ class Block:
 
     `targets`: addresses on the other side as text (READ, WRITE), `units`: what an element of each is, `unit`: the
     block's own type, if it gives one. `places`: own memory, one for each target; a single one for `count` elements.
-    `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE.
+    `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE;
+    `sized_by`: fields whose size is a parameter of the protocol, which gets it for the exchange.
     `service` and `arguments`: CALL, with `argument_places` (argument → own memory), the `addresses` on the other side
     that it is about, and where its `results` go; data among them are packed as `packing` says. `station`: a constant,
     or the place it is read from at each start. `values`: constants to write or send. `commands`: the application that
@@ -142,6 +143,7 @@ class Block:
     frame: str | None = None
     data: Mapping[str, Place] = field(default_factory=dict)
     sizes: Mapping[str, int] = field(default_factory=dict)
+    sized_by: Mapping[str, str] = field(default_factory=dict)
     values: Any = None
     job: Command | Record | None = None
     service: str | None = None

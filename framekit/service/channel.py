@@ -204,6 +204,7 @@ class ChannelService:
         if repeats and not block.params and not self.channel.stations:
             return {}
         found = {**self.params_of(self.station_of(block)), **block.params}
+        found |= {name: block.sizes[field] for field, name in block.sized_by.items()}
         repeated = self.channel.protocol.params.get(REPEATS)
         if not repeats and repeated is not None and repeated.is_ is None and repeated.type == "number":
             found[REPEATS] = 0 if repeated.limits is None else max(0, repeated.limits[0])

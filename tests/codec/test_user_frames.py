@@ -9,6 +9,7 @@ import pytest
 from framekit.codec.codec import compile_protocol
 from framekit.codec.construct_backend import compile_construct
 from framekit.definition.load import load_protocol_text
+from framekit.definition.problems import DefinitionError
 
 FRAMES = """
 protocol: user-frames
@@ -52,3 +53,23 @@ def test_both_ways(compiler: Any, frame: str, values: dict[str, Any], expected: 
         assert data[-2:] == b"%02X" % (sum(data[:-2]) & 0xFF), "the sum as worked out by hand"
     assert codec.encode(frame, values) == data
     assert codec.decode(frame, data) == values
+
+
+TOOL = FRAMES.replace("profile: snet-user-frames", "profile: snet-user-frames\nconversions: by_direction").replace(
+    "error, size: 2, convert: hex_to_ascii", "error, size: 2, convert: ascii_to_hex"
+)
+
+
+@pytest.mark.parametrize("compiler", [compile_protocol, compile_construct], ids=["python", "construct"])
+@pytest.mark.parametrize("frame", [case[0] for case in CASES])
+def test_the_tools_own_names_of_conversions_give_the_same_bytes(compiler: Any, frame: str) -> None:
+    values = next(case[1] for case in CASES if case[0] == frame)
+    here, tool = (compiler(load_protocol_text(text)) for text in (FRAMES, TOOL))
+    data = tool.encode(frame, values)
+    assert data == here.encode(frame, values)
+    assert tool.decode(frame, data) == values
+
+
+def test_a_conversion_without_a_direction_is_refused() -> None:
+    with pytest.raises(DefinitionError, match="conversions are named by the direction of the frame, and this has none"):
+        load_protocol_text(TOOL.replace("nak: {from: server,", "nak: {from: both,"))

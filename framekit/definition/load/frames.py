@@ -176,6 +176,7 @@ class FrameLoader:
         if not self._keys_known(outline, own):
             raise Broken(outline.name)
         loader = SegmentLoader(space, self.find)
+        loader.side = self._side(keys.get("from"))
         head, body, tail = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
         if loader.spoilt:
             raise Broken(outline.name)

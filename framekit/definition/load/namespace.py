@@ -41,6 +41,7 @@ class Namespace:
         self._checks: dict[str, CheckMethod | None] = {}
         self._sections: dict[str, dict[str, Owned]] = {}
         self._orders = {file: self._order_of(one) for one in self._sources() for file in one.files}
+        self._turned = {file for one in self._sources() if self._is_turned(one) for file in one.files}
 
     def _sources(self) -> list[Source]:
         application = self.source.application
@@ -52,6 +53,14 @@ class Namespace:
     @staticmethod
     def _order_of(source: Source) -> str:
         return "little" if scalar_of(source.root.get("order")) == "little" else "big"
+
+    @staticmethod
+    def _is_turned(source: Source) -> bool:
+        return scalar_of(source.root.get("conversions")) == "by_direction"
+
+    def turns_conversions(self, file: str) -> bool:
+        """Whether names of conversions in `file` say what is done in the direction of the frame."""
+        return file in self._turned
 
     def order(self, file: str) -> str:
         """The byte order of numbers written in `file`."""

@@ -6,7 +6,7 @@ What lists of segments are, includes, and segments around others are not known h
 from __future__ import annotations
 
 from collections.abc import Mapping as MappingOf
-from typing import Any, cast
+from typing import Any, Literal
 
 from framekit.definition.expression.syntax import Bytes, Expression
 from framekit.definition.load.checks import load_check_segment
@@ -15,6 +15,7 @@ from framekit.definition.load.reader import Broken
 from framekit.definition.load.scalars import parse_bytes
 from framekit.definition.load.types import load_size, load_type
 from framekit.definition.model import segments as model
+from framekit.definition.model.frames import Side
 from framekit.definition.nodes import Mapping, Node, Scalar
 
 LENGTH_UNITS = {"bytes": 1, "words": 2, "dwords": 4, "lwords": 8, "digits": 1}
@@ -23,12 +24,13 @@ LENGTH_UNITS = {"bytes": 1, "words": 2, "dwords": 4, "lwords": 8, "digits": 1}
 class PlainSegmentLoader:
     """Reads one segment at a time: a method for each kind, by its keys and what all kinds have in common.
 
-    `space` gives the meaning of the names of types, tables and checks.
+    `space` gives the meaning of the names of types, tables and checks. `side`: who sends the frame they belong to.
     """
 
     def __init__(self, space: Namespace) -> None:
         self.space = space
         self.reader = space.reader
+        self.side: Side | None = None
 
     def _named(self, keys: Mapping, kind: str, common: dict[str, Any]) -> dict[str, Any]:
         """The common keys of a segment whose kind key holds its name."""
@@ -141,13 +143,28 @@ class PlainSegmentLoader:
             reader.warn(size.at, f"{loaded} bytes are not full units of {swap}", "the rest stays as it is")
         return model.Data(
             size=loaded,
-            convert=cast(Any, reader.maybe(reader.text, keys.get("convert"))),
+            convert=self._conversion(keys),
             swap=swap,
             pad=reader.maybe(reader.byte, keys.get("pad")),
             least=reader.maybe(reader.number, keys.get("min")) or 0,
             memory=reader.maybe(reader.text, keys.get("memory")),
             **self._named(keys, "data", common),
         )
+
+    def _conversion(self, keys: Mapping) -> Literal["hex_to_ascii", "ascii_to_hex"] | None:
+        """From memory to wire, whatever the definition's way to name it."""
+        node = keys.get("convert")
+        name = self.reader.maybe(self.reader.text, node)
+        if node is None or name not in ("hex_to_ascii", "ascii_to_hex"):
+            return None
+        if not self.space.turns_conversions(node.at.file):
+            return "hex_to_ascii" if name == "hex_to_ascii" else "ascii_to_hex"
+        if self.side not in ("client", "server"):
+            what = "conversions are named by the direction of the frame, and this has none"
+            todo = "say from: client or server in its group, or leave conversions: out"
+            raise self.reader.broken(node.at, what, todo)
+        to_digits = (name == "hex_to_ascii") == (self.side == "client")
+        return "hex_to_ascii" if to_digits else "ascii_to_hex"
 
     def _length(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:
         reader = self.reader
