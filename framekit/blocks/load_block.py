@@ -136,7 +136,8 @@ class BlockLoader:
             raise Broken(entry.key.text)
         places = " of several places" if len(found.get("targets", ())) > 1 else ""
         self._without_effect(keys, f"beside {instruction}:{places}")
-        common["params"] |= {name: found["sizes"][field] for field, name in found.get("sized_by", {}).items()}
+        if instruction == "send":
+            common["params"] |= {name: found["sizes"][field] for field, name in found["sized_by"].items()}
         return Block(**common, **found)
 
     def _without_effect(self, keys: MappingNode, where: str) -> None:
