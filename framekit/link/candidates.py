@@ -78,13 +78,19 @@ class Candidates:
         return result
 
     def judge(
-        self, infos: tuple[FrameInfo, ...], limit: int, silent: list[FrameInfo], inside: InsideFinder | None
+        self,
+        infos: tuple[FrameInfo, ...],
+        limit: int,
+        silent: list[FrameInfo],
+        inside: InsideFinder | None,
+        is_told: bool,
     ) -> tuple[Good | None, Bad | None, list[FrameInfo]]:
         """The good frame of these, the bad one that got furthest, and those that want more than there is up to `limit`.
 
         The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one. Those
-        that silence ends are added to `silent`.
+        that silence ends are added to `silent`. Unless a bad one `is_told`, any of them will do.
         """
+        worse_of = worse if is_told else any_of
         complete: list[tuple[int, int, FrameInfo, Complete]] = []
         wanting: list[FrameInfo] = []
         furthest: Bad | None = None
@@ -97,7 +103,7 @@ class Candidates:
             elif type(result) is Unfinished:
                 (silent if result.silent else wanting).append(info)
             elif type(result) is Bad:
-                furthest = worse(furthest, result)
+                furthest = worse_of(furthest, result)
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
                 shortest = result
         for size, _, info, found in sorted(complete, key=_by_size):
@@ -107,7 +113,7 @@ class Candidates:
             if type(result) is Good:
                 return result, furthest, wanting
             if type(result) is Bad:
-                furthest = worse(furthest, result)
+                furthest = worse_of(furthest, result)
         return shortest, furthest, wanting
 
     def at_silence(self, info: FrameInfo, end: int) -> Result:
@@ -121,6 +127,8 @@ class Candidates:
         fault = self._stream.fault_in(start, end)
         if fault is not None:
             return self._damaged(info, raw, fault, True)
+        if info.intact is not None and not info.intact(raw):
+            return self.misread(info, raw, info.misread(raw, self._context))
         try:
             return Good(info, raw, info.decode(raw, self._context), None)
         except CODEC_ERRORS as error:
@@ -141,8 +149,22 @@ class Candidates:
     def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:
         return Bad(partial(self._report, info, raw, explain), len(raw), known_end)
 
-    def _without_end(self, info: FrameInfo, start: int, end: int) -> Result:
-        """A frame whose end is lost: the fewest bytes that show it, however many came at once."""
+    def _without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
+        """A frame whose end is lost. Most begin in noise and nobody is told: how it is bad is worked out on demand."""
+        whole: list[Bad] = []
+
+        def bad() -> Bad:
+            if not whole:
+                whole.append(self._shortest_without_end(info, start, end))
+            return whole[0]
+
+        def open_at(size: int) -> bool:
+            return info.measure(self._stream.buffer, start, start + size, self._context, 0) == self._quiet
+
+        return Bad(lambda: bad().bad, lambda: bad().size, False, open_at)
+
+    def _shortest_without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
+        """The fewest bytes that show that the end is lost, however many came at once."""
         low, high = start + 1, end
         while low < high:
             middle = (low + high) // 2
@@ -158,7 +180,7 @@ class Candidates:
             info.decode(raw, self._context)
         except CODEC_ERRORS as error:
             judged = self._judged(info, raw, error, False)
-            return judged if judged is NO or type(judged) is Bad else self._endless(info, raw)
+            return judged if type(judged) is Bad else self._endless(info, raw)
         return self._endless(info, raw)
 
     def _endless(self, info: FrameInfo, raw: bytes) -> Bad:
@@ -188,6 +210,11 @@ class Candidates:
 def fault_of(error: FrameError) -> Fault:
     """What is wrong, as decoding has found."""
     return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error))
+
+
+def any_of(first: Bad | None, second: Bad) -> Bad:
+    """A bad frame where nobody asks which."""
+    return first or second
 
 
 def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:

@@ -26,7 +26,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.link.evaluate import Evaluate, compile_expression
-from framekit.link.intact import Intact, intact_of
+from framekit.link.intact import intact_of
 from framekit.link.values import FrameValue
 
 
@@ -76,18 +76,19 @@ class FrameInfo:
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `constant`: its bytes, if
-    it is nothing else. `intact`: a quick look at its check code, where there is one. `take`: measures and decodes at
-    once what is surely good; `together`: as `take`, the frame inside as well; `rows`: many of them. The table of all
-    frames sets these two, and `make`. `carries`: frames that may be put into this one when `insert` holds.
+    it is nothing else. `intact`: a quick look at its check code, where there is one; what fails it is bad, never
+    refused. `take`: measures and decodes at once what is surely good; `together`: as `take`, the frame inside as well;
+    `rows`: many of them. The table of all frames sets these two, and `make`. `carries`: frames that may be put into
+    this one when `insert` holds.
     """
 
     __slots__ = (
-        "_examine", "_may_refuse", "_proof", "announces", "behind", "carries", "computed", "constant", "decode", "echo",
+        "_examine", "announces", "behind", "carries", "computed", "constant", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
         "measure", "most", "name", "numbers", "on_line", "refuse", "rows", "shape", "take", "together",
     )  # fmt: skip
 
-    def __init__(self, frame: Frame, codec: FrameCodec, may_refuse: Callable[[], bool]) -> None:
+    def __init__(self, frame: Frame, codec: FrameCodec) -> None:
         self.frame = frame
         self.name = frame.name
         self.make: Make
@@ -105,7 +106,6 @@ class FrameInfo:
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
         self.constant = _constant(frame.segments)
-        self._may_refuse = may_refuse
         self._examine = codec.examine
         self.most = frame.most
         self.known: dict[str, Any] = {}
@@ -118,14 +118,9 @@ class FrameInfo:
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
 
-    @property
-    def proof(self) -> Intact | None:
-        """As `intact`; what fails it is bad for certain, and is not refused. Worked out when somebody asks."""
-        try:
-            return self._proof
-        except AttributeError:
-            self._proof: Intact | None = None if self.intact is None or self._may_refuse() else self.intact
-            return self._proof
+    def fails(self, data: bytes | bytearray, place: int, size: int) -> bool:
+        """Whether so many bytes at `place` are surely no good frame, as its check code says."""
+        return self.intact is not None and not self.intact(data[place : place + size])
 
     def checked(self, data: bytes, place: int, size: int, names: Mapping[str, Any]) -> int:
         """What `measure` says, if `extent` has said `size`; UNCERTAIN where it says another size.
@@ -138,7 +133,7 @@ class FrameInfo:
         return sure if sure <= 0 or sure == size else UNCERTAIN
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
-        """What `decode` raises for a frame that fails its `proof`."""
+        """What `decode` raises for a frame that is not `intact`."""
         return Misread(self.name, self._examine, raw, names)
 
     def holds_known(self, fields: Mapping[str, Any]) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
-from framekit.codec.python.shape import Shapes, everything
+from framekit.codec.python.shape import everything
 from framekit.definition.model import protocol as model
 from framekit.definition.model.segments import (
     Inner,
@@ -46,11 +46,7 @@ class FrameTable:
 
     def __init__(self, protocol: model.Protocol, codec: Codec) -> None:
         self.codec = codec
-        shapes = Shapes(protocol.frames)
-        self.infos = {
-            name: FrameInfo(frame, codec.frames[name], partial(shapes.may_refuse, frame.segments))
-            for name, frame in protocol.frames.items()
-        }
+        self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
         for info in self.infos.values():

@@ -12,7 +12,7 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Check, Wrap
 from framekit.definition.model.visit import parts_of
 
-Intact = Callable[[bytes], bool]
+Intact = Callable[[bytes | bytearray], bool]
 """Whether the check code of these bytes is right."""
 
 
@@ -34,7 +34,7 @@ def intact_of(frame: Frame) -> Intact | None:
         return lambda raw: code(raw) == residue
     room = (1 << 8 * size) - 1
 
-    def intact(raw: bytes) -> bool:
+    def intact(raw: bytes | bytearray) -> bool:
         return raw[-size:] == (code(raw[:-size]) & room).to_bytes(size, order)
 
     return intact

@@ -108,8 +108,9 @@ class Start:
 class Interest:
     """The candidates for one pair of name lists. `starting`: what `start` has found, by the first byte.
 
-    `starts` matches such a byte where not any may be one; `stops` as well the symbol before a byte that belongs to it.
-    `rows`: what takes many of the only one that is expected, and that one; None where there is no such thing.
+    `every`: for those as well as the others, told apart together. `starts` matches such a byte where not any may be
+    one; `stops` as well the symbol before a byte that belongs to it. `rows`: what takes many of the only one that is
+    expected, and that one; None where there is no such thing.
     """
 
     __slots__ = (
@@ -118,6 +119,7 @@ class Interest:
         "_rest",
         "_starts",
         "_wanted",
+        "every",
         "expected",
         "others",
         "rows",
@@ -145,6 +147,9 @@ class Interest:
         self.starts = self._start_pattern()
         self.stops = self.starts if symbol is None else self._start_pattern(symbol)
         only = self._wanted[0] if len(self._wanted) == 1 and inside is None else None
+        self.every: Interest = self
+        if self._rest:
+            self.every = Interest(table, tuple(info.name for info in (*self._wanted, *self._rest)), (), inside, symbol)
         self.rows = None if only is None or only.rows is None else (only.rows, only)
 
     def at(self, byte: int) -> tuple[Level, Level]:

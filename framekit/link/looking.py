@@ -10,12 +10,13 @@ from typing import Any
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived
-from framekit.link.candidates import Candidates, Trouble
+from framekit.link.candidates import Candidates, Trouble, any_of
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.frame_info import FrameInfo, Make
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.interest import Interest
+from framekit.link.noise import LONGEST
 from framekit.link.pauses import Pauses, scope_of
 from framekit.link.recovery import Again, Recovery
 from framekit.link.stream import Stream
@@ -44,6 +45,7 @@ class Looking(Recovery):
         inside = InsideFinder(self.table, names)
         self._inside = inside if inside else None
         self._quiet = codec.QUIET
+        self._lost = codec.LOST
         self._trouble = trouble
         self._interests: dict[tuple[tuple[str, ...], tuple[str, ...]], Interest] = {}
         self._interest = self._interest_of((), ())
@@ -103,19 +105,75 @@ class Looking(Recovery):
         limit, is_cut = self.pauses.reach(self._now)
         worst: Bad | None = None
         silent: list[FrameInfo] = []
+        is_told = stream.base + position >= self._bad_until
+        worse_of = worse if is_told else any_of
         for infos in levels:
-            good, bad, wanting = self._candidates.judge(infos, limit, silent, self._inside)
+            good, bad, wanting = self._candidates.judge(infos, limit, silent, self._inside, is_told)
             if good is not None:
                 return self._noise_before() or self._arrived(good)
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
-            worst = worst if bad is None else worse(worst, bad)
+            worst = worst if bad is None else worse_of(worst, bad)
             if wanting and worst is None:
                 worst = self._candidates.cut(wanting[0], limit)
         if worst is not None:
             return self._bad(worst)
         return self._ended_by_silence(silent) if silent else self._unusable()
+
+    def _pass_over(self, interest: Interest) -> None:
+        """Gets over places in noise where no good frame begins, and none that is told of or wants more.
+
+        It says of a place what `_look` says, and leaves to that all that may be anything else.
+        """
+        stream, rules = self.stream, self._rules
+        buffer, place, end = stream.buffer, stream.position, self._plain_until()
+        is_skipped = stream.base + place < self._bad_until
+        if not self._goes_on or rules.symbols is not None or self._inside is not None:
+            return
+        if not self._noise.data or self._noise.skipped is not is_skipped:
+            return
+        end = min(end, place + LONGEST - len(self._noise.data))
+        if is_skipped:
+            end = min(end, self._bad_until - stream.base)
+        total, starts, names, lost = len(buffer), self.starts, self._names, self._lost
+        first, starting, find = place, interest.every.starting, interest.every.start
+        try:
+            while place < end:
+                start = starting[buffer[place]] or find(buffer[place])
+                at = place + start.at
+                if at >= total:
+                    break
+                left = start.left[buffer[at]]
+                infos = left.infos if left.sure else interest.every.at(buffer[place])[0]
+                for info in infos:
+                    size = info.extent(buffer, place, total, names)
+                    if size == 0 or (is_skipped and (size == lost or (size > 0 and info.fails(buffer, place, size)))):
+                        continue
+                    break
+                else:
+                    if starts is None:
+                        place += 1
+                    else:
+                        match = starts.search(buffer, place + 1, end)
+                        place = end if match is None else match.start()
+                    continue
+                break
+        except CODEC_ERRORS:
+            pass
+        if place > first:
+            self._collect(place - first, is_skipped)
+
+    def _plain_until(self) -> int:
+        """Up to where (buffer index) nothing is strange but what the bytes say."""
+        stream = self.stream
+        end = len(stream.buffer)
+        if self._now != stream.last or self._skipping or stream.faults or stream.taken_out:
+            return stream.position
+        if stream.pauses and stream.first_after(stream.pauses, stream.position - 1) is not None:
+            return stream.position
+        silence = stream.first_after(stream.silences, stream.position - 1) if stream.silences else None
+        return end if silence is None else silence
 
     def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
         self._waiting = tuple(info.name for info in infos)

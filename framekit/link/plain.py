@@ -117,7 +117,7 @@ class PlainLooking(RowLooking):
         fault: FrameError | None = None
         if size > 0:
             raw = bytes(buffer[place : place + size])
-            if info.proof is not None and not info.proof(raw):
+            if info.intact is not None and not info.intact(raw):
                 if stream.base + place < self._bad_until:
                     return info, size, None, None  # a bad frame or none: here both are passed over
                 fault = info.misread(raw, names)  # what decoding would raise, at a tenth of the cost

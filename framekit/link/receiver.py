@@ -109,6 +109,8 @@ class Receiver(PlainLooking):
             return None
         found: list[Arrival] = []
         while True:
+            if self._noise.data:
+                self._pass_over(interest)
             self._looks_later = self._plain(interest, found)
             if found:
                 return found[0]

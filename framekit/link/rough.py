@@ -53,7 +53,7 @@ class RoughLooking(Looking):
                     if taken and left.is_plain and info is not None:
                         size = taken[1]
                         if size and info is not known:
-                            known, proof = info, info.proof
+                            known, proof = info, info.intact
                         if size and (proof is None or place < bad_until):
                             size = UNSURE if proof is None else 0
                     elif left.is_none:
@@ -110,7 +110,7 @@ class RoughLooking(Looking):
             return UNSURE
         if self._inside is not None and not self._inside.nothing_from(info, data, place):
             return UNSURE
-        proof = info.proof
+        proof = info.intact
         if taken:
             return UNSURE if proof is None and taken[1] else 0 if is_skipped else int(taken[1])
         size = info.extent(data, place, len(data), names)
@@ -126,7 +126,7 @@ class RoughLooking(Looking):
         assert left.alone is not None
         info, names = left.alone, self._names
         size = info.extent(data, place, len(data), names)
-        if size <= 0 or (info.proof is not None and not info.proof(data[place : place + size])):
+        if size <= 0 or (info.intact is not None and not info.intact(data[place : place + size])):
             return None
         return left.take(data, place, len(data), names)
 

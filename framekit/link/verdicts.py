@@ -24,16 +24,25 @@ class Good:
 class Bad:
     """A frame with a fault. `known_end`: its end does not depend on content that may be damaged.
 
-    Most are never reported, so the report is made when somebody asks; that has to be before the place in the stream
-    changes.
+    `open_at(size)`: of one that grew too long, whether silence could still have ended it with so many bytes.
+
+    Most are never reported, so the report is made when somebody asks, and so is `size` where it takes work; that has
+    to be before the place in the stream changes.
     """
 
-    __slots__ = ("_bad", "_report", "known_end", "size")
+    __slots__ = ("_bad", "_report", "_size", "known_end", "open_at")
 
-    def __init__(self, report: Callable[[], BadFrame], size: int, known_end: bool) -> None:
+    def __init__(
+        self,
+        report: Callable[[], BadFrame],
+        size: int | Callable[[], int],
+        known_end: bool,
+        open_at: Callable[[int], bool] | None = None,
+    ) -> None:
         self._report = report
+        self.open_at = open_at
         self._bad: BadFrame | None = None
-        self.size = size
+        self._size = size
         self.known_end = known_end
 
     @property
@@ -41,6 +50,12 @@ class Bad:
         if self._bad is None:
             self._bad = self._report()
         return self._bad
+
+    @property
+    def size(self) -> int:
+        if not isinstance(self._size, int):
+            self._size = self._size()
+        return self._size
 
 
 class Complete:
@@ -77,10 +92,15 @@ Result = Good | Bad | Complete | Unfinished | _No
 def worse(first: Bad | None, second: Bad) -> Bad:
     """The one that got further; of two that got equally far, the one asked first.
 
-    Where both end at the same place nothing depends on it before somebody asks what was wrong.
+    One that silence could still have ended when the other was complete was none then: the other one is told. Where
+    both end at the same place nothing depends on it before somebody asks what was wrong.
     """
     if first is None:
         return second
+    if first.open_at is not None and second.size < first.size and first.open_at(second.size):
+        return second
+    if second.open_at is not None and first.size < second.size and second.open_at(first.size):
+        return first
     if first.size == second.size and first.known_end == second.known_end:
         return Bad(lambda: EitherBad(first.bad, second.bad), first.size, first.known_end)
     return second if second.bad.place > first.bad.place else first

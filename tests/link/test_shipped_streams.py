@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -52,7 +53,14 @@ def streams(name: str) -> st.SearchStrategy[bytes]:
             + item[0][item[1] % len(item[0]) + 1 :]
         )
     )
-    part = st.one_of(st.sampled_from(samples), damaged, st.binary(max_size=5))
+    letters = sorted({byte for data in samples for byte in data[:3]})
+    noise = st.builds(
+        lambda seed, few, size: (
+            bytes(Random(seed).choices(letters, k=size)) if few else Random(seed).randbytes(size)
+        ),
+        st.integers(0, 1 << 32), st.booleans(), st.integers(1, 600),
+    )  # fmt: skip
+    part = st.one_of(st.sampled_from(samples), damaged, st.binary(max_size=5), noise)
     return st.lists(part, max_size=6).map(b"".join)
 
 

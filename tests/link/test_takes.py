@@ -33,7 +33,7 @@ def as_measured(info: FrameInfo, data: bytes, place: int, one: Receiver) -> tupl
     try:
         return raw, info.decode(raw, one._names)
     except FrameError as error:
-        if info.proof is not None and not info.proof(raw):
+        if info.intact is not None and not info.intact(raw):
             assert error.refuse is None
             return None, size
         return None
@@ -70,7 +70,7 @@ def test_what_is_taken_is_what_is_measured_and_decoded(name: str) -> None:
     assert sure * 2 >= good, (
         "what is none of those inside, or only the second best, is left to those who look with care"
     )
-    assert wrong or not any(info.proof and info.together for info in takers(one))
+    assert wrong or not any(info.intact and info.together for info in takers(one))
 
 
 def test_most_protocols_have_frames_that_are_taken() -> None:

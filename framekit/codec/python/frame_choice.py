@@ -143,13 +143,22 @@ def measure_first(choice: Choice, data: bytes | bytearray, start: int, end: int,
 
 
 def extent_first(choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
-    """What `measure_first` says if a frame fits: the only one that the deciding byte allows is not read for that."""
+    """What `measure_first` says if a frame fits that is complete: none is read for that."""
     place = start + choice.at
     measure = choice.sole[data[place]] if place < end else None
-    if measure is None:
-        return measure_first(choice, data, start, end, ctx, seen)
-    size: int = measure(data, start, end, ctx, seen)
-    return size
+    if measure is not None:
+        size: int = measure(data, start, end, ctx, seen)
+        return size
+    want, quiet, lost = 0, False, False
+    for frame in choice.frames(data, start, end):
+        size = frame.measure(data, start, end, ctx, seen)
+        if size > 0:
+            return size
+        if size > QUIET:
+            want = max(want, size) if want and size else want or size
+        else:
+            quiet, lost = quiet or size == QUIET, lost or size == LOST
+    return want or (QUIET if quiet else LOST if lost else 0)
 
 
 def fits(frame: Frame, data: bytes, ctx: Context) -> bool:

@@ -133,6 +133,8 @@ class WrapMeasurer(SegmentMeasurer):
             seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
         self.inner_size(size, choice, self.module.function("measure_first"), f"data, {place}, end, ctx", seen)
         with self.out.block(f"if {size} <= 0:"):
+            with self.out.block(f"if {size} == QUIET and end - start > {self.most}:"):
+                self.add("return LOST")
             self.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         self.skip(size)
 
