@@ -148,6 +148,7 @@ class MeasureWriter(WrapMeasurer):
         self.add(f"at = {self.search(f'{first.data[0]:#04x}', place, tail)}")
         with self.out.block("if at < 0:"):
             self.not_found(self.least(tail))
+        self.looks_for_end = True
         self.place = Place("at", 0)
 
     # ---- lists --------------------------------------------------------------------------------------------

@@ -52,6 +52,7 @@ class Measuring:
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.maybe_absent: set[str] = set()
         self.in_list = False
+        self.looks_for_end = False
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -190,7 +191,7 @@ class Measuring:
             return
         self.add(f"size = {self.place.text('')} - start")
         longest = self.shapes.all(self.segments).most
-        if longest is None or longest > self.most:
+        if self.looks_for_end or longest is None or longest > self.most:
             with self.out.block(f"if size > {self.most}:"):
                 self.add("return LOST")
         self.add("return size if size <= end - start else end - start - size")
