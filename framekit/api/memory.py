@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from framekit.api.errors import RequestError
+from framekit.api.errors import ReplyError, RequestError
 from framekit.api.typed import Order, Typed, Value, typed, values_given
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
@@ -44,7 +44,10 @@ class Memory:
             return area.read_bytes(first // 8, bits // 8) if not (first | bits) % 8 else area.read_bits(first, bits)
 
         data: bytes = self._carry_out(read)
-        return how.values(data, values_of(data, unit, how.units))
+        try:
+            return how.values(data, values_of(data, unit, how.units))
+        except ReplyError as error:
+            raise RequestError(f"{address}: {error}") from None
 
     def write(
         self, address: str, values: Value | Sequence[Value], *, type: str | None = None, order: Order | None = None,

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Generator
 from typing import Any
 
-from framekit.api.errors import FramekitError, error_of
+from framekit.api.errors import ExchangeError, FramekitError, error_of
 from framekit.api.typed import Typed
 from framekit.link.transfer import TransferResult
 from framekit.service.client import ClientService
@@ -82,11 +82,17 @@ class Poll:
         self._ended.result()
 
     def _result(self, result: TransferResult) -> None:
-        if result.ok:
-            self._numbers(tuple(self._how.values(result.data, result.values)))
-            return
+        try:
+            if not result.ok:
+                raise error_of(result, self._trouble())
+            values = tuple(self._how.values(result.data, result.values))
+        except ExchangeError as error:
+            self._failed(error)
+        else:
+            self._numbers(values)
+
+    def _failed(self, error: ExchangeError) -> None:
         self.failures += 1
-        error = error_of(result, self._trouble())
         if self._on_error is None:
             self._fail(error)
             return

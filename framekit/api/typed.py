@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from framekit.api.errors import RequestError
+from framekit.api.errors import ReplyError, RequestError
 from framekit.definition.model.services import COUNTED_STRING, UNIT_BITS
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
@@ -16,9 +16,9 @@ from framekit.memory.views import CountedTextView, NumberView, Order, TextView, 
 
 IntType = Literal[
     "bit", "byte", "word", "dword", "lword",
-    "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+    "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "bcd16", "bcd32",
 ]  # fmt: skip
-"""Types whose values are int: the units of memory, and numbers with and without sign."""
+"""Types whose values are int: the units of memory, and numbers with and without sign, in BCD too."""
 FloatType = Literal["float32", "float64"]
 TextType = Literal["string"]
 Value = int | float | str
@@ -39,12 +39,15 @@ class Typed:
     place: str
 
     def values(self, data: bytes, numbers: Sequence[int]) -> list[Any]:
-        """The values in what a transfer brought."""
-        match self.view:
-            case NumberView() | CountedTextView() as view:
-                return list(view.read(data))
-            case TextView() as view:
-                return [view.read(data, self.count, self.place)]
+        """The values in what a transfer brought. Raises ReplyError for data that hold none of this type."""
+        try:
+            match self.view:
+                case NumberView() | CountedTextView() as view:
+                    return list(view.read(data))
+                case TextView() as view:
+                    return [view.read(data, self.count, self.place)]
+        except MemoryValueError as error:
+            raise ReplyError(f"{error} – read it as {self.unit or self.place}", "unfit_reply") from None
         return list(numbers)
 
     def taking(self, on_values: Callable[[tuple[int, ...]], None]) -> Callable[[tuple[int, ...]], None] | None:
@@ -52,7 +55,12 @@ class Typed:
         view = self.view
         if view is None:
             return on_values
-        if not isinstance(view, NumberView) or view.kind == "float" or view.words_reversed or view.bytes_swapped:
+        if (
+            not isinstance(view, NumberView)
+            or view.kind in ("float", "bcd")
+            or view.words_reversed
+            or view.bytes_swapped
+        ):
             return None
         if view.kind == "unsigned":
             return on_values

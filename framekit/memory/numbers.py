@@ -55,6 +55,25 @@ def from_signed(values: Iterable[int], unit: str | int) -> list[int]:
     return result
 
 
+def as_decimal(values: Iterable[int], unit: str | int) -> list[int]:
+    """Unsigned values of this unit read as decimal digits of four bits (BCD). Raises MemoryValueError."""
+    texts = [f"{value:0{unit_bits(unit) // 4}X}" for value in values]
+    wrong = next((text for text in texts if not text.isdecimal()), None)
+    if wrong is not None:
+        raise MemoryValueError(f"0x{wrong} is no number in BCD: a digit is 0 to 9")
+    return [int(text) for text in texts]
+
+
+def from_decimal(values: Iterable[int], unit: str | int) -> list[int]:
+    """The reverse of `as_decimal`. Raises MemoryValueError for a value that has no such form."""
+    digits, result = unit_bits(unit) // 4, []
+    for value in values:
+        if not 0 <= value < 10**digits:
+            raise MemoryValueError(f"{value} does not fit into {digits} decimal digits")
+        result.append(int(str(value), 16))
+    return result
+
+
 def as_float(values: Iterable[int], unit: str | int = "dword") -> list[float]:
     """Unsigned dwords or lwords read as IEEE 754 numbers of 32 or 64 bits."""
     whole, real = _float_formats(unit)

@@ -14,7 +14,15 @@ from framekit.codec.support import swap
 from framekit.definition.model.services import NUMBER_BITS
 from framekit.definition.problems import did_you_mean
 from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import UNSIGNED_CODES, as_float, as_signed, from_float, from_signed
+from framekit.memory.numbers import (
+    UNSIGNED_CODES,
+    as_decimal,
+    as_float,
+    as_signed,
+    from_decimal,
+    from_float,
+    from_signed,
+)  # fmt: skip
 
 Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 """Where the bytes of 0xAABBCCDD stand in two words, each written with its high byte first."""
@@ -22,7 +30,7 @@ Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 ORDERS: tuple[str, ...] = get_args(Order)
 _UNITS = {8: "byte", 16: "word", 32: "dword", 64: "lword"}
 _FORMATS = {_UNITS[bits]: code for bits, code in UNSIGNED_CODES.items()}
-_KINDS = {"i": "signed", "u": "unsigned", "f": "float"}
+_KINDS = {"i": "signed", "u": "unsigned", "f": "float", "b": "bcd"}
 _TYPES = {name: (bits, _KINDS[name[0]]) for name, bits in NUMBER_BITS.items()}
 VIEWS: tuple[str, ...] = (*_TYPES, "string")
 """The names of the types."""
@@ -39,12 +47,14 @@ class NumberView:
     bytes_swapped: bool
 
     def read(self, data: bytes) -> list[int] | list[float]:
-        """The numbers in data in memory's form."""
+        """The numbers in data in memory's form. Raises MemoryValueError for digits that are none."""
         data = self._ordered(data)
         code = _FORMATS[self.unit]
         numbers = [number for (number,) in struct.iter_unpack("<" + code, data)]
         if self.kind == "float":
             return as_float(numbers, self.unit)
+        if self.kind == "bcd":
+            return as_decimal(numbers, self.unit)
         return as_signed(numbers, self.unit) if self.kind == "signed" else numbers
 
     def write(self, values: Sequence[float]) -> bytes:
@@ -54,6 +64,8 @@ class NumberView:
                 raise MemoryValueError(f"{value!r} is no {self.type}")
         if self.kind == "float":
             numbers = from_float(values, self.unit)
+        elif self.kind == "bcd":
+            numbers = from_decimal([int(value) for value in values], self.unit)
         elif self.kind == "signed":
             numbers = from_signed([int(value) for value in values], self.unit)
         else:

@@ -118,3 +118,33 @@ def test_what_is_no_value_no_list_and_no_bytes_is_told(tmp_path: Path) -> None:
         framekit.load("df1").decode("10 06")  # type: ignore[arg-type]
     with pytest.raises(RequestError, match="start values go into initial"):
         framekit.serve("df1", "pty:", station=1, memory={"N7:0": 5})  # type: ignore[arg-type]
+
+
+def test_decimal_digits_of_four_bits(tmp_path: Path) -> None:
+    """DF1 specification 4.1 (D25): words of four BCD digits; D files of a processor are such."""
+    file = tmp_path / "slc.device.yaml"
+    file.write_text(
+        "device: slc\nprotocol: df1\nrole: full\nstation: 1\nparams: {processor: plc5}\n"
+        'memory: {sizes: {"D12:0": 10}, set: {"D12:0": 1234, "N7:0": 0x0987, "N7:1": 0x1A2B}}\n'
+    )
+    with framekit.connect("df1", f"sim:{file}", station=1, role="full", params={"processor": "plc5"}) as client:
+        assert client.read("D12:0") == [1234]
+        assert client.read("D12:0", type="word") == [0x1234]
+        client.write("D12:1", 9999)
+        assert client.read("D12:1", type="word") == [0x9999]
+        assert client.read("N7:0", type="bcd16") == [987]
+        with pytest.raises(
+            framekit.ReplyError, match="0x1A2B is no number in BCD: a digit is 0 to 9 – read it as word"
+        ):
+            client.read("N7:1", type="bcd16")
+        with pytest.raises(framekit.RequestError, match="10000 does not fit into 4 decimal digits"):
+            client.write("D12:1", 10000)
+    (tmp_path / "meter.device.yaml").write_text("device: meter\nprotocol: modbus-rtu\nstation: 1\n")
+    with framekit.connect("modbus-rtu", f"sim:{tmp_path / 'meter.device.yaml'}", station=1) as client:
+        client.write("40001", 12345678, type="bcd32")
+        assert client.read("40001", 2) == [0x5678, 0x1234]
+        assert client.read("40001", type="bcd32") == [12345678]
+        assert client.read("40001", type="bcd32", order="ABCD") == [56781234]
+        client.write("40001", 0xA)
+        with pytest.raises(framekit.ReplyError, match="read it as dword"):
+            client.read("40001", type="bcd32")

@@ -30,15 +30,21 @@ def in_order(value: bytes, order: str) -> bytes:
 def test_numbers_against_struct(name: str, order: str, data: st.DataObject) -> None:
     view = view_of(name, order)
     assert isinstance(view, NumberView)
-    bits = int(name.lstrip("uintfloa"))
+    bits = int(name.lstrip("uintfloabcd"))
     if view.kind == "float":
         values = data.draw(st.lists(st.floats(width=32 if bits == 32 else 64), max_size=4))
         code = "f" if bits == 32 else "d"
+    elif view.kind == "bcd":
+        values, code = (
+            data.draw(st.lists(st.integers(0, 10 ** (bits // 4) - 1), max_size=4)),
+            "H" if bits == 16 else "I",
+        )
     else:
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if view.kind == "signed" else (0, (1 << bits) - 1)
         values = data.draw(st.lists(st.integers(low, high), max_size=4))
         code = FORMATS[view.kind]["bhiq".index({8: "b", 16: "h", 32: "i", 64: "q"}[bits])]
-    packed = [struct.pack(">" + code, value) for value in values]
+    stored = [int(str(value), 16) for value in values] if view.kind == "bcd" else values
+    packed = [struct.pack(">" + code, value) for value in stored]
     memory = view.write(values)
     if bits > 8:
         words = b"".join(memory[at : at + 2][::-1] for at in range(0, len(memory), 2))
@@ -59,7 +65,16 @@ def test_text(order: str, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("int8", 128), ("uint8", -1), ("uint16", 65536), ("int64", 1 << 63), ("float32", 1e39), ("int16", 1.5)],
+    [
+        ("int8", 128),
+        ("uint8", -1),
+        ("uint16", 65536),
+        ("int64", 1 << 63),
+        ("float32", 1e39),
+        ("int16", 1.5),
+        ("bcd16", 10000),
+        ("bcd32", -1),
+    ],
 )
 def test_what_does_not_fit(name: str, value: float) -> None:
     view = view_of(name)

@@ -15,6 +15,7 @@ from framekit.definition.problems import Position
 UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
 NUMBER_BITS = {
     **{f"{kind}{bits}": bits for kind in ("int", "uint") for bits in (8, 16, 32, 64)}, "float32": 32, "float64": 64,
+    "bcd16": 16, "bcd32": 32,
 }  # fmt: skip
 """The types of numbers that elements may hold, and their widths."""
 COUNTED_STRING = "counted_string"
