@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
@@ -108,3 +109,54 @@ def test_reset_begins_anew(service: RunService, clock: VirtualClock) -> None:
     assert done(service) == [3, 3, 6, 0, 0]
     for state in service.states.values():
         assert state.counters.started == state.counters.done + state.counters.failed + state.counters.running
+
+
+BUSY = """run: busy
+memory: masterlogic
+dead: no
+channels:
+  1: {port: "sim:there.device.yaml", protocol: modbus-rtu, station: 1, merge: {gap: 4}, params: QUICK, faults: {rules: [
+      {fault: no_reply, rate: 20 %}, {fault: wrong_check, rate: 20 %}]}}
+  2: {port: "sim:there.device.yaml", protocol: modbus-rtu, role: server, own: 2}
+sets:
+  1:
+    blocks:
+      0: {read: "40001", into: M100, channel: 1, every: 70 ms}
+      1: {read: "40002", into: M101, channel: 1, every: 70 ms}
+      2: {write: "40009", values: [5], channel: 1, when: block 0 failed}
+      3: {read: "49999", into: M102, channel: 1, every: 110 ms}
+  2:
+    blocks:
+      0: {read: "40003", into: M103, channel: 1, when: block 1 done}
+      1: {read: "40003", into: M104, channel: 1, every: 90 ms}
+""".replace("QUICK", "{reply_timeout: 30 ms, retries: 1}")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_counters_add_up_whatever_is_switched(seed: int, tmp_path: Path, clock: VirtualClock) -> None:
+    """started = done + failed + running, of each block, and of a channel the sums of its blocks."""
+    service, chance = started(tmp_path, BUSY, DEVICE, clock), random.Random(seed)
+    actions = [
+        lambda: service.enable_set(2, chance.random() < 0.6),
+        lambda: service.enable_channel(1, chance.random() < 0.8),
+        lambda: service.enable(chance.choice([0, 1, 2, 3]), chance.random() < 0.7),
+        lambda: service.fire(chance.choice([0, 3, 64])),
+        service.reset,
+    ]
+    failed = 0
+    for _ in range(300):
+        clock.run_for(chance.randrange(60_000_000))
+        chance.choices(actions, [5, 5, 5, 10, 1])[0]()
+        blocks, [channel, _] = service.status(), run_status(service).channels
+        for one in blocks:
+            assert one.started - one.done - one.failed == one.running, one
+            assert not (one.running and one.waiting)
+        assert sum(one.running for one in blocks) <= len(blocks)
+        assert channel.services == sum(one.done for one in blocks)
+        assert channel.errors == sum(one.failed for one in blocks) == sum(channel.reasons.values())
+        failed += channel.errors
+    assert failed > 0
+    for number in service.states:
+        service.enable(number, False)
+    clock.run_for(10 * SECOND)
+    assert not any(one.running or one.waiting for one in service.status()), "what ran has ended"
