@@ -158,4 +158,7 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
     if failed:
         raise NoPort(failed[0])
     printer.summary(monitor, clock.now())
-    return 0
+    lost = [] if capture is None else capture.troubles
+    for trouble in lost:
+        print(trouble, file=sys.stderr)
+    return 1 if lost else 0

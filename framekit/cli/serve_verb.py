@@ -84,9 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
     line = _line(arguments, devices[0])
     if arguments.screen:
         return _live(arguments, devices, line, duration)
+    status = 0
     with contextlib.suppress(asyncio.CancelledError):
-        asyncio.run(_serve(arguments, devices, line, duration, every))
-    return 0
+        status = asyncio.run(_serve(arguments, devices, line, duration, every))
+    return status
 
 
 # ---- what is asked for ------------------------------------------------------------------------------------
@@ -151,8 +152,11 @@ def _live(arguments: argparse.Namespace, devices: list[Device], line: LineFormat
 
 async def _serve(
     arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None, every: int
-) -> None:
-    """Serves until the time is over, or SIGINT or SIGTERM asks to stop. Raises NoPort when the port can't be had."""
+) -> int:
+    """Serves until the time is over, or SIGINT or SIGTERM asks to stop; the exit status.
+
+    Raises NoPort when the port can't be had.
+    """
     from framekit.cli.serve_output import JsonServeOutput, TextServeOutput
     from framekit.transport.clock import AsyncioClock
 
@@ -165,16 +169,20 @@ async def _serve(
     for device in devices:
         for text in warnings_of(device):
             output.warning(text)
+    lost: list[str] = []
     with contextlib.ExitStack() as stack:
         monitor = None if arguments.quiet else output.seen
-        serving, served = await begin(arguments, devices, line, clock, monitor, output.warning, stack)
+        serving, served = await begin(arguments, devices, line, clock, monitor, lost.append, stack)
         output.ready(served)
         _show_status(output, serving, clock, every, ended)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
         ended.set()
         output.summary(serving)
+    for trouble in lost:
+        output.warning(trouble)
     output.check()
+    return 1 if lost else 0
 
 
 def _show_status(output: ServeOutput, serving: Serving, clock: AsyncioClock, every: int, ended: asyncio.Event) -> None:
@@ -200,10 +208,13 @@ async def begin(
     line: LineFormat | None,
     clock: AsyncioClock,
     monitor: ServingMonitor | None,
-    warn: Callable[[str], None],
+    lost: Callable[[str], None],
     stack: contextlib.ExitStack,
 ) -> tuple[Serving, Served]:
-    """Serves on the port that is asked for, until `stack` ends; also how the port is called. Raises Failure."""
+    """Serves on the port that is asked for, until `stack` ends; also how the port is called. Raises Failure.
+
+    `lost` is told at the end what the capture could not keep.
+    """
     from framekit.service.serving import Serving
 
     first_state: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -212,7 +223,7 @@ async def begin(
         if not first_state.done():
             first_state.set_result(text)
 
-    wrap = _captured(arguments.capture, clock, stack, warn)
+    wrap = _captured(arguments.capture, clock, stack, lost)
     limits = connection_limits(arguments.idle_timeout, arguments.connections)
     serving = Serving(devices, clock, line, monitor, on_state=state, wrap=wrap, limits=limits)
     stack.callback(serving.stop)
@@ -234,7 +245,7 @@ def connection_limits(idle: str | None, per_address: int | None) -> ConnectionLi
 
 
 def _captured(
-    path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, warn: Callable[[str], None]
+    path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, lost: Callable[[str], None]
 ) -> Callable[[Port], Port] | None:
     """Puts a capture around every port; it ends with `stack`. Raises Failure."""
     from framekit.service.capture import Capture
@@ -249,7 +260,7 @@ def _captured(
     def close() -> None:
         capture.close()
         for trouble in capture.troubles:
-            warn(trouble)
+            lost(trouble)
 
     stack.callback(close)
     return capture.around_next

@@ -14,10 +14,11 @@ import pytest
 from framekit.blocks.load import load_run
 from framekit.cli.main import main
 from framekit.cli.watch_options import begin_log
-from framekit.service.capture import CaptureReader
+from framekit.service.capture import CaptureReader, _Sink
 from framekit.service.run import RunService
 from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
+from framekit.transport.pty_pair import PtyPair
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SECOND = 1_000_000_000
@@ -131,3 +132,18 @@ def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) 
     finally:
         logger.handlers[:] = before
         logger.setLevel(logging.NOTSET)
+
+
+@pytest.mark.parametrize("verb", ["run", "serve", "monitor"])
+def test_a_capture_that_could_not_be_written_is_told_and_ends_with_status_1(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(_Sink, "write", lambda sink, record: sink._give_up("the disk is full"))
+    with PtyPair() as pair:
+        words = {
+            "run": [str(EXAMPLES / "third-party-plc.run.yaml"), "--virtual"],
+            "serve": ["modbus-rtu", "--port", "pty:"],
+            "monitor": ["modbus-rtu", "--port", pair.first],
+        }[verb]
+        assert main([verb, *words, "--for", "30ms", "--capture", str(tmp_path / "x.pcap")]) == 1
+    assert "x.pcap: the disk is full" in capsys.readouterr().err

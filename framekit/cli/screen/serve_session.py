@@ -35,6 +35,7 @@ class ServeSession(Session):
         self.devices = devices
         self.problems: list[str] = []
         self.serving: Serving | None = None
+        self._lost: list[str] = []
         self._arguments = arguments
         self._line = line
         self._duration = duration
@@ -69,7 +70,7 @@ class ServeSession(Session):
             self.problems += warnings_of(device)
         try:
             self.serving, served = await begin(
-                self._arguments, self.devices, self._line, clock, monitor, self.problems.append, self._stack
+                self._arguments, self.devices, self._line, clock, monitor, self._lost.append, self._stack
             )
         except Failure as failure:
             self.failure = failure
@@ -86,6 +87,8 @@ class ServeSession(Session):
             self._opening.cancel()
             await asyncio.gather(self._opening, return_exceptions=True)
         self._stack.close()
+        self.problems += self._lost
+        self.lost = bool(self._lost)
 
 
 def _watcher(log: FrameLog, load: LineLoad) -> Callable[[str, int, Seen], None]:

@@ -193,3 +193,4 @@ class MonitorSession(Session):
         if self._capture is not None:
             self._capture.close()
             self.problems = self._capture.troubles
+            self.lost = bool(self.problems)
