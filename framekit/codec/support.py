@@ -481,6 +481,8 @@ def undouble(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | b
 
 def digits(n: int, width: int, base: int = 16) -> str:
     """`n` in exactly `width` upper-case digits of base 16, 10, 8 or 2. Raises ValueError."""
+    if width > 4096:
+        raise Unfit(f"{width} digits are too many")
     letter = {16: "X", 10: "d", 8: "o", 2: "b"}.get(base)
     if letter is None:
         raise Unfit(f"digits are of base 16, 10, 8 or 2, not {base}")
@@ -502,6 +504,13 @@ def number(text: str | bytes | bytearray, base: int = 10) -> int:
 def bit(x: int, n: int) -> int:
     """Bit `n` of `x`, 0 or 1; bit 0 is the lowest."""
     return x >> n & 1
+
+
+def times(x: int, y: int) -> int:
+    """`x * y` of numbers; a text or bytes so many times could be of any size. Raises TypeError."""
+    if not isinstance(x, int) or not isinstance(y, int):
+        raise TypeError("'*' multiplies numbers")
+    return x * y
 
 
 def rotl8(x: int, n: int) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Mapping as MappingOf
 from typing import Literal
 
 from framekit.definition.load.addresses import load_address_forms
-from framekit.definition.load.reader import Reader
+from framekit.definition.load.reader import MOST_ELEMENTS, Reader
 from framekit.definition.load.tables import load_table
 from framekit.definition.model.services import UNIT_BITS, AddressForm, Part
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
@@ -259,6 +259,8 @@ class ProfileLoader:
         if number < least:
             what = f"{number} is too small: {least} is the least"
             raise self.reader.broken(node.at, what)
+        if number > MOST_ELEMENTS:
+            raise self.reader.broken(node.at, f"{number} is too great: {MOST_ELEMENTS} is the greatest")
         return number
 
     def _time(self, node: Node) -> int:

@@ -27,7 +27,7 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "&": operator.and_,
     "+": operator.add,
     "-": operator.sub,
-    "*": operator.mul,
+    "*": support.times,
     "//": operator.floordiv,
     "%": operator.mod,
     "<<": lambda left, right: left << min(right, WIDEST_SHIFT),

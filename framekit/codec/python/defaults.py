@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope, is_flag
+from framekit.codec.support import times
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, LineTime, Name, walk
 from framekit.definition.model.protocol import Protocol, StateVariable
 
@@ -45,15 +46,15 @@ def is_constant(expression: Expression | None) -> bool:
 def _value(expression: Expression | None) -> Any:
     assert expression is not None
     text = ExpressionWriter(_Nothing(), Scope(), str).text(expression)
-    value = eval(text, {"__builtins__": {}})
+    value = eval(text, {"__builtins__": {}, "times": times})
     return int(value) if is_flag(expression.root) else value
 
 
 class _Nothing:
-    """No tables and no functions."""
+    """No tables, and no functions but what operators stand for."""
 
     def table(self, name: str) -> str | None:
         return None
 
     def function(self, name: str) -> str:
-        raise KeyError(name)
+        return name

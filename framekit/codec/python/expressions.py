@@ -224,6 +224,9 @@ def may_fail(node: Node) -> bool:
                 "bit",
             ):
                 return True
+            case Binary(operator="*", left=left, right=right):
+                if not isinstance(left, Number) and not isinstance(right, Number):
+                    return True
             case Binary(operator=operator, right=right) if operator in ("//", "%", "<<", ">>"):
                 if not (isinstance(right, Number) and right.value > 0):
                     return True

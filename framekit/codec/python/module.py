@@ -263,7 +263,7 @@ def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
     """The table of a code of 8 bits whose next value depends on `acc ^ byte` alone: a look-up instead of a formula."""
     if method.width != 8 or method.expression is None:
         return None
-    names: dict[str, Any] = {name: getattr(support, name) for name in ("rotl8", "bit", "span")}
+    names: dict[str, Any] = {name: getattr(support, name) for name in ("rotl8", "bit", "span", "times")}
     text = _step(module, method, "code", "byte")
     try:
         step = eval(f"lambda code, byte: {text} & {mask:#x}", names)

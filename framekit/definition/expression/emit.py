@@ -47,6 +47,10 @@ WIDEST_SHIFT = 256
 """Shifts are cut here, so that a number from the wire can't ask for a gigabyte of bits."""
 
 
+MOST_TIMES = 4096
+"""Numbers up to this multiply what stands beside them at once; all others only numbers."""
+
+
 class Names(Protocol):
     """What a user of the emitter decides: how names, attributes, line times and the other functions are written."""
 
@@ -126,6 +130,9 @@ class _Emitter:
         second = self.at_least(right, level + 1)
         if operator in ("<<", ">>") and not isinstance(right, Number):
             second = f"min({self.at_least(right, CONDITIONAL)}, {WIDEST_SHIFT})"
+        numbers = [part.value for part in (left, right) if isinstance(part, Number)]
+        if operator == "*" and (not numbers or (len(numbers) == 1 and numbers[0] > MOST_TIMES)):
+            return self.names.call("times", [self.at_least(left, CONDITIONAL), self.at_least(right, CONDITIONAL)]), ATOM
         return f"{self.at_least(left, level)} {operator} {second}", level
 
     def _slice(self, node: Slice) -> str:

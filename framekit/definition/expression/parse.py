@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 
+from framekit.definition.expression.emit import WIDEST_SHIFT
 from framekit.definition.expression.functions import FUNCTIONS
 from framekit.definition.expression.syntax import (
     Attribute,
@@ -26,6 +27,7 @@ from framekit.definition.expression.syntax import (
     Slice,
     Text,
     Unary,
+    children,
 )
 from framekit.definition.expression.tokens import ExpressionError, expression_error, place_of, time_of, tokens_of
 from framekit.definition.problems import Position, did_you_mean
@@ -35,6 +37,7 @@ _BINARY = ({"|"}, {"^"}, {"&"}, {"<<", ">>"}, {"+", "-"}, {"*", "//", "%"})
 _COMPARE = {"==", "!=", "<", "<=", ">", ">=", "in", "not in"}
 _RESERVED = {"if", "else", "or", "and", "not", "in"}
 _DEPTH = 48
+_DEEPEST = 100
 
 
 def parse_expression(text: str, at: Position) -> Expression:
@@ -86,7 +89,26 @@ class _Parser:
         if self.place < len(self.tokens):
             found = self.tokens[self.place][1]
             raise self._error(f"'{found}' was not expected here", self._here(), self._unit_hint(node))
+        self._bounded(node)
         return node
+
+    def _bounded(self, root: Node) -> None:
+        """No more operators inside each other than can be worked out, and nothing that makes endless values."""
+        found = [(root, 1)]
+        while found:
+            node, depth = found.pop()
+            if depth > _DEEPEST:
+                raise self._error("it has too many operators in a row", node.at, "split it into several values")
+            match node:
+                case (
+                    Binary(operator="*", left=Text() | Bytes() | List())
+                    | Binary(operator="*", right=Text() | Bytes() | List())
+                ):
+                    raise self._error("'*' multiplies numbers", node.at, "write out what comes several times")
+                case Binary(operator="<<", right=Number(value=bits)) if bits > WIDEST_SHIFT:
+                    what = f"{bits} bits are too many, {WIDEST_SHIFT} are possible"
+                    raise self._error(what, node.right.at, "shift by fewer")
+            found += [(part, depth + 1) for part in children(node)]
 
     def _unit_hint(self, node: Node) -> str:
         """What to write for `3 sec` and `50 msec`."""

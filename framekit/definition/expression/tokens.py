@@ -24,6 +24,9 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 
+_LONGEST = 100
+"""So much of an expression is shown."""
+
 Token = tuple[str, str, Position]
 """Kind (a group of the pattern), text and place."""
 
@@ -38,7 +41,8 @@ class ExpressionError(ValueError):
 
 def expression_error(text: str, what: str, at: Position, todo: str = "") -> ExpressionError:
     """What is wrong in the expression `text`, at `at`."""
-    return ExpressionError(Problem(at, f'in the expression "{text}": {what}', todo))
+    shown = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    return ExpressionError(Problem(at, f'in the expression "{shown}": {what}', todo))
 
 
 def place_of(at: Position, offset: int) -> Position:

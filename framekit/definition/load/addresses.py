@@ -58,6 +58,10 @@ def _area(reader: Reader, scalar: Scalar, areas: Collection[str]) -> Expression 
     return scalar.text if scalar.text in areas else reader.expression(scalar)
 
 
+MOST_OPTIONAL = 4
+"""A form has so many optional parts at most: each doubles the ways to read an address."""
+
+
 class _Parts:
     """Cuts the text of a form into literal text, parts in braces and optional text in brackets."""
 
@@ -69,6 +73,10 @@ class _Parts:
 
     def whole(self) -> tuple[Literally | Part | Maybe, ...]:
         parts = self._until("")
+        optional = sum(isinstance(part, Maybe) for part in parts)
+        if optional > MOST_OPTIONAL:
+            todo = "write several forms"
+            raise self._error(f"it has {optional} optional parts, {MOST_OPTIONAL} are possible", todo)
         return parts
 
     def _until(self, end: str) -> tuple[Literally | Part | Maybe, ...]:

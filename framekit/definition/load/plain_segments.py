@@ -202,7 +202,9 @@ class PlainSegmentLoader:
     def _skip(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:
         fill = keys.get("fill")
         return model.Skip(
-            size=self.reader.number(keys.get("skip")), fill=b"\0" if fill is None else self.reader.bytes(fill), **common
+            size=self.reader.bytes_at_most(keys.get("skip")),
+            fill=b"\0" if fill is None else self.reader.bytes(fill),
+            **common,
         )
 
     def _value(self, keys: Mapping, common: dict[str, Any]) -> model.Segment:

@@ -21,6 +21,10 @@ from framekit.definition.problems import Position, Problem, did_you_mean
 from framekit.definition.times import UNITS, parse_time
 
 T = TypeVar("T")
+MOST_BYTES = 1_048_576
+"""A frame has so many bytes at most, and a list in it so many items."""
+MOST_ELEMENTS = 16_777_216
+"""An area of memory has so many elements at most."""
 
 
 class Broken(Exception):  # noqa: N818 - it is a signal between loaders, no error of its own
@@ -76,6 +80,18 @@ class Reader:
 
     def number(self, node: Node | None) -> int:
         return self._parsed(node, scalars.parse_number)
+
+    def count(self, node: Node | None, most: int, of: str) -> int:
+        """A number from 0 to `most`: how many `of` something a device holds, whose work and room have a bound."""
+        number = self.number(node)
+        if not 0 <= number <= most:
+            what = f"{number} {of} are not possible: 0 to {most} are"
+            raise self.broken(self.scalar(node).at, what, "give a number in this range")
+        return number
+
+    def bytes_at_most(self, node: Node | None) -> int:
+        """A number of bytes, digits or items in a frame."""
+        return self.count(node, MOST_BYTES, "bytes or items in a frame")
 
     def constant(self, node: Node | None) -> Constant:
         """A number, a time, `h'…'` bytes or a text."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.commands import CommandLoader
-from framekit.definition.load.reader import Reader
+from framekit.definition.load.reader import MOST_ELEMENTS, Reader
 from framekit.definition.load.sections import item_type, literal_or_expression
 from framekit.definition.load.types import given_order
 from framekit.definition.load.values import ValueLoader
@@ -43,7 +43,7 @@ def load_area(reader: Reader, entry: Entry) -> Area:
         name=name,
         unit=unit,
         element_bits=unit_bits(reader, unit, unit_node or entry.key),
-        size=0x10000 if size is None else reader.number(size),
+        size=0x10000 if size is None else reader.count(size, MOST_ELEMENTS, f"elements of area '{name}'"),
         access="read" if (reader.maybe(reader.text, keys.get("access")) or "rw") == "read" else "rw",
         codes={unit: codes[""]} if "" in codes else codes,
         memory=memory,

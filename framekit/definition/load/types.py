@@ -21,6 +21,9 @@ TYPES = (
     "f32", "f64", "uint", "int", *DIGIT_BASES, "bcd", "ascii", "bytes",
 )  # fmt: skip
 
+MOST_OF_NUMBER = 256
+"""A number has so many bytes at most."""
+
 assert set(ORDERS.values()) == set(get_args(Order))
 
 
@@ -29,7 +32,7 @@ def load_size(reader: Reader, node: Node) -> Size:
     text = reader.text(node).strip()
     if text == "rest":
         return "rest"
-    return reader.number(node) if re.fullmatch(r"\d+|0x[0-9a-fA-F]+", text) else reader.expression(node)
+    return reader.bytes_at_most(node) if re.fullmatch(r"\d+|0x[0-9a-fA-F]+", text) else reader.expression(node)
 
 
 def load_type(space: Namespace, keys: Mapping, type_node: Node | None, *, digits_of: bool = False) -> FieldType:
@@ -50,6 +53,9 @@ def load_type(space: Namespace, keys: Mapping, type_node: Node | None, *, digits
     if name == "ascii":
         return _ascii(space, keys, scalar)
     wanted = _size(reader, keys, scalar)
+    if name != "bytes" and isinstance(wanted, int) and wanted > MOST_OF_NUMBER:
+        what = f"a number of {wanted} bytes is too long: {MOST_OF_NUMBER} are possible"
+        raise reader.broken(scalar.at, what, "use data: for it")
     if name == "bcd":
         return FieldType("bcd", wanted, order=given_order(reader, keys) or "big")
     if name == "bytes":

@@ -1,0 +1,80 @@
+"""What a definition asks for has a bound: it is refused with place and remedy before room or work is spent on it."""
+
+from __future__ import annotations
+
+import pytest
+from small_protocol import small_protocol
+
+from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import EncodeError
+from framekit.codec.support import digits, times
+from framekit.definition.load import load_protocol_text
+from framekit.definition.problems import DefinitionError
+
+NUMBER = 10**12
+REFUSED = {
+    f"[{{data: x, size: {NUMBER}}}]": "not possible: 0 to 1048576 are",
+    f"[{{data: x, size: {NUMBER}, pad: 00}}]": "not possible: 0 to 1048576 are",
+    f"[{{field: x, type: ascii, size: {NUMBER}, pad: 20}}]": "not possible: 0 to 1048576 are",
+    "[{field: x, type: uint, size: 1048576}]": "256 are possible",
+    "[{field: x, type: bcd, size: 1048576}]": "256 are possible",
+    f"[{{skip: {NUMBER}}}]": "not possible: 0 to 1048576 are",
+    "[{skip: -1}]": "not possible: 0 to 1048576 are",
+    f"[{{repeat: x, times: {NUMBER}, of: u8}}]": "not possible: 0 to 1048576 are",
+    f"[{{repeat: x, times: {NUMBER}, of: [{{const: 00}}]}}]": "not possible: 0 to 1048576 are",
+    f"[{{require: \"len('a' * {NUMBER}) == 1\"}}]": "multiplies numbers",
+    f"[{{require: \"len({NUMBER} * h'41') == 1\"}}]": "multiplies numbers",
+    f'[{{require: "len([1] * {NUMBER}) == 1"}}]': "multiplies numbers",
+    f'[{{require: "1 << {NUMBER} == 1"}}]': "256 are possible",
+    f'[{{require: "{"-" * 3000}1 == 1"}}]': "too many operators in a row",
+    f'[{{require: "{"1 + " * 3000}1 == 1"}}]': "too many operators in a row",
+    f'[{{field: a, type: u8}}, {{require: "a{".a" * 3000} == 1"}}]': "too many operators in a row",
+    f'[{{require: "{"(" * 3000}1{")" * 3000} == 1"}}]': "nested too deeply",
+}
+
+
+@pytest.mark.parametrize("body", REFUSED)
+def test_what_has_no_bound_is_refused(body: str) -> None:
+    with pytest.raises(DefinitionError, match=REFUSED[body]) as caught:
+        small_protocol(body)
+    assert all(len(str(problem)) < 400 for problem in caught.value.problems)
+
+
+@pytest.mark.parametrize("keys", [f"size: {NUMBER}, fill: 00", f"max: {NUMBER}"])
+def test_a_frame_of_any_size_is_refused(keys: str) -> None:
+    with pytest.raises(DefinitionError, match="not possible: 0 to 1048576 are"):
+        small_protocol("[{const: 01}]", keys=keys)
+
+
+def test_a_default_without_bound_is_refused() -> None:
+    with pytest.raises(DefinitionError, match="256 are possible"):
+        small_protocol("[{data: x, size: p}]", f'params: {{p: {{type: number, default: "1 << {NUMBER}"}}}}')
+
+
+def test_an_area_of_any_size_is_refused() -> None:
+    areas = f"areas: {{D: {{unit: word, size: {NUMBER}}}}}\naddresses: [{{form: 'D{{start:dec}}', area: D}}]"
+    with pytest.raises(DefinitionError, match="not possible: 0 to 16777216 are"):
+        load_protocol_text(f"protocol: x\nframes: {{f: {{body: [{{const: 01}}]}}}}\n{areas}\n")
+
+
+def test_a_form_of_many_optional_parts_is_refused() -> None:
+    form = "[D]" * 20 + "{start:dec}"
+    text = "protocol: x\nframes: {f: {body: [{const: 01}]}}\nareas: {D: {unit: word, size: 10}}\n"
+    with pytest.raises(DefinitionError, match="it has 20 optional parts, 4 are possible"):
+        load_protocol_text(f"{text}addresses: [{{form: '{form}', area: D}}]\n")
+
+
+def test_what_the_line_says_multiplies_numbers_only() -> None:
+    body = '[{field: n, type: u32}, {field: a, type: ascii, size: 3}, {require: "len(a * n) == 0"}]'
+    codec = compile_protocol(small_protocol(body))
+    with pytest.raises(EncodeError):
+        codec.encoders["f"]({"n": 0xFFFFFFFF, "a": "abc"}, {})
+    with pytest.raises(TypeError):
+        times("abc", 0xFFFFFFFF)  # type: ignore[arg-type]
+    assert times(70_000, 70_000) == 4_900_000_000
+
+
+def test_digits_have_a_bound() -> None:
+    assert digits(5, 4096) == "5".rjust(4096, "0")
+    with pytest.raises(ValueError, match="4097 digits are too many"):
+        digits(5, 4097)
