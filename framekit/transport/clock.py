@@ -229,6 +229,7 @@ class AsyncioClock(_CallHeap):
     """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`; threads may ask for `now`.
 
     However late the loop is, calls come in order of time, then of asking (timers of a loop alone do not).
+    `heard`: bytes that connections have taken in this turn of the loop.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -238,6 +239,16 @@ class AsyncioClock(_CallHeap):
         self._timer_at = 0
         self._soon = False
         self._ringing = False
+        self.heard = 0
+
+    def hear(self, count: int) -> None:
+        """A connection takes so many bytes in this turn."""
+        if not self.heard:
+            self.loop.call_soon(self._next_turn)
+        self.heard += count
+
+    def _next_turn(self) -> None:
+        self.heard = 0
 
     now = staticmethod(time.monotonic_ns)
 

@@ -15,7 +15,7 @@ from framekit.definition.line_settings import PLAIN, Direction, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 
-READ_SIZE = 4096
+READ_SIZE = 1024
 POLL = 0.05
 """How long a thread waits at a time for a device without a file descriptor (s)."""
 SERIAL_ERRORS: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, KeyError)

@@ -17,21 +17,22 @@ CONNECT_WITHIN = 10.0
 """How long making a connection may take (s); some networks never refuse one."""
 FAR_END_CLOSED = "the other side has closed the connection"
 
-FEWEST, MOST = 1_024, 65_536
-"""So many bytes at least, and at most, are taken from a connection in one turn of the loop."""
-LONGEST_TURN = 5_000_000
-"""The next turn takes less where this one took longer than this (ns) to deal with, more where it took a quarter."""
+MOST = 1_536
+"""So many bytes all connections together take in one turn of the loop: 10 ms where a byte costs 6 µs."""
+
+FEWEST = 16
+"""So many bytes each connection may take all the same."""
 
 
 class Connection(asyncio.BufferedProtocol):
     """One connection, for as long as its port takes it for its own; what comes of it later is nobody's.
 
-    Whoever sends thousands of frames in one go has them dealt with in many turns, and others have theirs in between.
+    What is sent in one go is dealt with in many turns, with those of others in between; the rest waits in the network.
     """
 
     def __init__(self, port: StreamPort) -> None:
         self.port = port
-        self._take_at_once(2 * FEWEST)
+        self._taken = memoryview(bytearray(MOST))
         self.transport: asyncio.Transport | None = None
         self.is_full = False
 
@@ -49,26 +50,12 @@ class Connection(asyncio.BufferedProtocol):
             transport.abort()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return self._taken
+        return self._taken[: max(FEWEST, MOST - self.port.clock.heard)]
 
     def buffer_updated(self, nbytes: int) -> None:
-        if self.port.connection is not self:
-            return
-        data = self._taken[:nbytes].tobytes()
-        if nbytes < self._size:
-            self.port.hear(data)
-            return
-        began = self.port.clock.now()
-        self.port.hear(data)
-        took = self.port.clock.now() - began
-        if took > LONGEST_TURN:
-            self._take_at_once(max(self._size // 2, FEWEST))
-        elif 4 * took < LONGEST_TURN:
-            self._take_at_once(min(2 * self._size, MOST))
-
-    def _take_at_once(self, size: int) -> None:
-        self._size = size
-        self._taken = memoryview(bytearray(size))
+        if self.port.connection is self:
+            self.port.clock.hear(nbytes)
+            self.port.hear(self._taken[:nbytes].tobytes())
 
     def pause_writing(self) -> None:
         self.is_full = True

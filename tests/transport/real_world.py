@@ -78,10 +78,10 @@ class Waiting:
         return data
 
     async def bytes(self, count: int) -> bytes:
-        data = b""
+        data = bytearray()
         while len(data) < count:
             data += (await self.until("received"))[0]
-        return data
+        return bytes(data)
 
 
 @dataclass
