@@ -57,6 +57,9 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
         if name not in protocol.state:
             hint = did_you_mean(name, protocol.state) or f"add {name}: to state"
             yield Problem(expression.at, f"there is no variable '{name}' to announce", hint)
+        elif frame.inner or frame.side == "none":
+            what = f"'{frame.name}' stands inside other frames, so it announces nothing"
+            yield Problem(expression.at, what, "let the frame around it announce, from its inner field")
 
 
 def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
@@ -69,6 +72,22 @@ def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
         if isinstance(inner.size, int) and sizes and min(sizes) > inner.size:
             what = f"every frame for '{inner.name}' has at least {plural(min(sizes), 'byte')}, its size is {inner.size}"
             yield Problem(inner.at, what, "correct size")
+    for repeat in parts_of(frame.segments, Repeat):
+        for inner in parts_of(repeat.of, Inner):
+            known = {_always(protocol.frames[name]) for name in inner.frames if name in protocol.frames}
+            if inner.size is None and known and frame.name not in _within(protocol, inner) and (None in known or len(known) > 1):
+                what = f"nothing shows where '{inner.name}' ends in an item of '{repeat.name}'"
+                yield Problem(inner.at, what, "give it a size, such as that of a length before it")
+
+
+def _always(frame: Frame) -> int | None:
+    """The bytes that a frame always takes; None when that depends on its content."""
+    return frame.size if frame.size is not None else _sum(frame.segments)
+
+
+def _sum(segments: tuple[Segment, ...]) -> int | None:
+    sizes = [_sum(one.of) if isinstance(one, Record) and one.when is None else fixed_size(one) for one in segments]
+    return None if None in sizes else sum(size for size in sizes if size is not None)
 
 
 def _within(protocol: Protocol, inner: Inner) -> set[str]:

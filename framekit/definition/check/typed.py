@@ -81,6 +81,8 @@ class _Kinds:
         for rows in protocol.services.values():
             for row in rows:
                 self._service(row)
+        if protocol.errors is not None:
+            self._made(self._checker({"code": "any"}), [protocol.errors.answer])
         return self.found
 
     def _checker(self, local: Mapping[str, Kind] | None = None, attributes: Attributes | None = None) -> KindChecker:
@@ -266,6 +268,10 @@ class _Kinds:
         checker.wants(row.limit.count, "number")
         checker.wants(row.limit.bytes, "number")
         self._made(checker, [row.request, row.buffer])
+        let: dict[str, Kind] = {} if row.serve is None else dict.fromkeys(row.serve.let, "any")
+        answering = self._checker({**local, "data": "bytes", "bytes": "number", "element_bytes": "number", **let})
+        for reply in row.reply:
+            self._made(answering, [reply.frame, reply.buffer])
 
 
 def _results(node: Node) -> Iterable[Text]:

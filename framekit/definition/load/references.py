@@ -15,7 +15,9 @@ from framekit.definition.model.segments import (
     Length,
     Record,
     Repeat,
+    Require,
     Segment,
+    Value,
 )
 from framekit.definition.model.sizes import fixed_size, flat
 from framekit.definition.problems import Position, did_you_mean
@@ -61,7 +63,9 @@ class _Resolver:
     def _written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]:
         result: list[str] = []
         for name in names:
-            if name in self.names:
+            if isinstance(self.names.get(name), (Value, Require)):
+                self.reader.note(at, f"'{name}' takes no bytes", "name segments that stand on the wire")
+            elif name in self.names:
                 result.append(name)
             elif name in self.meant:
                 result.extend(self.meant[name])

@@ -14,6 +14,7 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Optional,
+    Repeat,
     Segment,
     Skip,
     Wrap,
@@ -41,16 +42,14 @@ def field_names(segments: Iterable[Segment]) -> set[str]:
 
 
 def names_needed(segments: Iterable[Segment]) -> list[str]:
-    """Those without which no frame can be built: nothing else gives them a value, and they cannot be empty."""
+    """Those without which no frame can be built: nothing else gives them a value."""
     found: list[str] = []
     for segment in segments:
         if segment.when is not None:
             continue
         if isinstance(segment, Wrap):
             found += names_needed(segment.of)
-        elif isinstance(segment, Inner) or (
-            isinstance(segment, Data) and segment.size != "rest" and segment.pad is None
-        ):
+        elif isinstance(segment, (Inner, Repeat)) or (isinstance(segment, Data) and segment.pad is None):
             found.append(segment.name)
         elif isinstance(segment, Field):
             given = (segment.is_, segment.build, segment.default, segment.constants)
