@@ -203,3 +203,24 @@ def test_a_session_without_breaks_on_a_pseudo_terminal() -> None:
         client.write("Q19", [1, 0, 1])
         assert device.memory["Q19"] == 1
         assert client.call("controller_id")["controller"]["id"] == "33101A"
+
+
+REPLY = """
+protocol: named
+extends: standard
+line: {format: 8E1}
+groups: {request: {from: client}}
+frames:
+  ask:   {group: request, body: [{const: ENQ}, {field: n, type: u8}]}
+  reply: {from: server, body: [{const: ACK}, {field: m, type: u8}]}
+services:
+  ping: [{takes: {n: {type: number}}, request: {ask: {n: n}}, reply: {reply: {m: request.n + 1}}, gives: {m: reply.m}}]
+"""
+
+
+def test_a_frame_may_be_called_reply(tmp_path: Path) -> None:
+    (tmp_path / "named.yaml").write_text(REPLY, encoding="utf-8")
+    device = tmp_path / "named.device.yaml"
+    device.write_text("device: named\nprotocol: named\n", encoding="utf-8")
+    with framekit.connect(str(tmp_path / "named.yaml"), f"sim:{device}") as client:
+        assert client.call("ping", {"n": 4})["m"] == 5

@@ -75,7 +75,8 @@ def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
     for repeat in parts_of(frame.segments, Repeat):
         for inner in parts_of(repeat.of, Inner):
             known = {_always(protocol.frames[name]) for name in inner.frames if name in protocol.frames}
-            if inner.size is None and known and frame.name not in _within(protocol, inner) and (None in known or len(known) > 1):
+            inside_itself = frame.name in _within(protocol, inner)  # which has been told
+            if inner.size is None and not inside_itself and known and (None in known or len(known) > 1):
                 what = f"nothing shows where '{inner.name}' ends in an item of '{repeat.name}'"
                 yield Problem(inner.at, what, "give it a size, such as that of a length before it")
 

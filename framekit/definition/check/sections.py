@@ -132,7 +132,8 @@ def _locals(protocol: Protocol, sequence: Sequence) -> Iterator[Problem]:
     for name in (*sequence.takes, *sequence.local):
         if name in frames:
             what = f"'{name}' is a variable of '{sequence.name}' and a frame"
-            yield Problem(sequence.at, what, "give one of them another name")
+            at = sequence.at if sequence.at.file == protocol.at.file else frames[name].at
+            yield Problem(at, what, "give one of them another name")
 
 
 # ---- station and line ---------------------------------------------------------------------------------------

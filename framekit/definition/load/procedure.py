@@ -35,6 +35,7 @@ class ProcedureLoader:
         self.values = values
         self.reader: Reader = values.reader
         self.spoilt = False
+        self.serves = False
         self.partly: set[str] = set()
 
     def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
@@ -70,12 +71,17 @@ class ProcedureLoader:
             "set": self._maybe(self.values.settings, keys.get("set")) or (),
             "store": self._maybe(self._store, keys.get("store")) or (),
             "put": self._maybe(self._put, keys.get("put")) or (),
-            "deliver": self._maybe(self.values.sent, deliver),
-            "send": self._maybe(self.values.sent, send),
+            "deliver": self._maybe(self._sent, deliver),
+            "send": self._maybe(self._sent, send),
             "then": self._maybe(reader.text, keys.get("then")),
             "fail": self._maybe(reader.text, keys.get("fail")),
             "because": self._maybe(reader.expression, keys.get("because")),
         }
+
+    def _sent(self, node: Node) -> Value:
+        """What `send` and `deliver` take; `reply` is what the sequence has served, even where a frame is called so."""
+        served = self.serves and isinstance(node, Scalar) and node.text == "reply"
+        return self.values.value(node) if served else self.values.sent(node)
 
     def _store(self, node: Node | None) -> tuple[tuple[Expression, str], ...]:
         reader = self.reader
@@ -135,8 +141,8 @@ class ProcedureLoader:
             ask=self._maybe(self._ask, ask),
             ask_into={} if ask is None else self._maybe(lambda _: self._into(keys), ask) or {},
             put=self._maybe(self._put, keys.get("put")) or (),
-            deliver=self._maybe(self.values.sent, deliver),
-            send=self._maybe(self.values.sent, send),
+            deliver=self._maybe(self._sent, deliver),
+            send=self._maybe(self._sent, send),
             receive=None if receive is None else self.rows(receive),
             branch=self._maybe(self.actions, branch),
             then=self._maybe(reader.text, keys.get("then")) or "next",
@@ -187,7 +193,9 @@ class ProcedureLoader:
         """Raises Broken when nothing of it can be read."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.spoilt = False
-        steps = [step for item in reader.items(keys.get("steps")) if (step := self._maybe(self.step, item)) is not None]
+        items = reader.items(keys.get("steps"))
+        self.serves = any(isinstance(item, Mapping) and "serve" in item for item in items)
+        steps = [step for item in items if (step := self._maybe(self.step, item)) is not None]
         always = self.rows(keys.get("always"))
         handlers = self.handlers(keys)
         gives = self._maybe(self.values.expressions, keys.get("gives")) or {}
