@@ -12,11 +12,8 @@ import stat
 import sys
 from pathlib import Path
 
-MOST_FILES = 64
-"""So many files are kept; the oldest go."""
-
-MOST_BYTES = 67_108_864
-"""So much do they hold together; the newest one stays whatever it holds."""
+MOST_BYTES = 268_435_456
+"""So much do the files hold together, then the oldest go; the newest one stays whatever it holds."""
 
 SUFFIX = ".framekit"
 """How files of the cache end: no others are ever removed, whatever folder somebody has named."""
@@ -90,5 +87,5 @@ def _drop_oldest(folder: Path) -> None:
     size = 0
     for number, (state, file) in enumerate(found):
         size += state.st_size
-        if number and (number >= MOST_FILES or size > MOST_BYTES):
+        if number and size > MOST_BYTES:
             file.unlink(missing_ok=True)

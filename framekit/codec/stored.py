@@ -127,16 +127,22 @@ class Shelf:
 
     def read(self, path: Path) -> Kept | None:
         """What was kept, if it is whole and still right."""
-        data = read_kept(self.cache, self._key(path)) or b""
+        key = self._key(path)
+        data = read_kept(self.cache, key) or b""
         digest, content = data[:32], data[32:]
-        if hashlib.sha256(content).digest() != digest:
+        if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
             return None
-        kept = Kept(*marshal.loads(content))
-        return kept if Sources(*kept.sources).still_hold() else None
+        try:
+            kept = Kept(*marshal.loads(content[len(key) :]))
+            return kept if Sources(*kept.sources).still_hold() else None
+        except (EOFError, ValueError, TypeError, AttributeError, LookupError):  # nothing of ours: it is made again
+            return None
 
     def write(self, path: Path, kept: Kept) -> None:
-        content = marshal.dumps(tuple(kept))
-        keep(self.cache, self._key(path), hashlib.sha256(content).digest() + content)
+        """Keeps it with its own key: under another name it counts for nothing."""
+        key = self._key(path)
+        content = key.encode() + marshal.dumps(tuple(kept))
+        keep(self.cache, key, hashlib.sha256(content).digest() + content)
 
 
 class LibraryKeeper:

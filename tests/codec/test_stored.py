@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import marshal
 import os
 from pathlib import Path
 from types import ModuleType
@@ -14,7 +16,7 @@ from framekit.cli import check_verb, main, serve_verb
 from framekit.codec import codec as codecs
 from framekit.codec import kept_files, stored
 from framekit.codec.codec import compile_protocol
-from framekit.codec.kept_files import MOST_FILES, SUFFIX, cache_folder, keep, read_kept
+from framekit.codec.kept_files import SUFFIX, cache_folder, keep, read_kept
 from framekit.codec.stored import Kept, kept_library, stored_codec
 from framekit.definition import keeping
 from framekit.definition.keeping import kept_by
@@ -153,16 +155,37 @@ def test_an_empty_name_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert cache_folder() is None
 
 
-def test_the_oldest_files_go(cache: Path) -> None:
+def test_what_stands_under_the_name_of_another_is_not_run(cache: Path, made: list[str], tmp_path: Path) -> None:
+    file, other = written(tmp_path), written(tmp_path, OWN.replace("const: 01", "const: 02"), "other")
+    stored_codec(file, tmp_path)
+    (first,) = cache.iterdir()
+    stored_codec(other, tmp_path)
+    (second,) = set(cache.iterdir()) - {first}
+    first.write_bytes(second.read_bytes())
+    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
+    assert stored_codec(other, tmp_path).decode("one", b"\x02\x07")["value"] == 7
+    assert len(made) == 3
+
+
+@pytest.mark.parametrize("content", [b"", b"?", marshal.dumps(5), marshal.dumps((1, 2)), marshal.dumps((1,) * 6)])
+def test_content_that_is_no_protocol_is_made_again(
+    cache: Path, made: list[str], tmp_path: Path, content: bytes
+) -> None:
+    file = written(tmp_path)
+    stored_codec(file, tmp_path)
+    (kept,) = cache.iterdir()
+    content = kept.name.removesuffix(SUFFIX).encode() + content
+    kept.write_bytes(hashlib.sha256(content).digest() + content)
+    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
+    assert len(made) == 2
+
+
+def test_so_many_files_are_kept_as_there_is_room_for(cache: Path) -> None:
     folder = cache_folder()
     assert folder == cache
-    for number in range(MOST_FILES + 3):
+    for number in range(200):
         keep(folder, f"{number}", b"data")
-        os.utime(folder / f"{number}{SUFFIX}", ns=(number, number))
-    keep(folder, "last", b"data")
-    assert len(list(folder.iterdir())) == MOST_FILES
-    assert read_kept(folder, "0") is None
-    assert read_kept(folder, "last") == b"data"
+    assert len(list(folder.iterdir())) == 200
 
 
 def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,13 +200,14 @@ def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: p
     assert [file.name for file in folder.iterdir()] == [f"large{SUFFIX}"]
 
 
-def test_files_of_others_in_the_folder_stay(cache: Path) -> None:
+def test_files_of_others_in_the_folder_stay(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = cache_folder()
     assert folder is not None
+    monkeypatch.setattr(kept_files, "MOST_BYTES", 10)
     letter = folder / "letter.txt"
     letter.write_text("not ours", encoding="utf-8")
     os.utime(letter, ns=(0, 0))
-    for number in range(MOST_FILES + 3):
+    for number in range(5):
         keep(folder, f"{number}", b"data")
     assert letter.read_text(encoding="utf-8") == "not ours"
 

@@ -104,6 +104,8 @@ class NameChecker:
 
     def _echo(self, frame: Frame) -> None:
         """What a reply repeats: a field of its own, and something that some frame of the other side has."""
+        if not frame.echo:
+            return
         fields = field_names(frame.segments)
         asked: set[str] = set()
         for other in self.protocol.frames.values():
