@@ -10,12 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 
 from framekit.definition.times import NEVER
 from framekit.memory.area import Area
 from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import FixedBit, MemoryProfile
+
+CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
+    "second": lambda date: date.second,
+    "minute": lambda date: date.minute,
+    "hour": lambda date: date.hour,
+    "day": lambda date: date.day,
+    "month": lambda date: date.month,
+    "year": lambda date: date.year % 100,
+    "century": lambda date: date.year // 100,
+    "weekday": lambda date: date.isoweekday() % 7,
+    "days": lambda date: (date - datetime(1984, 1, 1)).days,
+}
+"""What a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on."""
+
+SECOND = 1_000_000_000
 
 Locate = Callable[[str], tuple[str, int]]
 """Area and bit number (from 0 over the whole area) of an address as the profile writes it."""
@@ -70,7 +86,7 @@ class SystemBits:
     `locate` finds the bit of an address; what it raises for a wrong one goes through, and one that is in no
     whole word of its area raises MemoryRangeError. `wake` are the bits (area, bit number) somebody waits for:
     clocks and every-scan bits that are not among them do not count in `next_change`; they are right after every
-    `update`, so call it before they are read. None stands for all bits.
+    `update`, so call it before they are read. None stands for all bits. `date` tells what date it is at a time.
     """
 
     def __init__(
@@ -79,6 +95,7 @@ class SystemBits:
         profile: MemoryProfile,
         locate: Locate,
         wake: Collection[tuple[str, int]] | None = None,
+        date: Callable[[int], datetime] = lambda now: datetime(2000, 1, 1) + timedelta(microseconds=now // 1000),
     ) -> None:
         self._memory = memory
         self._locate = locate
@@ -88,6 +105,9 @@ class SystemBits:
         self._time = 0
         self._next_edge = 0
         self._words: dict[tuple[str, int], _Word] = {}
+        self._date = date
+        self._next_second = 0
+        self._calendar = [(*self._word_of(word.address), word.parts) for word in profile.calendar]
         for clock in profile.clocks:
             self._add_clock(clock.address, clock.period, clock.period)
         for bit in profile.fixed:
@@ -101,7 +121,7 @@ class SystemBits:
     @property
     def areas(self) -> set[str]:
         """The names of the areas that such bits stand in."""
-        return {word.area.name for word in self._words.values()}
+        return {word.area.name for word in self._words.values()} | {area.name for area, _, _ in self._calendar}
 
     def wait_for(self, wake: Collection[tuple[str, int]]) -> None:
         """From here on somebody waits for these bits and for no others; call `update` before."""
@@ -128,10 +148,15 @@ class SystemBits:
         elif bit.kind == "after_first_scan":
             word.after_first_scan |= mask
 
-    def _place(self, address: str) -> tuple[_Word, int]:
+    def _word_of(self, address: str) -> tuple[Area, int]:
         name, bit = self._locate(address)
         area = self._memory.area(name)
         area.read("word", bit // 16)
+        return area, bit // 16
+
+    def _place(self, address: str) -> tuple[_Word, int]:
+        area, _ = self._word_of(address)
+        bit = self._locate(address)[1]
         word = self._words.setdefault((area.name, bit // 16), _Word(area, bit // 16))
         mask = 1 << bit % 16
         word.owned |= mask
@@ -144,6 +169,8 @@ class SystemBits:
             for clock in word.clocks:
                 clock.rises = 0
             self._show(word, 0)
+        self._next_second = 0
+        self._show_calendar(now)
         self._note_next_edge()
 
     def next_change(self, now: int) -> int:
@@ -152,7 +179,8 @@ class SystemBits:
         due = self._scan if self._has_scan_bits and self._time < self._scan else NEVER
         for clock in self._waited_for:
             due = min(due, clock.next_edge(self._time))
-        return max(now, origin + due) if due < NEVER else NEVER
+        change = max(now, origin + due) if due < NEVER else NEVER
+        return min(change, max(now, self._next_second)) if self._calendar_counts else change
 
     def update(self, now: int) -> None:
         """Brings all bits to what they are at `now`; an earlier time than the last does nothing.
@@ -161,12 +189,36 @@ class SystemBits:
         phase has passed or a new one has begun: the word is then written up to three times.
         """
         time = now - self._started()
+        if now >= self._next_second:
+            self._show_calendar(now)
         if time < self._next_edge or time <= self._time:
             return
         self._time = time
         for word in self._words.values():
             self._show(word, time)
         self._note_next_edge()
+
+    @property
+    def _calendar_counts(self) -> bool:
+        """Whether somebody waits for a bit of the calendar."""
+        places = {(area.name, number) for area, number, _ in self._calendar}
+        return bool(places) and (self._wake is None or any((name, bit // 16) in places for name, bit in self._wake))
+
+    def _show_calendar(self, now: int) -> None:
+        """The words of the calendar, once a second."""
+        if not self._calendar:
+            self._next_second = NEVER
+            return
+        date = self._date(now)
+        self._next_second = now - now % 1000 + SECOND - 1000 * date.microsecond
+        for area, number, parts in self._calendar:
+            values = [CALENDAR_PARTS[part](date) for part in parts]
+            if len(values) == 1:
+                word = values[0] & 0xFFFF
+            else:
+                word = sum((value // 10 << 4 | value % 10) << 8 * at for at, value in enumerate(values))
+            if area.read("word", number) != [word]:
+                area.write("word", number, [word], force=True)
 
     def _look_again(self, *_: object) -> None:
         """Somebody has written over these bits: the next update puts them right."""

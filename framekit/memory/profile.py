@@ -51,6 +51,15 @@ class FixedBit:
 
 
 @dataclass(frozen=True, slots=True)
+class CalendarWord:
+    """A word that shows the date or the time: one part as a number, or two, low byte first, as two decimal digits."""
+
+    address: str
+    parts: tuple[str, ...]
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
 class NamedPlace:
     """A place that has a name of its own; `address` as it is written."""
 
@@ -121,6 +130,7 @@ class MemoryProfile:
     clocks: tuple[ClockBit, ...]
     fixed: tuple[FixedBit, ...]
     scan: int
+    calendar: tuple[CalendarWord, ...] = ()
     named: Mapping[str, NamedPlace]
     flags: Mapping[str, BlockWords]
     at: Position

@@ -13,10 +13,12 @@ from framekit.definition.model.services import UNIT_BITS, AddressForm, Part
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import NOWHERE, did_you_mean
 from framekit.definition.times import NEVER, parse_time
+from framekit.memory.clock_bits import CALENDAR_PARTS
 from framekit.memory.numbers import unit_bits
 from framekit.memory.profile import (
     BlockItem,
     BlockWords,
+    CalendarWord,
     ClockBit,
     FixedBit,
     FixedKind,
@@ -73,6 +75,7 @@ class ProfileLoader:
             clocks=self._clocks(),
             fixed=self._fixed(),
             scan=self._scan(),
+            calendar=self._calendar(),
             named=self._named(),
             flags=self._flags(),
             at=self.root.at,
@@ -156,6 +159,23 @@ class ProfileLoader:
                 kind = self.reader.one_of(entry.value, _KINDS, "a kind of fixed bit")
                 bits.append(FixedBit(entry.key.text, kind, entry.key.at))
         return tuple(bits)
+
+    def _calendar(self) -> tuple[CalendarWord, ...]:
+        words = []
+        for entry in self._section("calendar"):
+            with self.reader.going_on():
+                parts = self.reader.texts(entry.value)
+                for part in parts:
+                    if part not in CALENDAR_PARTS:
+                        raise self.reader.unknown(entry.value.at, "part of a date", part, list(CALENDAR_PARTS))
+                if len(parts) == 2 and "days" in parts:
+                    raise self.reader.broken(
+                        entry.value.at, "the number of days takes a whole word", "write days alone"
+                    )
+                if len(parts) not in (1, 2):
+                    raise self.reader.broken(entry.value.at, "a word has two bytes", "give one part, or two")
+                words.append(CalendarWord(entry.key.text, parts, entry.key.at))
+        return tuple(words)
 
     def _scan(self) -> int:
         node = self.root.get("scan")

@@ -24,7 +24,7 @@ from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.service.line_load import LineLoad
-from framekit.service.memory_access import AddressedMemory, RefreshedServer
+from framekit.service.memory_access import AddressedMemory, RefreshedServer, date_at
 from framekit.service.refusing_server import RefusingServer
 from framekit.service.service_counters import CountingServer, ServiceCounters
 from framekit.transport.clock import Clock
@@ -72,14 +72,14 @@ class DeviceStore:
     def _system_bits(self) -> SystemBits | None:
         """The bits that the device's memory sets by itself; nobody waits for them."""
         profile = self.device.profile
-        if profile is None or not (profile.clocks or profile.fixed):
+        if profile is None or not (profile.clocks or profile.fixed or profile.calendar):
             return None
 
         def locate(text: str) -> tuple[str, int]:
             address = self.device.grammar.parse(text)
             return address.area, address.first_bit
 
-        return SystemBits(self.memory, profile, locate, ())
+        return SystemBits(self.memory, profile, locate, (), date_at(self.clock))
 
     def begin(self) -> None:
         """The clock bits begin to run, once."""

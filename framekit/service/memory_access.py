@@ -6,16 +6,26 @@ Bits that the memory sets by itself (clocks, say) are brought up to date before 
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from typing import Any
 
 from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.clock import DEFAULT_START
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Served, Server
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
 from framekit.memory.memory import DeviceMemory
+from framekit.transport.clock import AsyncioClock, Clock
 
 Refresh = Callable[[], None]
+
+
+def date_at(clock: Clock) -> Callable[[int], datetime]:
+    """The date at a time of this clock: today's where it is real, and from 2000 on where it is not."""
+    if isinstance(clock, AsyncioClock):
+        return lambda now: datetime.now()
+    return lambda now: DEFAULT_START + timedelta(microseconds=now // 1000)
 
 
 class AddressedMemory:

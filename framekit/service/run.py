@@ -24,7 +24,7 @@ from framekit.service.edit import Applied, RunEditor
 from framekit.service.ending import LONGEST_FAREWELL, Ending
 from framekit.service.exchanges import rules_of
 from framekit.service.jobs import JobService
-from framekit.service.memory_access import AddressedMemory
+from framekit.service.memory_access import AddressedMemory, date_at
 from framekit.service.pulse import Pulse
 from framekit.service.resolver import Resolve, resolver_for
 from framekit.service.run_blocks import OnEnd, RunBlocks
@@ -74,7 +74,7 @@ class RunService:
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
         awaited = awaited_bits(run.blocks, self.resolve)
-        self.system = SystemBits(self.memory, run.memory, self._bit, awaited)
+        self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
         self._pulses_count = self._look_at_words(awaited)
         self.running = False
 
