@@ -14,7 +14,7 @@ from framekit.link.arrivals import BadFrame
 from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
-from framekit.link.observe import Monitor
+from framekit.link.observe import Monitor, Seen
 from framekit.link.serving import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
@@ -67,6 +67,7 @@ class ChannelService:
         protocol = channel.protocol
         codec = compile_protocol(protocol)
         self._answering = server = self._server(codec, access)
+        answers = server is None and channel.role is not None and not channel.asks
         self.engine = Engine(
             protocol,
             codec,
@@ -75,11 +76,11 @@ class ChannelService:
             line=channel.line,
             own=channel.own,
             now=clock.now(),
-            server=server,
+            server=None if server is None else CountingServer(server, self.counters.served),
             memory=access,
             ask=self._ask,
             on_frame=self._frame,
-            monitor=monitor,
+            monitor=self._answers_counted(monitor) if answers else monitor,
         )
         self.engine.reception.on_bad = self._bad
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
@@ -116,7 +117,18 @@ class ChannelService:
         if not protocol.services:
             return None
         server = MemoryServer(protocol, codec, access.memory, mapping=self.channel.mapping)
-        return CountingServer(RefreshedServer(server, access.refresh), self.counters.served)
+        return RefreshedServer(server, access.refresh)
+
+    def _answers_counted(self, monitor: Monitor | None) -> Monitor:
+        """Where requests are answered by sequences alone, each frame that goes out is a service."""
+
+        def watch(seen: Seen) -> None:
+            if seen.kind == "frame" and seen.direction == "out":
+                self.counters.served.done += 1
+            if monitor is not None:
+                monitor(seen)
+
+        return watch
 
     def _on_state(self, state: str) -> None:
         self.state = state
@@ -126,7 +138,7 @@ class ChannelService:
 
     def answer_connections(self, port: ListeningPort, access: AddressedMemory, monitor: Monitor | None) -> None:
         """Connections made to this port are answered as the channel would, and counted with it."""
-        port.answer(access, self._answering, monitor, self.engine.counters, self.driver.load)
+        port.answer(access, self._answering, monitor, self.engine.counters, self.driver.load, self.counters.served)
 
     def start(self) -> None:
         self.driver.start()

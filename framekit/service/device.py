@@ -36,20 +36,21 @@ class DeviceStore:
 
     `of_line` are the faults of its line, beside its own; what is done of them is counted in `faults.injected`.
 
-    With `access` it has that memory and none of its own, with `server` others answer for it; frames and bytes of all
-    connections are counted in `link` and `load`, where they are given.
+    With `access` it has that memory and none of its own, with `server` others answer for it; frames, bytes and services
+    of all connections are counted in `link`, `load` and `counters`, where they are given.
     """
 
     def __init__(
         self, device: Device, clock: Clock, of_line: FaultPlan | None = None, *, access: AddressedMemory | None = None,
         server: Server | None = None, link: LinkCounters | None = None, load: LineLoad | None = None,
+        counters: ServiceCounters | None = None,
     ) -> None:  # fmt: skip
         self.device = device
         self.clock = clock
         self.link, self.load = link, load
         self.memory = device.create_memory() if access is None else access.memory
         self.state = DeviceState()
-        self.counters = ServiceCounters()
+        self.counters = ServiceCounters() if counters is None else counters
         self.system = self._system_bits() if access is None else None
         codec = compile_protocol(device.protocol)
         plan = of_line if device.faults is None else device.faults.joined(of_line)

@@ -13,6 +13,7 @@ from framekit.link.observe import Monitor
 from framekit.service.device import DeviceStore
 from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory
+from framekit.service.service_counters import ServiceCounters
 from framekit.service.serving import Serving
 from framekit.service.serving_ports import DATAGRAMS
 from framekit.transport.clock import AsyncioClock, Clock
@@ -38,7 +39,7 @@ class ListeningPort(Port):
 
     def answer(
         self, access: AddressedMemory, server: Server | None, monitor: Monitor | None, counters: LinkCounters,
-        load: LineLoad,
+        load: LineLoad, services: ServiceCounters,
     ) -> None:  # fmt: skip
         """From now on connections are answered from this memory by this server, and counted here."""
         channel = self.channel
@@ -46,7 +47,9 @@ class ListeningPort(Port):
             name=f"channel {channel.number}", protocol=channel.protocol, role=channel.role, own=channel.own,
             params=channel.params, areas=(), grammar=access.grammar, profile=None, mapping=channel.mapping, initial=(),
         )  # fmt: skip
-        store = DeviceStore(device, self.clock, access=access, server=server, link=counters, load=load)
+        store = DeviceStore(
+            device, self.clock, access=access, server=server, link=counters, load=load, counters=services
+        )
         watch = None if monitor is None else lambda port, number, seen: monitor(seen)
         self.serving = Serving([store], self.clock, channel.line, watch)
 

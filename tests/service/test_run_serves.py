@@ -12,7 +12,7 @@ from framekit.blocks.load import load_run
 from framekit.link.observe import Seen
 from framekit.service.run import RunService
 from framekit.service.status import run_status
-from framekit.transport.clock import AsyncioClock
+from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.pty_pair import PtyPair
 
 LONGEST = 20
@@ -87,6 +87,42 @@ def test_two_channels_serve_one_memory(tmp_path: Path) -> None:
                 service.stop()
 
     asyncio.run(asyncio.wait_for(scenario(), LONGEST))
+
+
+ECHO = """
+protocol: echo
+line: {kind: serial, speed: {default: 9600}, format: {default: 8N1}}
+frames:
+  ASK: {body: [{const: 05}, {field: n, type: u8}]}
+  SAY: {body: [{const: 06}, {field: n, type: u8}]}
+sequences:
+  answer:
+    steps:
+      - {step: idle, receive: [{frame: ASK, then: say}]}
+      - {step: say, send: {SAY: {n: it.n}}, then: end}
+roles:
+  server: {lanes: {main: {listen: answer}}}
+"""
+ECHO_RUN = """
+run: echo
+memory: masterlogic
+channels: {1: {port: "sim:echo.device.yaml", protocol: echo, role: server}}
+blocks: {}
+"""
+
+
+def test_frames_that_sequences_answer_with_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "echo.yaml").write_text(ECHO, "utf-8")
+    (tmp_path / "echo.device.yaml").write_text("device: echo\nprotocol: echo\n", "utf-8")
+    (tmp_path / "echo.run.yaml").write_text(ECHO_RUN, "utf-8")
+    clock = VirtualClock()
+    service = RunService(load_run(tmp_path / "echo.run.yaml"), clock)
+    service.start()
+    for number in range(3):
+        clock.run_for(100_000_000)
+        service.channels[1].driver.received(bytes([5, number]), clock.now())
+    [status] = run_status(service).channels
+    assert (status.services, status.errors, status.frames_in) == (3, 0, 3)
 
 
 LISTENING = """
