@@ -29,6 +29,7 @@ class ErrorCode(enum.IntEnum):
     UNFIT_REPLY = 0xFF04
     EXHAUSTED = 0xFF05
     DAMAGED_FRAME = 0xFF06
+    LATE_REPLIES = 0xFF07
     REFUSED = 0xFF10
     CLOSED = 0xFF20
     CANCELLED = 0xFF21

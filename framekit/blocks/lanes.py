@@ -29,7 +29,7 @@ ALIVE = frozenset({"refused", "damaged_reply", "unfit_reply", "cannot_store"})
 OWN = frozenset(
     {
         "closed", "cancelled", "cannot_send", "bad_setting", "abandoned", "no_sequence", "queue_full", "expression",
-        "circle", "interrupted", "not_allowed",
+        "circle", "interrupted", "not_allowed", "late_replies",
     }
 )  # fmt: skip
 """Failures that say nothing about the station."""

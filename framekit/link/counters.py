@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Frames by themselves sent, good frames received, those among them nobody took, bad frames, bytes of noise."""
+    """Frames by themselves sent, good frames received, those among them nobody took, bad frames, bytes of noise.
+
+    `late`: those nobody took that were replies whose exchange was over, or that answered a repeated request again.
+    """
 
     sent: int = 0
     received: int = 0
     not_taken: int = 0
+    late: int = 0
     bad: int = 0
     noise_bytes: int = 0

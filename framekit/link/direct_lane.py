@@ -173,6 +173,7 @@ class DirectLane:
             and machine.asking is None
             and not machine.delivered
             and machine.session.is_ready(request.station, request.outside_session)
+            and not machine.late.until
             and self.receiver.is_idle
         )
 
@@ -233,6 +234,8 @@ class DirectLane:
 
     def unfold(self) -> None:
         """What is under way becomes a run of its sequence, as it stands now."""
+        if self._calm is not None:
+            self.machine.late.within = self._within
         ask, self._ask, self._calm = self._ask, None, None
         if ask is None:
             return

@@ -158,7 +158,13 @@ class Dispatcher:
 
     def _do(self, run: Run, activation: Activation, row: CompiledRow) -> None:
         machine = self.machine
+        asked, run.asked = run.asked, None
+        if asked is not None and machine.late.until:
+            machine.late.extend(asked.names, run.started, run.longest)
+        number = run.wait_number
         machine.guarded(run, machine.take, activation, row, "next")
+        if run.wait_number == number and run.state is State.RECEIVING:
+            run.asked = asked
 
     def _handle(self, run: Run, event: str, **names: Any) -> bool:
         """Lets a run handle an event; whatever follows is done. Tells whether it has a handler that applies."""

@@ -36,6 +36,7 @@ class Engine(EngineCore):
         self.direct.unfold()
         self.scope.now = now
         self.receiver.reset()
+        self.machine.late.forget()
         self.lanes.is_open = self.output.is_open = True
         self.lanes.was_closed = False
         self.machine.stirred = True
@@ -57,6 +58,7 @@ class Engine(EngineCore):
         self.machine.session.end()
         self.dispatcher.closed(reason or "the connection is closed")
         self.lanes.fail_waiting("closed", reason)
+        self.machine.late.forget()
         return self._finish()
 
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
@@ -151,17 +153,17 @@ class Engine(EngineCore):
         self.direct.unfold()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
-        """Ends an exchange, begun or not; what has been handed over for sending still goes out."""
+        """Ends an exchange, begun or not; what has been handed over for sending still goes out.
+
+        If its reply is due, other requests wait for that.
+        """
         self.scope.now = max(self.scope.now, now)
         self.direct.unfold()
         self.lanes.cancel(exchange)
         return self._finish()
 
     def give_up(self, exchange: Exchange, now: int) -> list[Command]:
-        """Nobody waits for an exchange any more. What has been asked is waited for all the same, but not asked again.
-
-        So a late reply is never taken for that of the next exchange, as it may be after `cancel`.
-        """
+        """Nobody waits for an exchange any more. What has been asked is waited for, but not asked again."""
         self.scope.now = max(self.scope.now, now)
         self.direct.unfold()
         self.lanes.give_up(exchange)
@@ -185,7 +187,7 @@ class Engine(EngineCore):
         if machine.monitor is not None:
             machine.show("frame", "out", data, frame.frame, frame.complete())
         self.counters.sent += 1
-        self.output.put(Item(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
+        self._put(Item(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
         return self._finish()
 
     def put_frame(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> list[Command]:
@@ -193,8 +195,16 @@ class Engine(EngineCore):
         self.scope.now = max(self.scope.now, now)
         self.direct.unfold()
         self.counters.sent += 1
-        self.output.put(Item(None, data, 0, info, on_sent))
+        self._put(Item(None, data, 0, info, on_sent))
         return self._finish() if self.machine.changed or self.machine.stirred else self._given()
+
+    def _put(self, item: Item) -> None:
+        """Sends it, or keeps it as long as replies are due."""
+        late = self.machine.late
+        if late.until > self.scope.now:
+            late.items.append(item)
+        else:
+            self.output.put(item)
 
     @property
     def is_quiet(self) -> bool:
@@ -208,6 +218,7 @@ class Engine(EngineCore):
             and output.is_immediate
             and not self.is_busy
             and self.machine.monitor is None
+            and not self.machine.late.until
         )
 
     def has_put(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> None:

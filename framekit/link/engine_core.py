@@ -28,6 +28,7 @@ from framekit.link.farewell import Farewell
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.functions import EngineFunctions
 from framekit.link.lanes import Lanes
+from framekit.link.late import replies_of
 from framekit.link.machine import Machine
 from framekit.link.observe import Monitor
 from framekit.link.output import Output
@@ -82,6 +83,7 @@ class EngineCore:
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]
+        machine.late.replies = replies_of(protocol, model)
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.farewell = Farewell(machine, self.lanes, self.output)
@@ -102,6 +104,8 @@ class EngineCore:
         deadline = self.lanes.deadline
         if self.reception.interest is not None:
             deadline = min(deadline, self.receiver.deadline)
+        if self.machine.late.items:
+            deadline = min(deadline, self.machine.late.until)
         return min(deadline, self._keep_alive_at())
 
     def _keep_alive_at(self) -> int:
@@ -193,11 +197,17 @@ class EngineCore:
         if due is not None:
             self._time_up(due)
             return True
+        if self.machine.late.items and self.machine.late.until <= now:
+            self.lanes.release()
+            return True
         return self._keep_alive_at() <= now and self._keep_alive()
 
     def _time_up(self, run: Any) -> None:
         """A frame that is arriving is broken off first; a good one may still be found in what has come of it."""
         number = run.wait_number
+        if run.state is State.HELD:
+            self.lanes.hold_over(run)
+            return
         if run.state is State.RECEIVING and run.candidate is not None:
             run.deadline = NEVER
             run.cause = "a frame began and was not completed in time"

@@ -14,6 +14,7 @@ from framekit.link.codes import code_text
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable
+from framekit.link.late import LateReplies
 from framekit.link.observe import Monitor, Seen
 from framekit.link.output import Item, Output
 from framekit.link.program import CompiledSequence
@@ -37,6 +38,7 @@ class Environment:
         self.table = table
         self.sequences = sequences
         self.output = output
+        self.late = LateReplies(scope.protocol, scope)
         self.queues = Queues(scope.protocol)
         self.has_queues = bool(scope.protocol.queues)
         self.session = SessionState(None, scope)

@@ -11,6 +11,7 @@ from framekit.definition.times import NEVER
 from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
 from framekit.link.events import Reopen
 from framekit.link.exchange import Exchange, Outcome
+from framekit.link.late import MOST_HOLDS
 from framekit.link.machine import Machine, arguments_of
 from framekit.link.runs import Activation, Dealing, Run, State
 
@@ -97,8 +98,11 @@ class Lanes:
 
     def _begin_exchange(self, lane: LaneState, exchange: Exchange) -> None:
         machine = self.machine
+        late = machine.late
+        if late.until and late.until <= machine.scope.now:
+            self.release()
         old = machine.scope.now - machine.output.last_received >= STALE
-        if not self.listens or (old and machine.has_bytes()):
+        if not late.until and (not self.listens or (old and machine.has_bytes())):
             machine.drop_stale()
         self._give_way(lane)
         run = self._new_run(lane, "exchange")
@@ -176,6 +180,35 @@ class Lanes:
                 return True
         return False
 
+    # ---- late replies -------------------------------------------------------------------------------------
+
+    def release(self) -> None:
+        """Nothing is due any more, or its time is over: what was held back goes on."""
+        machine, late = self.machine, self.machine.late
+        late.clear()
+        items, late.items = late.items, []
+        for item in items:
+            machine.output.put(item)
+        for run in self.order:
+            if run.state is State.HELD:
+                machine.guarded(run, machine.go_on)
+
+    def hold_over(self, run: Run) -> None:
+        """A time for which a run was to be held back is over."""
+        machine, late = self.machine, self.machine.late
+        now, more = machine.scope.now, late.time(machine.scope, late.within)
+        if machine.has_bytes():  # one may be arriving
+            late.until = max(late.until, machine.output.last_received + more)
+        if late.until <= now:
+            if not self.listens:
+                machine.drop_stale()
+            self.release()
+        elif now - run.started < MOST_HOLDS * (late.within + more):
+            run.deadline = late.until
+        else:
+            run.cause = "replies that nothing waits for come without end"
+            machine.fail_run(run, "late_replies")
+
     # ---- ending -------------------------------------------------------------------------------------------
 
     def settle_ended(self) -> None:
@@ -230,8 +263,11 @@ class Lanes:
         """Ends an exchange that has not begun; one under way repeats nothing any more, and ends by itself."""
         if any(exchange in lane.waiting for lane in self.lanes):
             self.cancel(exchange)
-        for run, planned in self._plans.items():
-            run.given_up = run.given_up or planned is exchange
+        for run, planned in list(self._plans.items()):
+            if planned is exchange:
+                run.given_up = True
+                if run.state is State.HELD:
+                    self.cancel(exchange)
 
     def fail_waiting(self, outcome: str, cause: str) -> None:
         """Exchanges that have not begun fail."""

@@ -87,6 +87,10 @@ class Machine(Steps):
             run.cause = run.cause or "nothing came in time"
             self.handle(run, "on_timeout", "timeout")
 
+    def go_on(self, run: Run) -> None:
+        """What has held it back is over: it sends now."""
+        self._going(run)
+
     # ---- calls, services ----------------------------------------------------------------------------------
 
     def call(self, run: Run, activation: Activation, name: str, arguments: dict[str, Any]) -> None:

@@ -49,7 +49,7 @@ def phases_of(step: Step, compiled: CompiledStep, compiler: ProgramCompiler) -> 
     if step.deliver is not None:
         phases.append(effects.deliver(step.deliver))
     if step.send is not None:
-        phases.append(_send(step.send, compiler))
+        phases.append(_send(step.send, step.urgent, compiler))
     if step.receive is not None:
         phases.append(_receive)
     elif step.branch is not None:
@@ -103,6 +103,8 @@ def _break(time: Expression) -> Phase:
     compute = compile_expression(time)
 
     def phase(machine: Machine, run: Run, activation: Activation) -> None:
+        if machine.late.until and machine.is_held(run, activation):
+            return
         machine.hold_break(run, compute(activation.names))
 
     return phase
@@ -152,11 +154,14 @@ def _ask(ask: FrameOf, compiler: ProgramCompiler) -> Phase:
     return phase
 
 
-def _send(value: Value, compiler: ProgramCompiler) -> Phase:
+def _send(value: Value, urgent: bool, compiler: ProgramCompiler) -> Phase:
     compute = compiler.value(value)
 
     def phase(machine: Machine, run: Run, activation: Activation) -> None:
-        activation.sent = machine.send(run, activation, compute(activation.names))
+        value = compute(activation.names)
+        if machine.late.until and not urgent and machine.is_held(run, activation, value):
+            return
+        activation.sent = machine.send(run, activation, value)
 
     return phase
 

@@ -15,6 +15,7 @@ from framekit.link.construct_values import Compute, compile_value
 from framekit.link.effects import Effect, EffectCompiler
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.frame_table import FrameTable
+from framekit.link.late import is_numbered
 from framekit.link.phases import Phase, phases_of
 from framekit.link.variables import empty_of
 
@@ -23,9 +24,12 @@ if TYPE_CHECKING:
 
 
 class CompiledAction:
-    """An action; `effects` are done in their order before `then` or `fail`."""
+    """An action; `effects` are done in their order before `then` or `fail`.
 
-    __slots__ = ("at_most", "because", "effects", "fail", "otherwise", "then", "when")
+    `asks_again`: it sends something and waits on.
+    """
+
+    __slots__ = ("asks_again", "at_most", "because", "effects", "fail", "otherwise", "then", "when")
 
     def __init__(self, action: Action, compiler: ProgramCompiler) -> None:
         self.when = compiler.maybe(action.when)
@@ -34,6 +38,7 @@ class CompiledAction:
         self.effects: tuple[Effect, ...] = compiler.effects.of_action(action)
         self.then = action.then
         self.fail = action.fail
+        self.asks_again = action.send is not None and action.fail is None and action.then in (None, "again", "restart")
         self.because = compiler.maybe(action.because)
 
 
@@ -54,11 +59,14 @@ Handlers = Mapping[str, tuple[CompiledAction, ...]]
 
 
 class CompiledStep:
-    """A step. `phases` are what it does before it waits; `piece_start` is where each piece of `parts` begins anew."""
+    """A step. `phases` are what it does before it waits; `piece_start` is where each piece of `parts` begins anew.
+
+    `numbered`: a late reply to it is never taken for another one.
+    """
 
     __slots__ = (
-        "_matching", "branch", "complete", "gap", "handlers", "interests", "into", "name", "phases", "piece_start",
-        "queue_rows", "retries", "rows", "then", "within",
+        "_matching", "branch", "complete", "gap", "handlers", "interests", "into", "name", "numbered", "phases",
+        "piece_start", "queue_rows", "retries", "rows", "then", "within",
     )  # fmt: skip
 
     def __init__(self, step: Step, compiler: ProgramCompiler) -> None:
@@ -71,6 +79,7 @@ class CompiledStep:
         self.gap = compiler.maybe(step.gap)
         self.retries = compiler.maybe(step.retries)
         self.then = step.then
+        self.numbered = is_numbered(step, compiler.protocol)
         self.into: tuple[tuple[str, str], ...] = tuple((step.call.into if step.call else step.ask_into).items())
         self.queue_rows = tuple(row for row in self.rows if row.queue or row.room)
         self.phases: tuple[Phase, ...] = ()

@@ -21,6 +21,8 @@ from framekit.link.values import FrameValue
 
 OnFrame = Callable[[FrameValue], None]
 
+LATE = "late: the reply to a request that is over"
+
 MOST_HELD = 262_144
 """So many bytes are kept for those who will wait later but do not wait yet."""
 
@@ -44,7 +46,8 @@ class Reception:
         self.on_bad: Callable[[BadFrame], None] | None = None
         self.cutting = False
         self._told = ToldBytes()
-        self._all = receiver.table.on_line
+        replies = self.machine.late.replies  # first, for the bytes of one may be those of a request too
+        self._all = tuple(sorted(receiver.table.on_line, key=lambda name: name not in replies))
         self.interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
         self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
         self.machine.has_bytes = lambda: not receiver.is_empty
@@ -70,15 +73,17 @@ class Reception:
         """Which frames are looked for now; None while those who will wait do not yet."""
         self.machine.changed = False
         names: dict[str, None] = {}
-        others = looks = own_gap = is_limited = False
+        others = looks = own_gap = is_limited = held = False
         for run in self.lanes.order:
-            if run.state is State.RECEIVING:
+            if run.state is State.HELD:
+                held = looks = others = True
+            elif run.state is State.RECEIVING:
                 looks = looks or bool(run.interest) or run.wants_others or run.has_handler("on_noise")
                 names.update(dict.fromkeys(run.interest))
                 others = others or run.wants_others
                 own_gap = own_gap or run.gap is not None
                 is_limited = is_limited or run.complete is not None or run.longest < NEVER
-        if not self.lanes.order:
+        if not self.lanes.order or (held and not names):
             self.interest = (self._all, ())
         elif not looks:
             self.interest = None
@@ -128,13 +133,20 @@ class Reception:
         reading: FrameArrived | None = event
         self.counters.received += 1
         self.machine.show_received(event.value, event.raw, event.started_at)
+        late = self.machine.late
+        if late.lost and late.was_kept(event.value.frame, not self.receiver.is_empty):
+            self.unsolicited(event.value, True)
+            return
         while reading is not None:
             self._announce(reading.value)
             if self.dispatcher.offer(reading.value, reading.raw):
                 return
             reading = self.receiver.other_reading()
-        if not self.lanes.order or not self.dispatcher.offer_other(event.value):
-            self.unsolicited(event.value)
+        is_late = late.came(event.value.frame)
+        if is_late or not self.lanes.order or not self.dispatcher.offer_other(event.value):
+            self.unsolicited(event.value, is_late)
+        if is_late and not late.until:
+            self.lanes.release()
 
     def _announce(self, value: FrameValue) -> None:
         try:
@@ -142,12 +154,13 @@ class Reception:
         except EVALUATION_ERRORS as error:
             self.machine.show("trouble", frame=value.frame, reason=explain(error))
 
-    def unsolicited(self, value: FrameValue) -> None:
-        """A good frame that nobody took."""
+    def unsolicited(self, value: FrameValue, is_late: bool = False) -> None:
+        """A good frame that nobody took. A late reply is no frame that came by itself."""
         self.counters.not_taken += 1
-        if self.lanes.order:
-            self.machine.show("not_taken", "in", value.raw or b"", value.frame)
-        if self.on_frame is not None:
+        self.counters.late += is_late
+        if is_late or self.lanes.order:
+            self.machine.show("not_taken", "in", value.raw or b"", value.frame, reason=LATE if is_late else "")
+        if self.on_frame is not None and not is_late:
             on_frame = self.on_frame
             self.machine.callbacks.append(lambda: on_frame(value))
 

@@ -21,9 +21,13 @@ if TYPE_CHECKING:
 
 
 class State(enum.Enum):
-    """What a run is doing: nothing that takes time, waiting for rows, for a time, for a service, or it is over."""
+    """What a run is doing: nothing that takes time, waiting for rows, for a time, for a service, or it is over.
+
+    HELD: it waits to send, because replies to earlier requests are due.
+    """
 
     GOING = "going"
+    HELD = "held"
     RECEIVING = "receiving"
     PAUSING = "pausing"
     ASKING = "asking"
@@ -117,12 +121,12 @@ class Run:
     Times: `started` is when the step's clock began, `within` when it runs out before a frame has begun, `candidate`
     when the first byte of a frame came that fits so far, `deadline` when something has to happen. `agenda` are the
     sequences it runs one after the other, `doing` what the present one is for. `given_up`: nothing is
-    repeated any more.
+    repeated any more. `asked`: the sequence of an exchange that waits for what it has asked for.
     """
 
     __slots__ = (
-        "agenda", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "gap", "given_up", "interest",
-        "kind", "lane", "longest", "outcome", "pause", "stack", "started", "state", "unsent", "wait_number",
+        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "gap", "given_up",
+        "interest", "kind", "lane", "longest", "outcome", "pause", "stack", "started", "state", "unsent", "wait_number",
         "wants_others", "within",
     )  # fmt: skip
 
@@ -149,6 +153,7 @@ class Run:
         self.cause = ""
         self.given_up = False
         self.longest = NEVER
+        self.asked: Activation | None = None
 
     @property
     def top(self) -> Activation:

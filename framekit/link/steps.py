@@ -45,6 +45,8 @@ class Steps(Environment):
         self._going(run)
 
     def _going(self, run: Run) -> None:
+        if run.asked is not None:
+            self._missed(run)
         run.state = State.GOING
         run.deadline = NEVER
         self.changed = True
@@ -110,6 +112,8 @@ class Steps(Environment):
                 self._used_up(run, activation, action)
                 return
             counters[action] = count + 1
+        if action.asks_again and outcome == "timeout":
+            self._still_due(run)
         for effect in action.effects:
             effect(self, run, activation)
         if action.because is not None:
@@ -157,6 +161,7 @@ class Steps(Environment):
             self.handle(run, "on_exhausted", "exhausted")
             return
         activation.resends += 1
+        self._still_due(run)
         if activation.sent is not None:
             data, value = activation.sent
             self.put_out(run, data, value, repeated=True)
@@ -236,6 +241,8 @@ class Steps(Environment):
                 self.tell(dropped.dealing.exchange, Outcome(False, "abandoned", run.cause))
 
     def _finish(self, run: Run, dealing: Dealing, outcome: Outcome) -> None:
+        if run.asked is not None:
+            self._missed(run)
         run.state = State.DONE
         run.deadline = NEVER
         run.outcome = outcome
@@ -253,6 +260,8 @@ class Steps(Environment):
         )
 
     def _end_nested(self, run: Run, dealing: Dealing, outcome: Outcome) -> None:
+        if run.asked is not None:
+            self._missed(run)
         run.state = State.ASKING
         self.changed = True
         exchange = dealing.exchange
@@ -267,6 +276,34 @@ class Steps(Environment):
 
         self.callbacks.append(tell)
 
+    # ---- late replies -------------------------------------------------------------------------------------
+
+    def _missed(self, run: Run) -> None:
+        """What the run has asked for has not come, and it waits no longer."""
+        self._still_due(run)
+        run.asked = None
+
+    def _still_due(self, run: Run) -> None:
+        """What it has asked for has not come; it asks again, or does something else."""
+        if run.asked is not None:
+            self.late.missed(run.asked.names, run.started, run.longest)
+
+    def is_held(self, run: Run, activation: Activation, value: Any = None) -> bool:
+        """Whether an exchange has to wait before it sends `value`, or a break: then it does, and goes on from there."""
+        dealing, late = activation.dealing, self.late
+        if not dealing.checks_echo or late.until <= self.scope.now or self._repeats(activation, value):
+            return False
+        activation.phase -= 1
+        run.state = State.HELD
+        run.started, run.deadline = self.scope.now, late.until
+        self.changed = True
+        return True
+
+    def _repeats(self, activation: Activation, value: Any) -> bool:
+        """Whether the exchange has sent the same bytes last: whichever reply comes, it is one to this request."""
+        last = activation.dealing.last_sent
+        return last is not None and type(value) is FrameValue and self.table.encode(value, activation.names) == last.raw
+
     # ---- waiting ------------------------------------------------------------------------------------------
 
     def receive(self, run: Run) -> None:
@@ -279,6 +316,10 @@ class Steps(Environment):
         run.wait_number += 1
         self.changed = True
         begin_clock(run, self.scope.now)
+        top = run.stack[-1]
+        if top.dealing.checks_echo and top.dealing.last_sent is not None and not top.step.numbered:
+            run.asked = top
+            self.late.within = run.longest
 
     def pause(self, run: Run, time: int) -> None:
         """Waits for a time; bytes that are there already count as coming now."""

@@ -239,7 +239,7 @@ def test_variables_of_an_exchange_begin_anew_with_the_next_one() -> None:
 def test_whatever_happens_both_ways_do_and_tell_the_same(protocol: str, seed: int, watched: bool) -> None:
     address, station = CASES[protocol]
     world = World(protocol, station, seed, watched)
-    for _ in range(400):
+    for _ in range(700):
         world.step(address)
     assert any(result["ok"] for result in world.sides[0].results)
     assert world.sides[0].asked_directly > 10

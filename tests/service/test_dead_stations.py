@@ -24,7 +24,7 @@ def write_run(folder: Path) -> Path:
     lines = ["run: one-dead", "memory: masterlogic", "channels:"]
     lines += [
         f'  {number}: {{port: "sim:d1.device.yaml,d2.device.yaml", protocol: modbus-rtu, speed: 38400, '
-        "params: {reply_timeout: 300 ms, retries: 2}}"
+        "params: {reply_timeout: 200 ms, retries: 2}}"
         for number in range(1, CHANNELS + 1)
     ]
     lines.append("blocks:")

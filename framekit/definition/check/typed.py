@@ -106,7 +106,7 @@ class _Kinds:
     def _line(self) -> None:
         line, receiver = self.protocol.line, self.protocol.receiver
         checker = self._checker()
-        for time in (line.turnaround, line.key_delay, receiver.gap, receiver.quiet):
+        for time in (line.turnaround, line.key_delay, line.late, receiver.gap, receiver.quiet):
             checker.wants(time, "time")
         for session in self.protocol.sessions.values():
             checker.wants(session.keep_alive_after, "time")

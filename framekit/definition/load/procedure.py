@@ -135,6 +135,7 @@ class ProcedureLoader:
             wait=self._maybe(reader.expression, keys.get("wait")),
             hold_break=self._maybe(reader.expression, keys.get("break")),
             flush=reader.flag(keys.get("flush")),
+            urgent=reader.flag(keys.get("urgent")),
             set=self._maybe(self.values.settings, keys.get("set")) or (),
             serve=self._maybe(self._serve, keys.get("serve")),
             call=self._maybe(lambda _: self._call(keys), keys.get("call")),

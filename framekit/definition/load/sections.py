@@ -171,6 +171,7 @@ def load_line(reader: Reader, node: Node | None) -> Line:
         formats=tuple(item.text for item in formats),
         turnaround=reader.maybe(reader.expression, keys.get("turnaround")),
         key_delay=reader.maybe(reader.expression, keys.get("key_delay")),
+        late=reader.maybe(reader.expression, keys.get("late")),
         tcp=reader.maybe(reader.number, keys.get("tcp")),
         at=keys.at,
     )

@@ -96,7 +96,7 @@ class CallOf:
 class Step:
     """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies.
 
-    `places`: key → where its value stands, for messages.
+    `places`: key → where its value stands, for messages. `urgent`: replies that are due do not hold its frame back.
     """
 
     name: str
@@ -116,6 +116,7 @@ class Step:
     put: tuple[tuple[str, Mapping[str, Value]], ...] = ()
     deliver: Value | None = None
     send: Value | None = None
+    urgent: bool = False
     receive: tuple[Row, ...] | None = None
     branch: tuple[Action, ...] | None = None
     then: str = "next"

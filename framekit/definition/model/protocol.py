@@ -22,7 +22,10 @@ WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What the protocol says about its line. Speeds in bits a second; `tcp`: the port number of `tcp://HOST`."""
+    """What the protocol says about its line. Speeds in bits a second; `tcp`: the port number of `tcp://HOST`.
+
+    `late`: how long after its time limit a reply may still come; None: as long again.
+    """
 
     kind: Literal["serial", "stream"] = "serial"
     speed: int = 9600
@@ -31,6 +34,7 @@ class Line:
     formats: tuple[str, ...] = ()
     turnaround: Expression | None = None
     key_delay: Expression | None = None
+    late: Expression | None = None
     tcp: int | None = None
     at: Position = NOWHERE
 

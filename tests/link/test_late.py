@@ -1,0 +1,340 @@
+"""Late replies at the engine: what is held back, until when, and what ends that sooner."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from service.late_world import MS, REGISTERS, SECOND
+
+from framekit.blocks.memory_settings import memory_of
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import DefinitionError
+from framekit.definition.times import parse_format
+from framekit.link.client import Client
+from framekit.link.engine import Engine
+from framekit.link.events import Break, Command, Send
+from framekit.link.exchange import Exchange
+from framekit.link.observe import Seen
+from framekit.link.serving import MemoryServer
+from framekit.link.transfer import TransferResult
+from framekit.link.values import FrameValue
+from framekit.memory.memory import DeviceMemory
+
+LINE = parse_format("8N1", 19200)
+
+
+class Side:
+    """A client whose frames leave at once; `sent` are those that have, `replies` what a device says to each."""
+
+    def __init__(self, text: str = REGISTERS, role: str = "client", **params: Any) -> None:
+        protocol = load_protocol_text(text, "made_up") if "\n" in text else load_protocol(text)
+        codec = compile_protocol(protocol)
+        line = None if protocol.line.kind == "stream" else LINE
+        self.seen: list[Seen] = []
+        self.unasked: list[FrameValue] = []
+        self.engine = Engine(
+            protocol, codec, role, params=params, line=line, own=1, monitor=self.seen.append,
+            on_frame=self.unasked.append,
+        )  # fmt: skip
+        self.client = Client(protocol, codec, self.engine)
+        self.device, self.memory = device_of(protocol)
+        self.sent: list[bytes] = []
+        self.replies: list[bytes] = []
+        self.results: list[TransferResult] = []
+        self.now = 0
+        self.do(self.engine.opened(0))
+
+    def do(self, commands: list[Command]) -> None:
+        for command in commands:
+            if isinstance(command, Send | Break):
+                if isinstance(command, Send):
+                    self.sent.append(command.data)
+                    self.replies.append(b"".join(
+                        one.data for one in self.device.receive(command.data, self.now) if isinstance(one, Send)
+                    ))  # fmt: skip
+                    self.device.sent(self.now)
+                self.do(self.engine.sent(self.now))
+
+    def read(self, address: str, value: int = 0) -> None:
+        """Asks for a place, which holds this value now."""
+        place = self.client.grammar.parse(address)
+        self.memory.write(place.area, place.unit, place.start, [value])
+        self.do(self.client.read(address, station=3, now=self.now, on_done=self.results.append))
+
+    def until(self, time: int) -> None:
+        """Times run out, up to this one."""
+        while self.engine.deadline <= time:
+            self.now = max(self.now, self.engine.deadline)
+            self.do(self.engine.tick(self.now))
+        self.now = time
+
+    def come(self, data: bytes) -> None:
+        self.do(self.engine.receive(data, self.now))
+
+    def reply(self, number: int) -> None:
+        """The device's reply to the frame that was sent as that one comes."""
+        self.come(self.replies[number])
+
+    @property
+    def values(self) -> list[Any]:
+        return [list(one.values) if one.ok else one.outcome for one in self.results]
+
+    @property
+    def late(self) -> int:
+        return self.engine.counters.late
+
+
+def device_of(protocol: Protocol) -> tuple[Engine, DeviceMemory]:
+    codec = compile_protocol(protocol)
+    memory = DeviceMemory(memory_of(protocol)[0])
+    role = "server" if "server" in protocol.roles else None
+    device = Engine(protocol, codec, role, own=3, server=MemoryServer(protocol, codec, memory), params={})
+    device.opened(0)
+    return device, memory
+
+
+def test_the_second_reply_to_a_repeated_request_is_waited_for() -> None:
+    side = Side()
+    side.read("R1", 11)
+    side.until(1200 * MS)
+    assert len(side.sent) == 2, "asked again after a second"
+    side.reply(0)
+    side.read("R2", 22)
+    assert side.values == [[11]] and len(side.sent) == 2, "the second reply is due: nothing else goes out"
+    side.until(1900 * MS)
+    side.reply(1)
+    assert len(side.sent) == 3, "it came: the next request goes out at once"
+    side.reply(2)
+    assert side.values == [[11], [22]]
+    assert side.late == 1 and side.unasked == [], "counted, and offered to nobody"
+    (shown,) = [one for one in side.seen if one.kind == "not_taken"]
+    assert shown.frame == "values" and shown.reason.startswith("late")
+
+
+@pytest.mark.parametrize(("params", "free"), [({}, 2000), ({"late_reply": 300 * MS}, 1300), ({"late_reply": 0}, 1000)])
+def test_without_a_repeat_the_hold_is_over_in_time(params: dict[str, Any], free: int) -> None:
+    side = Side(retries=0, **params)
+    side.read("R1", 11)
+    side.read("R2", 22)
+    side.until((free - 1) * MS)
+    assert len(side.sent) == 1
+    side.until(free * MS)
+    assert side.values == ["no_reply"] and len(side.sent) == 2
+    side.reply(1)
+    assert side.values == ["no_reply", [22]] and side.late == 0
+
+
+def test_a_late_reply_gives_the_others_as_long_again() -> None:
+    side = Side(retries=1)
+    side.read("R1", 11)
+    side.read("R2", 22)
+    side.until(2900 * MS)
+    assert side.values == ["no_reply"] and len(side.sent) == 2
+    side.reply(0)
+    side.until(3899 * MS)
+    assert len(side.sent) == 2, "one of two has come 0.1 s before the end"
+    side.until(3900 * MS)
+    assert len(side.sent) == 3 and side.late == 1
+
+
+def test_a_damaged_reply_may_be_none() -> None:
+    """A bad frame is no reply that has come: the one that it was, or seemed to be, may still come."""
+    side = Side()
+    side.read("R1", 0)
+    side.come(side.replies[0][:-1] + b"\0")
+    assert len(side.sent) == 2 and side.engine.counters.bad == 1
+    side.reply(1)
+    side.read("R2", 22)
+    side.until(1999 * MS)
+    assert side.values == [[0]] and len(side.sent) == 2
+    side.until(2 * SECOND)
+    assert len(side.sent) == 3
+
+
+def test_an_unexpected_reply_when_nothing_is_under_way_is_a_sign() -> None:
+    side = Side()
+    side.read("R1", 11)
+    side.reply(0)
+    side.until(5 * SECOND)
+    side.reply(0)
+    side.read("R2", 22)
+    side.until(5999 * MS)
+    assert len(side.sent) == 1
+    side.until(6 * SECOND)
+    assert len(side.sent) == 2 and side.engine.counters.not_taken == 1
+
+
+def test_a_reply_of_another_station_is_a_sign() -> None:
+    side = Side()
+    side.read("R1", 11)
+    other = FrameValue("values", {"station": 4, "code": 1, "data": bytes(2)})
+    side.come(side.engine.machine.table.encode(other, side.engine.scope))
+    side.reply(0)
+    side.read("R2", 22)
+    assert side.values == [[11]] and len(side.sent) == 1
+    side.until(2 * SECOND - 1)
+    assert len(side.sent) == 1, "and what was taken may have been the late one"
+    side.until(2 * SECOND)
+    assert len(side.sent) == 2
+
+
+def test_replies_that_nobody_asked_for_come_without_end_and_the_exchange_fails() -> None:
+    side = Side()
+    side.read("R1", 11)
+    side.reply(0)
+    foreign = side.replies[0]
+    side.come(foreign)
+    side.read("R2", 22)
+    for tenth in range(1, 150):
+        side.until(tenth * SECOND // 10)
+        side.come(foreign)
+    assert side.values == [[11], "late_replies"] and len(side.sent) == 1
+    side.read("R3", 33)
+    side.until(16 * SECOND)
+    side.reply(1)
+    assert side.values[2:] == [[33]]
+
+
+def test_what_the_line_kept_and_lets_go_with_the_next_reply_is_not_taken() -> None:
+    side = Side(retries=0)
+    side.read("R1", 11)
+    side.until(3 * SECOND)
+    side.read("R2", 22)
+    side.come(side.replies[0] + side.replies[1])
+    assert side.values == ["no_reply", [22]] and side.late == 1
+
+
+def test_both_replies_in_one_piece() -> None:
+    side = Side()
+    side.read("R1", 11)
+    side.read("R2", 22)
+    side.until(1100 * MS)
+    side.come(side.replies[0] + side.replies[1])
+    assert side.values == [[11]] and len(side.sent) == 3 and side.late == 1
+
+
+def test_a_lost_connection_takes_with_it_what_is_due() -> None:
+    side = Side(retries=0)
+    side.read("R1", 11)
+    side.until(SECOND)
+    side.do(side.engine.closed(side.now))
+    side.do(side.engine.opened(side.now))
+    side.read("R2", 22)
+    assert len(side.sent) == 2
+
+
+def test_a_cancelled_exchange_leaves_its_reply_due() -> None:
+    side = Side()
+    exchanges: list[Exchange] = []
+    start = side.engine.start
+    side.engine.start = lambda exchange, now: (exchanges.append(exchange), start(exchange, now))[1]  # type: ignore[method-assign]
+    side.read("R1", 11)
+    side.do(side.engine.cancel(exchanges[0], side.now))
+    side.read("R2", 22)
+    assert side.values == ["cancelled"] and len(side.sent) == 1
+    side.reply(0)
+    assert len(side.sent) == 2 and side.late == 1
+    side.do(side.engine.cancel(exchanges[1], side.now))
+    side.read("R3", 33)
+    side.do(side.engine.give_up(exchanges[2], side.now))
+    assert side.values == ["cancelled"] * 3 and len(side.sent) == 2, "one that is held back has asked for nothing"
+
+
+def test_frames_by_themselves_wait_too() -> None:
+    side = Side(retries=0)
+    side.read("R1", 11)
+    side.until(SECOND)
+    fields = {"station": 3, "address": 5, "count": 1}
+    side.do(side.engine.send_frame("read", side.now, fields))
+    assert len(side.sent) == 1 and not side.engine.is_quiet
+    side.until(1500 * MS)
+    side.reply(0)
+    assert len(side.sent) == 2
+    side.read("R1", 12)
+    side.until(5 * SECOND // 2 + SECOND)
+    side.do(side.engine.send_frame("read", side.now, fields))
+    side.until(5 * SECOND)
+    assert len(side.sent) == 4
+
+
+def test_a_server_answers_whatever_is_due() -> None:
+    """Frames that only a client waits for mean nothing to it, and it asks for nothing."""
+    client = Side("modbus-rtu")
+    client.read("40001", 11)
+    device, now = client.device, 0
+    for _ in range(3):
+        now += SECOND
+        device.receive(client.replies[0], now)
+        now += SECOND
+        assert any(isinstance(one, Send) for one in device.receive(client.sent[0], now))
+        device.sent(now)
+    assert device.machine.late.until == 0 and device.machine.late.replies == frozenset()
+
+
+def test_replies_with_a_number_are_never_waited_for() -> None:
+    side = Side("modbus-tcp")
+    side.read("40001", 11)
+    side.until(SECOND)
+    side.read("40002", 22)
+    assert side.values == ["no_reply"] and len(side.sent) == 2
+    side.reply(0)
+    side.reply(1)
+    assert side.values == ["no_reply", [22]]
+
+
+OWN = """
+sequences:
+  exchange:
+    takes: [request]
+    gives: {reply: answer}
+    local: {answer: frame}
+    steps:
+      - step: first
+        send: {read: {station: station, address: 0, count: 1}}
+        receive: [{frame: values, then: next}]
+        within: 1 s
+        on_timeout: {then: resend, at_most: 2, else: {fail: no_reply}}
+      - step: second
+        send: request
+        URGENT
+        receive: [{frame: values, set: {answer: it}, then: end}]
+        within: 1 s
+        on_timeout: {fail: no_reply}
+"""
+
+
+@pytest.mark.parametrize(("urgent", "sent"), [("", 2), ("urgent: yes", 3)])
+def test_within_an_exchange_the_next_request_waits_unless_it_is_urgent(urgent: str, sent: int) -> None:
+    side = Side(REGISTERS + OWN.replace("URGENT", urgent))
+    side.read("R1", 11)
+    side.until(1100 * MS)
+    side.reply(0)
+    assert len(side.sent) == sent
+    side.reply(1)
+    assert len(side.sent) == 3
+    assert (side.values, side.late) == (([], 1) if not urgent else ([[0]], 0))
+
+
+def test_urgent_without_a_frame_has_no_effect_and_is_refused() -> None:
+    wrong = REGISTERS + OWN.replace("        send: request\n", "").replace("URGENT", "urgent: yes")
+    with pytest.raises(DefinitionError, match="urgent"):
+        load_protocol_text(wrong, "made_up")
+
+
+def test_a_time_of_another_kind_is_refused() -> None:
+    wrong = REGISTERS.replace("line: {", "line: {late: 5, ")
+    with pytest.raises(DefinitionError, match="time"):
+        load_protocol_text(wrong, "made_up")
+
+
+def test_the_rule_costs_one_comparison_where_nothing_is_late() -> None:
+    """The short way stays open: repeated reads never become runs of their sequence."""
+    side = Side("modbus-rtu")
+    for number in range(5):
+        side.read("40001", number)
+        assert side.engine.direct.is_under_way is (number > 0)
+        side.reply(number)
+    assert side.values == [[number] for number in range(5)] and side.engine.machine.late.until == 0

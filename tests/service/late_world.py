@@ -1,0 +1,178 @@
+"""A client that asks one place after the other on a line whose replies come late, and a value in each that tells which.
+
+Before every exchange the place that is read gets a value that no other exchange has: a reply that belongs to another
+request, or to another time, is seen.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from framekit.blocks.device import Device
+from framekit.blocks.fault_plan import FaultPlan, FaultRule
+from framekit.blocks.memory_settings import memory_of
+from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import parse_format
+from framekit.link.client import Client
+from framekit.link.events import Command
+from framekit.link.observe import Seen
+from framekit.link.transfer import Done, TransferResult
+from framekit.service.client import ClientService
+from framekit.service.device import DeviceService
+from framekit.transport.clock import VirtualClock
+from framekit.transport.simulated import SimulatedLine
+
+MS = 1_000_000
+SECOND = 1000 * MS
+
+REGISTERS = """
+protocol: registers
+extends: standard
+about: A definition of a user, with nothing but what standard gives.
+station: {type: number, range: 0..255}
+line: {speed: {default: 19200}, format: {default: 8N1}}
+groups:
+  request: {from: client, head: [{const: STX}, {field: station, type: u8}, {field: code, type: u8}], tail: [{check: crc16-modbus}]}
+  reply: {from: server, head: [{const: STX}, {field: station, type: u8}, {field: code, type: u8}], tail: [{check: crc16-modbus}], echo: [station, code]}
+frames:
+  read: {group: request, where: {code: 1}, body: [{field: address, type: u16}, {field: count, type: u8}]}
+  values: {group: reply, where: {code: 1}, body: [{length: size, type: u8, of: [data]}, {data: data, size: size}]}
+  write: {group: request, where: {code: 2}, body: [{field: address, type: u16}, {length: size, type: u8, of: [data]}, {data: data, size: size}]}
+  written: {group: reply, where: {code: 2}, body: []}
+areas: {R: {unit: word, size: 1000}}
+addresses: [{form: "R{start:dec}", area: "'R'", wire: yes}]
+services:
+  read:
+    - {areas: [R], limit: {count: 100}, request: {read: {station: station, address: start, count: count}}, reply: {values: {data: data}}, packing: {order: big}}
+  write:
+    - {areas: [R], limit: {count: 100}, request: {write: {station: station, address: start, data: data}}, reply: {written: {}}, packing: {order: big}}
+"""  # noqa: E501
+
+
+@dataclass(frozen=True)
+class Line:
+    """A pair of roles of a protocol, the places to read, and what the device's role is told."""
+
+    protocol: str
+    places: tuple[str, ...]
+    asking: str = "client"
+    answering: str = "server"
+    station: Any = 3
+    own: Any = 1
+    device_own: Any = 3
+    speed: int = 115200
+    format: str | None = "8N1"
+    params: dict[str, Any] = field(default_factory=dict)
+    device: dict[str, Any] = field(default_factory=dict)
+
+
+def registers(first: str) -> tuple[str, ...]:
+    """Seven places beside each other: a number that shares no factor with how often faults come."""
+    stem = first.rstrip("0123456789")
+    return tuple(f"{stem}{int(first[len(stem) :]) + at}" for at in range(7))
+
+
+LINES = {
+    "modbus-rtu": Line("modbus-rtu", registers("40001"), format="8E1"),
+    "modbus-ascii": Line("modbus-ascii", registers("40001"), format="7E1"),
+    "mldp": Line("mldp", registers("D100")),
+    "ge-rtu": Line("ge-rtu", registers("40001"), format="8E1"),
+    "registers": Line("registers", registers("R1")),
+    "modbus-tcp": Line("modbus-tcp", registers("40001"), format=None),
+    "srtp": Line("srtp", registers("R1"), format=None),
+    "snp": Line("snp", registers("R1"), "master", "slave", "", "M", "S", 19200, "8O1"),
+    "snp-x": Line("snp-x", registers("R1"), "master", "slave", bytes(8), bytes(8), bytes(8), 19200, "8O1"),
+    "ccm": Line("ccm", registers("R1"), "master", "slave", speed=19200, format="8O1"),
+    "ccm-peer": Line("ccm", registers("R1"), "peer", "peer", speed=19200, format="8O1"),
+    "df1": Line("df1", registers("N7:0"), "full", "full", params={"node": 1}, device={"node": 3}),
+    "df1-master": Line(
+        "df1", registers("N7:0"), "master", "slave", params={"node": 9, "normal_nodes": [3]}, device={"node": 3}
+    ),
+}  # fmt: skip
+
+
+@cache
+def protocol_of(name: str) -> Protocol:
+    return load_protocol_text(REGISTERS, name) if name == "registers" else load_protocol(name)
+
+
+class LateWorld:
+    """One exchange after the other; `wrong` names each value that is not the one that was there while it was asked.
+
+    `watched`: a monitor looks on, and nothing that was learned of replies is used.
+    """
+
+    def __init__(self, name: str, *rules: FaultRule, watched: bool = False, seed: int = 1, **params: Any) -> None:
+        self.line = line = LINES[name]
+        self.clock = VirtualClock()
+        settings = None if line.format is None else parse_format(line.format, line.speed)
+        wire = SimulatedLine(self.clock, settings)
+        self.protocol = protocol = protocol_of(line.protocol)
+        areas, grammar = memory_of(protocol)
+        device = Device(
+            name="device", protocol=protocol, role=line.answering, own=line.device_own,
+            params=line.device, areas=areas, grammar=grammar, profile=None, mapping={}, initial=(),
+        )  # fmt: skip
+        plan = FaultPlan(seed=seed, rules=rules).of_line()
+        self.device = DeviceService(device, wire.port("device"), self.clock, settings, faults=plan)
+        self.seen: list[Seen] = []
+        self.service = ClientService(
+            protocol, wire.port("client"), self.clock, role=line.asking, params={**line.params, **params},
+            line=settings, own=line.own, monitor=self.seen.append if watched else None,
+        )  # fmt: skip
+        self.places = [grammar.parse(place) for place in line.places]
+        self.wrong: list[str] = []
+        self.outcomes: Counter[str] = Counter()
+        self.number = 0
+        self._ended: list[TransferResult] = []
+        self.device.start()
+        self.service.start()
+        self.clock.run_for(SECOND)
+
+    @property
+    def late(self) -> int:
+        return self.service.engine.counters.late
+
+    @property
+    def injected(self) -> Counter[str]:
+        """The faults that have happened, by kind."""
+        assert self.device.faults is not None
+        return self.device.faults.injected
+
+    def exchange(self) -> str:
+        """Reads the next place; how that ended."""
+        while not self.service.is_open:
+            self.clock.run_for(100 * MS)
+        self.number += 1
+        at = self.number % len(self.places)
+        place, value = self.places[at], self.number & 0xFFFF
+        self.device.memory.write(place.area, place.unit, place.start, [value])
+        self._ended.clear()
+        asks_for = {"address": self.line.places[at], "station": self.line.station, "unit": None, "count": 1}
+
+        def begin(client: Client, now: int, done: Done) -> list[Command]:
+            ask = client.repeated(**asks_for, on_done=done)
+            commands = None if ask is None else client.engine.ask(ask, now)
+            return client.read(**asks_for, now=now, on_done=done) if commands is None else commands
+
+        self.service.request(begin, self._ended.append)
+        ended, clock = self._ended, self.clock
+        end = clock.now() + 3600 * SECOND
+        while not ended and clock.now() < end and clock.advance():
+            pass
+        if not ended:
+            outcome = "never ended"
+        else:
+            outcome = ended[0].outcome or "ok"
+            if ended[0].ok and list(ended[0].values) != [value]:
+                self.wrong.append(f"{self.number}: {ended[0].values} for {value}")
+        self.outcomes[outcome] += 1
+        return outcome
+
+    def exchanges(self, count: int) -> None:
+        for _ in range(count):
+            self.exchange()
