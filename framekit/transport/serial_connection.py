@@ -62,6 +62,11 @@ class SerialConnection(ABC):
     def waiting(self) -> int:
         """How many bytes have not left yet, as far as that can be asked."""
 
+    @property
+    def has_carrier(self) -> bool | None:
+        """Whether a modem says that there is a carrier (DCD); None where nobody can tell."""
+        return None
+
     @abstractmethod
     def set_line(self, name: str, on: bool) -> None:
         """Sets a pyserial attribute (`rts`, `break_condition`), where the device has it."""

@@ -150,6 +150,12 @@ class DescriptorConnection(SerialConnection):
             return len(self._unsent) + int(self._device.out_waiting)
         return len(self._unsent)
 
+    @property
+    def has_carrier(self) -> bool | None:
+        with contextlib.suppress(*SERIAL_ERRORS, AttributeError):
+            return bool(self._device.cd)
+        return None  # a pseudo-terminal has no such line
+
     def set_line(self, name: str, on: bool) -> None:
         set_attribute(self._device, name, on)
 

@@ -20,6 +20,9 @@ from framekit.transport.serial_threads import ThreadConnection
 SHORTEST_LOOK = 500_000
 """Between two looks at a driver's queue that is not empty yet, at least (ns)."""
 
+CARRIER_EVERY = 250_000_000
+"""How often the carrier of a modem is looked at (ns)."""
+
 LONGEST_HOLD = 30_000_000_000
 """How long the other side may hold back what is to be sent (CTS off, XOFF) before the port counts as lost (ns)."""
 
@@ -103,6 +106,20 @@ class _Use:
         if not self._over:
             self.is_open = True
             self.events.opened(self.clock.now())
+            if self.port.wiring.modem is not None:
+                self._look_at_carrier(None)
+
+    def _look_at_carrier(self, before: bool | None) -> None:
+        """Tells when the carrier comes or goes; one that was never there (no wire in the cable) is not lost."""
+        if self._over or self.connection is None:
+            return
+        carrier = self.connection.has_carrier
+        if carrier is None:
+            return
+        now = self.clock.now()
+        if before is not None and carrier != before:
+            self.events.control({"dcd": carrier}, now)
+        self.clock.call_at(now + CARRIER_EVERY, lambda: self._look_at_carrier(carrier))
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:
         if not self._over:
