@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import cProfile
+import pstats
+
 import pytest
 from small_protocol import small_protocol
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
+from framekit.codec.python.generate import generate_source
 from framekit.codec.support import digits, times
 from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
@@ -78,3 +82,21 @@ def test_digits_have_a_bound() -> None:
     assert digits(5, 4096) == "5".rjust(4096, "0")
     with pytest.raises(ValueError, match="4097 digits are too many"):
         digits(5, 4097)
+
+
+def work(frames: int) -> int:
+    """The calls that so many small frames take."""
+    bodies = (
+        f"  F{n}: {{body: [{{const: {n >> 8:02X} {n & 255:02X}}}, {{field: a, type: u8}}]}}\n" for n in range(frames)
+    )
+    text = "protocol: many\nframes:\n" + "".join(bodies)
+    profile = cProfile.Profile()
+    with profile:
+        generate_source(load_protocol_text(text), standalone=False)
+    return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
+
+
+def test_twice_as_many_frames_are_twice_the_work() -> None:
+    work(1)  # what is read once
+    few, some, many = work(50), work(100), work(200)
+    assert many - some < 2.2 * (some - few)

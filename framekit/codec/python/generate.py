@@ -58,6 +58,7 @@ class ModuleWriter:
         self.module = Module(protocol, standalone)
         self.helpers = pasted_names()
         self.identifiers: dict[str, str] = {}
+        self.taken: set[str] = set()
         self.layouts: dict[str, str] = {}
         self.frames_part: list[Source] = []
         self.examine_part: list[Source] = []
@@ -98,11 +99,11 @@ class ModuleWriter:
 
     def _identifier(self, name: str) -> str:
         wanted, number = identifier(name).strip("_"), 1
-        taken = {*self.identifiers.values(), *self.layouts.values()}
         found = wanted
-        while found in taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent", "take")):
+        while found in self.taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent", "take")):
             number += 1
             found = f"{wanted}_{number}"
+        self.taken.add(found)
         return found
 
     # ---- frames and layouts -------------------------------------------------------------------------------
