@@ -1,0 +1,209 @@
+"""Noise that costs a channel much: drawn and bred bytes for every shipped protocol and role, and what each costs.
+
+`python -m benchmarks.noise [--seconds S] [PROTOCOL …]` searches for worse bytes and prints what it has found. The
+search counts calls, which no other load on the machine changes; the times it prints are processor times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.samples import Sampler
+from framekit.definition.load import load_protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.link.client import Client
+from framekit.link.engine import Engine
+
+PIECE = 4096
+BLOCK = 1500
+"""So many bytes are bred; they come again and again."""
+
+ADDRESSES = {"modbus": "40001", "ge-rtu": "40001", "mldp": "D100", "df1": "N7:0", "snp": "%R1", "": "R1"}
+STATIONS: dict[str, Any] = {"snp": ("A", ""), "snp-x": (b"A".ljust(8, b"\0"), bytes(8)), "srtp": (None, None)}
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One role of a protocol."""
+
+    protocol: str
+    role: str | None
+
+    def __str__(self) -> str:
+        return f"{self.protocol} {self.role or 'frames'}"
+
+
+@cache
+def compiled(name: str) -> tuple[Protocol, Codec]:
+    protocol = load_protocol(name)
+    return protocol, compile_protocol(protocol)
+
+
+def shipped() -> list[str]:
+    """Every shipped protocol that is a line of its own."""
+    folder = Path(__file__).parent.parent / "frames"
+    files = sorted(file for file in folder.glob("*.yaml") if file.read_text(encoding="utf-8").find("\nframes:") >= 0)
+    kinds = {file.stem: file.read_text(encoding="utf-8") for file in files}
+    lines = [name for name, text in kinds.items() if f"protocol: {name}\n" in text and "areas: commreq" not in text]
+    return [name for name in lines if not name.startswith(("commreq", "standard"))]
+
+
+def links(names: list[str]) -> list[Link]:
+    return [Link(name, role) for name in names for role in list(compiled(name)[0].roles) or [None]]
+
+
+class Line:
+    """One side of a link that hears noise; a side that asks waits for a reply to a read."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        protocol, codec = compiled(link.protocol)
+        self.station, own = STATIONS.get(link.protocol, (3, 1))
+        self.engine = Engine(protocol, codec, link.role, own=own)
+        self.client = Client(protocol, codec, self.engine)
+        self.asks = link.role in ("client", "master")
+        self.now = 1_000_000_000
+        self.busy = False
+        self.engine.opened(0)
+
+    def hear(self, data: bytes, piece: int = PIECE) -> None:
+        """Noise in pieces; between them the client asks again if its exchange is over."""
+        for start in range(0, len(data), piece):
+            if self.asks and not self.busy:
+                self._ask()
+            self.now += 1000
+            self.engine.receive(data[start : start + piece], self.now)
+
+    def _ask(self) -> None:
+        address = next(text for name, text in ADDRESSES.items() if self.link.protocol.startswith(name))
+        self.busy = True
+        self.client.read(address, station=self.station, now=self.now, on_done=self._over)
+        self.engine.sent(self.now)
+
+    def _over(self, result: object) -> None:
+        self.busy = False
+
+    @property
+    def good(self) -> int:
+        return self.engine.counters.received
+
+
+def seconds(link: Link, data: bytes, piece: int = PIECE) -> float:
+    """Processor time a byte."""
+    line = Line(link)
+    begin = time.process_time()
+    line.hear(data, piece)
+    return (time.process_time() - begin) / len(data)
+
+
+def calls(link: Link, data: bytes, piece: int = PIECE) -> float:
+    """Calls of functions a byte; 0 where the bytes hold many good frames, as these are no noise."""
+    line, count = Line(link), 0
+
+    def counted(frame: object, event: str, argument: object) -> None:
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    sys.setprofile(counted)
+    try:
+        line.hear(data, piece)
+    finally:
+        sys.setprofile(None)
+    return 0 if line.good * 200 > len(data) else count / len(data)
+
+
+# ---- noise ------------------------------------------------------------------------------------------------
+
+
+@cache
+def frames_of(name: str) -> list[bytes]:
+    """Frames of the protocol, as many as can be drawn."""
+    protocol, codec = compiled(name)
+    sampler = Sampler(codec, Line(links([name])[0]).engine.scope)
+    return [sample.data for frame in protocol.frames for sample in sampler.samples(frame, 4, 20) if sample.data]
+
+
+def parts(name: str, choose: Random) -> Iterator[bytes]:
+    """Bytes that look like something: headers, frames with a damaged end, repeated starts, counts, delimiters."""
+    frames = frames_of(name) or [b"\0"]
+    while True:
+        data = choose.choice(frames)
+        kind = choose.randrange(7)
+        if kind == 0:
+            yield data[: choose.randrange(1, min(len(data), 8) + 1)]
+        elif kind == 1:
+            yield data[:-1] + bytes([data[-1] ^ choose.randrange(1, 256)])
+        elif kind == 2:
+            yield data[:1] * choose.randrange(1, 60)
+        elif kind == 3:
+            yield data[-3:] * choose.randrange(1, 20)
+        elif kind == 4:
+            yield bytes([choose.choice((choose.randrange(256), 0, 1, 3, 0xFA, 0xFF))]) * choose.randrange(1, 5)
+        elif kind == 5:
+            yield data[: choose.randrange(1, min(len(data), 5) + 1)] * choose.randrange(1, 40)
+        else:
+            yield bytes(choose.choice(data) for _ in range(choose.randrange(1, 30)))
+
+
+def drawn(name: str, choose: Random) -> bytes:
+    """A block of noise; one of three is a few parts over and over."""
+    source, data = parts(name, choose), b""
+    few = [next(source) for _ in range(choose.randrange(1, 4))] if choose.randrange(3) == 0 else []
+    while len(data) < BLOCK:
+        data += choose.choice(few) if few else next(source)
+    return data[:BLOCK]
+
+
+def changed(name: str, data: bytes, choose: Random) -> bytes:
+    """The block with something else in one place."""
+    place, part = choose.randrange(len(data)), next(parts(name, choose))
+    kind = choose.randrange(3)
+    if kind == 0:
+        return (data[:place] + part + data[place + len(part) :])[:BLOCK]
+    if kind == 1:
+        size = choose.randrange(2, 300)
+        return (data[place : place + size] * BLOCK)[:BLOCK]
+    return (data[:place] + part * (BLOCK // len(part)) + data[place:])[:BLOCK]
+
+
+def worst(link: Link, seconds_each: float, cost: Callable[[Link, bytes], float] = calls) -> tuple[float, bytes]:
+    """The most calls a byte found in that time, and the bytes."""
+    choose, until = Random(7), time.monotonic() + seconds_each
+    best = max((cost(link, data * 4), data) for data in (drawn(link.protocol, choose) for _ in range(12)))
+    while time.monotonic() < until:
+        fresh = choose.randrange(4) == 0
+        data = drawn(link.protocol, choose) if fresh else changed(link.protocol, best[1], choose)
+        best = max(best, (cost(link, data * 4), data))
+    return best
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.noise", description="searches for costly noise")
+    parser.add_argument("protocols", nargs="*", metavar="PROTOCOL", help="all shipped ones without")
+    parser.add_argument("--seconds", type=float, default=20, help="for each role of a protocol")
+    parser.add_argument("--bytes", action="store_true", help="print the worst bytes too")
+    arguments = parser.parse_args()
+    for link in links(arguments.protocols or shipped()):
+        random_bytes = Random(1).randbytes(65536)
+        count, data = worst(link, arguments.seconds)
+        took, usual = seconds(link, data * 40), seconds(link, random_bytes)
+        print(
+            f"{link!s:<24} random {1e6 * usual:6.2f} µs   worst {1e6 * took:6.2f} µs, {count:.1f} calls a byte",
+            flush=True,
+        )
+        if arguments.bytes:
+            print(f"    {data[:300].hex()}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

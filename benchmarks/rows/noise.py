@@ -1,0 +1,29 @@
+"""Noise: processor time a byte for every shipped protocol and role, on random bytes and on the worst that are found."""
+
+from __future__ import annotations
+
+from random import Random
+
+from benchmarks.measure import quartiles
+from benchmarks.noise import Link, links, seconds, shipped, worst
+from benchmarks.row import Row, Target
+
+NAME = "Noise, time a byte"
+TARGET = "≤ 3 µs a byte of random noise, ≤ 6 µs of the worst that a search of a few seconds finds"
+SEARCH = 2.0
+"""Seconds of search for each role."""
+
+
+def run(rounds: int) -> list[Row]:
+    found = []
+    usual = Random(1).randbytes(65_536)
+    for link in links(shipped()):
+        found.append(_row(link, "random", usual, 3, rounds))
+        found.append(_row(link, "worst", worst(link, SEARCH)[1] * 20, 6, rounds))
+    return found
+
+
+def _row(link: Link, kind: str, data: bytes, most: float, rounds: int) -> Row:
+    times = sorted(1e6 * seconds(link, data) for _ in range(min(rounds, 3)))
+    low, high = quartiles(times)
+    return Row(f"{link}: {kind} bytes", "", times[len(times) // 2], low, high, Target("at most", most), "µs")
