@@ -97,9 +97,9 @@ def worse(first: Bad | None, second: Bad) -> Bad:
     """
     if first is None:
         return second
-    if first.open_at is not None and second.size < first.size and first.open_at(second.size):
+    if first.open_at is not None and first.open_at(second.size):
         return second
-    if second.open_at is not None and first.size < second.size and second.open_at(first.size):
+    if second.open_at is not None and second.open_at(first.size):
         return first
     if first.size == second.size and first.known_end == second.known_end:
         return Bad(lambda: EitherBad(first.bad, second.bad), first.size, first.known_end)
