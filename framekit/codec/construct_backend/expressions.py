@@ -124,7 +124,8 @@ def attribute(value: Any, name: str) -> Any:
     if value is None:
         return None
     if isinstance(value, Mapping):
-        return value[name]
+        of_record = getattr(value, "value_or_nothing", None)
+        return value[name] if of_record is None else of_record(name)
     if isinstance(value, (list, tuple)):
         return [attribute(item, name) for item in value]
     fields = getattr(value, "fields", None)

@@ -64,6 +64,8 @@ class FieldConstruct(ValueSegment):
         try:
             expected = reading.evaluate(is_, context, self.name)
         except EVALUATION_ERRORS:
+            if not reading.faults.noted:
+                reading.note(place, "value", str(is_), "nothing")
             return
         if value != expected:
             reading.note(place, "value", expected, value)
@@ -176,6 +178,8 @@ class BitsConstruct(SegmentConstruct):
         try:
             expected = reading.evaluate(part.is_, context, part.name)
         except EVALUATION_ERRORS:
+            if not reading.faults.noted:
+                reading.note(place, "value", str(part.is_), "nothing")
             return
         if value != expected:
             reading.note(place, "value", f"{part.name} = {expected}", f"{value}")

@@ -88,7 +88,9 @@ class Building:
                 self.add("raise Misfit")
 
     def writer(self, scope: Scope) -> ExpressionWriter:
-        return ExpressionWriter(self.module, scope, self.module.given)
+        return ExpressionWriter(
+            self.module, scope, lambda name: self.module.given(self.module.known(name, self.by_name))
+        )
 
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
         return self.writer(scope).text(expression, level)

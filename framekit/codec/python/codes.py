@@ -34,6 +34,8 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
         return f"{code}.to_bytes({check.size}, {quoted(check.order)})"
     if check.form == "dec":
         return f"{module.function(f'build_dec{little}')}({code}, {check.size})"
+    if check.form == "nibbles" and little:
+        return f'{module.function("split_nibbles")}({code}.to_bytes({check.size // 2}, "little"))'
     if check.form == "nibbles":
         return f"{module.function('build_nibbles')}({code}, {check.size // 2})"
     lower = "_lower" if check.form == "hex" else ""

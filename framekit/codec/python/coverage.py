@@ -21,9 +21,9 @@ class Coverage:
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.whole: set[str] = set()
         self._marks: dict[str, frozenset[str]] = {}
-        for buffer in buffers(segments):
+        for buffer, begins in buffers(segments):
             for check in checks_in(buffer):
-                self._add(check, buffer)
+                self._add(check, buffer, begins)
 
     def of(self, names: Iterable[str]) -> frozenset[str]:
         return frozenset(mark for name in names for mark in self._marks.get(name, ()))
@@ -35,7 +35,7 @@ class Coverage:
             return [leaf.name or "" for leaf in leaves(known)]
         return None if check.span is None else span_names(check, self.segments)
 
-    def _add(self, check: Check, buffer: tuple[Segment, ...]) -> None:
+    def _add(self, check: Check, buffer: tuple[Segment, ...], begins: bool) -> None:
         names = self.names(check)
         before: list[Segment] = []
         for segment in leaves(buffer):
@@ -44,7 +44,7 @@ class Coverage:
             before.append(segment)
         here = [segment.name for segment in before]
         mixed = any(isinstance(segment, Wrap) for segment in buffer)
-        if names is None or (names == here and not mixed):
+        if names is None or (names == here and begins and not mixed):
             self.whole.add(check.name or "")
             return
         in_order = names == [name for name in here if name in names]
@@ -53,9 +53,9 @@ class Coverage:
             self._marks[name] = self._marks.get(name, frozenset()) | {mark}
 
 
-def buffers(segments: tuple[Segment, ...]) -> Iterator[tuple[Segment, ...]]:
-    """Every list of segments whose bytes are put together on their own."""
-    yield segments
+def buffers(segments: tuple[Segment, ...], begins: bool = True) -> Iterator[tuple[tuple[Segment, ...], bool]]:
+    """Every list of segments whose bytes are put together on their own; whether nothing stands before it."""
+    yield segments, begins
     for segment in segments:
         match segment:
             case Wrap(of=of):
@@ -63,13 +63,13 @@ def buffers(segments: tuple[Segment, ...]) -> Iterator[tuple[Segment, ...]]:
             case Record(of=of):
                 yield from list(buffers(of))[1:]
             case Optional(of=of):
-                yield from buffers(of)
+                yield from buffers(of, False)
             case Repeat(of=tuple() as of):
                 yield from buffers(of)
             case Choose(cases=cases, otherwise=otherwise):
                 for _, case in cases:
-                    yield from buffers(case)
-                yield from buffers(otherwise or ())
+                    yield from buffers(case, False)
+                yield from buffers(otherwise or (), False)
 
 
 def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:

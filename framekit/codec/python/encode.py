@@ -121,7 +121,9 @@ class EncodeWriter(PieceWriter):
             self.add(f"{wire} += {self.region(repeat.of, inside, self.names.fresh('part'))}")
             if whole:
                 names = {name for one in flat(repeat.of) for name in value_names(one)}
-                fields = ", ".join(f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names))
+                fields = ", ".join(
+                    f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names) if name in inside.entries
+                )
                 self.add(f"{complete}.append({{{fields}}})")
         self.wires[repeat.name] = wire
         for entry in inside.entries.values():

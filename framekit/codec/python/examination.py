@@ -220,6 +220,8 @@ class Examination(ExaminationState):
         try:
             right = wanted(self)
         except EVALUATION_ERRORS:
+            if self.fault is None:
+                self.note(cause, name, self.bounds[name][1], "values it can be worked out from", "none", refuse)
             return
         if found != right:
             self.note(cause, name, self.bounds[name][1], str(right), str(found), refuse)

@@ -167,7 +167,9 @@ class SegmentExaminer(Examining):
         self.out.add(f"n.data_field({quoted(data.name)}, {self.ask(data.size, scope, factor)}, {parse}{options})")
 
     def _check(self, check: Check) -> None:
-        if check.over is not None:
+        if check.span is not None and not span_names(check, self.segments):
+            covered = 'b""'
+        elif check.over is not None:
             covered = f"n.bytes_of({', '.join(quoted(name) for name in check.over)})"
         elif check.span is not None and check.span[1] == "here" and self._in_one_buffer(check):
             covered = f"n.bytes_from({quoted(span_names(check, self.segments)[0])})"

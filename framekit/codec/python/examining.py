@@ -69,7 +69,7 @@ class Examining:
     def context(self, name: str) -> str:
         """Context values are fetched once, outside everything that takes errors for faults of the frame."""
         if name not in self.hoisted:
-            self.module.context.add(name)
+            self.module.context.add(self.module.known(name, self.by_name))
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 

@@ -60,7 +60,16 @@ class FieldValueWriter(Building):
         if item.is_ is not None or (item.constants is not None and len(item.constants) == 1):
             return [first]
         waits = self.waits(item.when) | {item.name}
-        return [first, Task((), waits, lambda _: self._judge(item, scope, scope.entries[item.name].text))]
+        tasks = [first, Task((), waits, lambda _: self._judge(item, scope, scope.entries[item.name].text))]
+        size = item.type.size
+        if isinstance(size, Expression) and item.type.kind in ("ascii", "bytes") and self.size_by_length(item) is None:
+            tasks.append(Task((), waits | self.waits(size), lambda _: self._text_size(item, size, scope, given)))
+        return tasks
+
+    def _text_size(self, item: Field, size: Expression, scope: Scope, given: Given) -> None:
+        """A text or bytes must be as long as other values say."""
+        is_filled = item.type.pad is not None or item.type.end is not None
+        self._sized_as_told(item, item.name, size, is_filled, scope, given)
 
     def local(self, name: str, given: Given) -> str:
         """The local that a value is to be in."""
@@ -183,13 +192,15 @@ class FieldValueWriter(Building):
         message = text_source(f"'{name}' is one of {shown}, not ", Code(f"repr({local})"))
         self.complain(f"{local} not in {literal(constants)}", quoted(name), message)
 
-    def bits_task(self, part: BitsPart, scope: Scope, given: Given) -> Task:
-        return Task(
-            (part.name,),
-            self.waits(part.is_ or part.build),
-            lambda missing: self._bits(part, scope, given, missing),
-            part.is_ is None,
-        )
+    def bits_task(self, part: BitsPart, when: Expression | None, scope: Scope, given: Given) -> Task:
+        def write(missing: set[str]) -> None:
+            self._bits(part, scope, given, missing)
+            entry = scope.entries[part.name]
+            if when is not None and part.name in self.read_names:  # what is absent is nothing
+                entry.text = f"({entry.text} if {self.text(when, scope, OR)} else None)"
+
+        waits = self.waits(part.is_ or part.build, when if part.name in self.read_names else None)
+        return Task((part.name,), waits, write, part.is_ is None)
 
     def _bits(self, part: BitsPart, scope: Scope, given: Given, missing: set[str]) -> None:
         local = self.local(part.name, given)
@@ -254,12 +265,17 @@ class FieldValueWriter(Building):
 
     def _data_size(self, data: Data, scope: Scope, given: Given) -> None:
         assert isinstance(data.size, Expression)
-        local = scope.entries[data.name].text
-        size = self.text(data.size, scope)
-        found = f"len({local})" if data.pad is None else f"max(len({local}), {size})"
-        conditions = [] if data.when is None else [self.text(data.when, scope, AND)]
-        for name in sorted(self.waits(data.size)):
-            state = self.module.protocol.state.get(name)
-            if state is not None and state.announced and scope.find(name) is None:
-                conditions.append(f"{self.module.given(name)} is not None")
-        self.compare_size((*given.path, data.name), found, size, conditions)
+        self._sized_as_told(data, data.name, data.size, data.pad is not None, scope, given)
+
+    def _sized_as_told(
+        self, item: Field | Data, name: str, told: Expression, is_filled: bool, scope: Scope, given: Given
+    ) -> None:
+        """A value must be as long as others say; one that is filled up may be shorter."""
+        local, size = scope.entries[name].text, self.text(told, scope)
+        found = f"max(len({local}), {size})" if is_filled else f"len({local})"
+        conditions = [] if item.when is None else [self.text(item.when, scope, AND)]
+        for other in sorted(self.waits(told)):
+            state = self.module.protocol.state.get(other)
+            if state is not None and state.announced and scope.find(other) is None:
+                conditions.append(f"{self.module.given(other)} is not None")
+        self.compare_size((*given.path, name), found, size, conditions)

@@ -75,7 +75,7 @@ class Function:
     def context(self, name: str) -> str:
         """The local that holds a context value; it is fetched once, before anything is read."""
         if name not in self.hoisted:
-            self.module.context.add(name)
+            self.module.context.add(self.module.known(name, self.by_name))
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 
@@ -181,7 +181,8 @@ class Function:
         for name, target in targets.items():
             size = None if target.only is None else self.shapes.of(target.only).fixed
             if plain and isinstance(target.only, Data) and target.only.convert is not None:
-                parts.append(f"len({self.names_of_values[name]})")
+                value = self.names_of_values.get(name, 'b""')
+                parts.append(f"len({value})")
             elif size is not None:
                 fixed += size
             else:

@@ -21,7 +21,7 @@ from framekit.codec.python.examine import write_examiner
 from framekit.codec.python.flat import write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
-from framekit.codec.python.module import Module, pasted_names
+from framekit.codec.python.module import BUILT_IN, Module, pasted_names
 from framekit.codec.python.module_text import MEASURE_NOTE, MISFITS, constants, helpers, late_constants, sorted_imports
 from framekit.codec.python.names import identifier
 from framekit.codec.python.normal import normal_protocol
@@ -165,7 +165,7 @@ class ModuleWriter:
             if isinstance(segment, Length) and set(segment.of) - own:
                 return False
         known = {*self.protocol.params, *self.protocol.state, *self.protocol.tables}
-        known |= {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply"}
+        known |= BUILT_IN
         return not names_read(segments) - own - known
 
     # ---- parts of the text --------------------------------------------------------------------------------

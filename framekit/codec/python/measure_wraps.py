@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure_segments import SegmentMeasurer
-from framekit.codec.python.measuring import Pairs
+from framekit.codec.python.measuring import Pairs, needed_names
 from framekit.codec.python.shape import flat, leading, value_names
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.syntax import Expression
@@ -53,7 +53,7 @@ class WrapMeasurer(SegmentMeasurer):
                     f"if not {bytes_literal(follows)}.startswith(data[at:min(at + {len(follows)}, end)]):"
                 ):
                     self.add("return LOST")
-            self._read_content(wrap, scope)
+            self._read_content(wrap, scope, after)
             return
         find = self.module.function("find_region_end")
         resume = self.resume(after)
@@ -65,15 +65,17 @@ class WrapMeasurer(SegmentMeasurer):
         if follows := _symbol_behind(wrap, after):  # what is not doubled has to be the end
             with self.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
                 self.add("return LOST")
-        self._read_content(wrap, scope)
+        self._read_content(wrap, scope, after, 2)
 
-    def _read_content(self, wrap: Wrap, scope: Scope) -> None:
+    def _read_content(self, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
         """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
-        names = [name for one in flat(wrap.of) for name in value_names(one) if name in self.needed]
+        needed = self.needed & needed_names(tuple(segment for segment, _ in after))
+        names = [name for one in flat(wrap.of) for name in value_names(one) if name in needed]
         if names:
             self.settle()
             self.may_fail = True
-            self.add(f"fields = examine_{self.identifier}(bytes(data[start:at]), ctx).fields")
+            stop = f"at + {further}" if further else "at"
+            self.add(f"fields = examine_{self.identifier}(bytes(data[start:{stop}]), ctx).fields")
             for name in names:
                 self.set_value(name, scope, f"fields[{quoted(name)}]")
 
@@ -83,7 +85,7 @@ class WrapMeasurer(SegmentMeasurer):
             if needed:
                 self.want(2 * fixed, after)
             self.skip(str(2 * fixed))
-            self._read_content(wrap, scope)
+            self._read_content(wrap, scope, after)
             return
         first = after[0][0] if after else None
         if isinstance(first, Const) and first.when is None and first.data[:1].upper() not in b"0123456789ABCDEF":
@@ -91,7 +93,7 @@ class WrapMeasurer(SegmentMeasurer):
             self.add(f"at = {self.search(f'{first.data[0]:#04x}', 'at', after)}")
             with self.out.block("if at < 0:"):
                 self.not_found(self.least(after))
-            self._read_content(wrap, scope)
+            self._read_content(wrap, scope, after)
             return
         if isinstance(first, Const):
             self.rest(after)

@@ -21,9 +21,13 @@ from framekit.codec.python.source import Code, Source, literal, quoted, text_sou
 from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Const, Wrap
+from framekit.definition.model.segments import Const, Segment, Wrap
+from framekit.definition.problems import DefinitionError, Problem
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
+BUILT_IN = frozenset(
+    {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
+)
 _LONGEST_FORMAT_NAME = 30
 _PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination_state, examination)
 
@@ -248,6 +252,14 @@ class Module:
         """Text of a context value."""
         self.context.add(name)
         return f"ctx[{quoted(name)}]"
+
+    def known(self, name: str, segments: Mapping[str, Segment]) -> str:
+        """The name of a context value. Raises DefinitionError for that of a segment: nothing can read it there."""
+        protocol, segment = self.protocol, segments.get(name)
+        if segment is not None and name not in protocol.params and name not in protocol.state and name not in BUILT_IN:
+            what = f"'{name}' has no value where an expression reads it"
+            raise DefinitionError([Problem(segment.at, what, "read a field that stands before, or a part of it")])
+        return name
 
     def words(self) -> Iterable[str]:
         """Names that locals must not take."""

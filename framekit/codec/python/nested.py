@@ -151,7 +151,11 @@ class Reader(BranchReader):
                 place = self.place.text(self.buffer)
                 there = f"len({self.buffer}) - {f'({place})' if ' ' in place else place}"
                 function.misfit_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
-        first = self.keep(self.place) if repeat.name in function.tracked else self.place
+        first = self.place
+        if repeat.name in function.tracked and first.base not in ("", "end"):
+            local = function.names.fresh(f"{repeat.name}_start")
+            function.add(f"{local} = {first.text(self.buffer)}")
+            first = Place(local, 0)
         function.flush()
         self.settle()
         function.add(f"{found} = []")

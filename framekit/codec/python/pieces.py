@@ -110,6 +110,7 @@ class PieceWriter(PackingWriter):
             elif segment.name in self.late:
                 texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._late(segment.name or "", [before, *texts]))
+                self.parts.append(Part(tuple(leaf.name or "" for leaf in leaves((segment,))), texts[-1]))
             else:
                 count = self.length_of_run(placed[place:])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))

@@ -106,8 +106,8 @@ class ValueWriter(FieldValueWriter):
                 tasks.extend(self.field_tasks(segment, scope, given))
             case Bits(parts=parts):
                 for part in parts:
-                    tasks.append(self.bits_task(part, scope, given))
-                if segment.name is not None:
+                    tasks.append(self.bits_task(part, segment.when, scope, given))
+                if segment.name is not None and segment.name in self.read_names:
                     scope.entries[segment.name] = Entry("0", sized=False, wire=self._own_room(segment, scope))
             case Data():
                 tasks.extend(self.data_tasks(segment, scope, given))

@@ -128,6 +128,8 @@ class JudgingReader(BufferReader):
             return f"int.from_bytes({local}, {quoted(check.order)})"
         if check.form == "dec":
             return f"{self.module.function(f'parse_dec{little}')}({local})"
+        if check.form == "nibbles" and little:
+            return f'int.from_bytes({self.module.function("join_nibbles")}({local}), "little")'
         if check.form == "nibbles":
             return f"{self.module.function('parse_nibbles')}({local})"
         if check.size == 2:

@@ -42,6 +42,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     if frame.delimited:
         found += _delimited(frame)
     found += _whole_size(frame)
+    found += _there_or_not(frame)
     found += _keys(protocol, frame)
     found += _inner(protocol, frame)
     return found
@@ -51,6 +52,9 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
     """Keys of a frame that need another one, or something elsewhere."""
     if not frame.segments and not frame.inner:
         yield Problem(frame.at, f"'{frame.name}' has no bytes", "add segments to body, or a group with a head")
+    if frame.delimited and frame.size is not None:
+        what = f"'{frame.name}' has a size, and ends where its tail begins"
+        yield Problem(frame.at, what, "leave size or delimited out")
     if frame.surplus is not None and not frame.delimited:
         yield Problem(frame.at, f"surplus of '{frame.name}' has no meaning", "add delimited: yes, or leave it out")
     for name, expression in frame.announces.items():
@@ -113,6 +117,19 @@ def _spans(frame: Frame) -> Iterator[Problem]:
         end = check.name if last == "here" else last
         if end in order and order.index(first) > order.index(end):
             yield Problem(check.at, f"'{first}' stands behind '{last}'", f"write over: {last}..{first}")
+        elif last != "here" and check.name in _between(order, first, last):
+            todo = "let its range end before it, or begin behind it"
+            yield Problem(check.at, "a check code cannot cover itself", todo)
+        for choose in parts_of(frame.segments, Choose):
+            inside = [one for _, case in choose.cases for one in flat(case)] + list(flat(choose.otherwise or ()))
+            names = {one.name for one in inside if one.name is not None}
+            if check.name not in names and names & {first, last}:
+                what = f"the range of a check ends in a case: '{', '.join(sorted(names & {first, last}))}'"
+                yield Problem(check.at, what, "name the choose part, or what stands beside it")
+
+
+def _between(order: list[str | None], first: str, last: str) -> list[str | None]:
+    return order[order.index(first) : order.index(last) + 1]
 
 
 def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
@@ -229,6 +246,37 @@ def _ends(frame: Frame) -> Iterator[Problem]:
                 f"nothing shows where {_title(open_part)} ends and {_title(segment)} begins",
                 "give one of them a size, or put a constant between them",
             )
+
+
+def _there_or_not(frame: Frame) -> Iterator[Problem]:
+    """What may be absent: nothing else may need it, and something has to say whether it is there."""
+    for repeat in parts_of(frame.segments, Repeat):
+        rest = next((one for one in repeat.of if takes_rest(one)), None) if isinstance(repeat.of, tuple) else None
+        if rest is not None:
+            what = f"nothing shows where {_title(rest)} ends in an item of '{repeat.name}'"
+            yield Problem(rest.at, what, "give it a size, or a length or count in the item")
+    for optional in parts_of(frame.segments, Optional):
+        if not any(_is_given(one) for one in flat(optional.of)):
+            what = "nobody can say that the optional part is there: no value of it is given"
+            yield Problem(optional.at, what, "put a field into it, or take when: instead")
+    absent = {
+        one.name: one for kind in (Length, Count) for one in parts_of(frame.segments, kind) if one.when is not None
+    }
+    for user in (*parts_of(frame.segments, Data), *parts_of(frame.segments, Repeat)):
+        size = user.size if isinstance(user, Data) else getattr(user, "times", None)
+        for name in sorted(names_in(size.root) & set(absent)) if isinstance(size, Expression) else ():
+            if user.when is None:
+                what = f"the size of '{user.name}' is '{size}', and '{name}' may be absent"
+                yield Problem(user.at, what, f"give both the same when: {absent[name].when}")
+
+
+def _is_given(segment: Segment) -> bool:
+    """Whether somebody gives a value of the segment."""
+    if isinstance(segment, Bits):
+        return any(part.is_ is None for part in segment.parts)
+    if isinstance(segment, Field):
+        return segment.is_ is None
+    return isinstance(segment, (Data, Repeat, Record, Inner))
 
 
 def _title(segment: Segment) -> str:

@@ -19,9 +19,12 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
+    Optional,
     Record,
     Repeat,
+    Require,
     Segment,
+    Value,
     Wrap,
 )
 from framekit.definition.model.sizes import bounds_of, fixed_size
@@ -240,6 +243,14 @@ def _repeat(repeat: Repeat) -> Iterator[Problem]:
         yield Problem(repeat.at, f"an item of '{repeat.name}' is empty", "add segments to of")
     elif all(fixed_size(segment) == 0 for segment in repeat.of):
         yield Problem(repeat.at, f"an item of '{repeat.name}' takes no bytes", "add a segment that takes some")
+    elif repeat.times == "rest" and all(_may_be_nothing(segment) for segment in repeat.of):
+        what = f"an item of '{repeat.name}' may take no bytes, so nothing shows how many there are"
+        yield Problem(repeat.at, what, "add a segment that always takes some, or a count")
+
+
+def _may_be_nothing(segment: Segment) -> bool:
+    """Whether a segment is there only under a condition, or in one of several cases."""
+    return segment.when is not None or isinstance(segment, (Choose, Optional, Require, Value))
 
 
 def _wrap(wrap: Wrap) -> Iterator[Problem]:
