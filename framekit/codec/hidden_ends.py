@@ -11,7 +11,7 @@ from framekit.codec.codec import Codec
 from framekit.codec.samples import Sampler
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check, Const, Data, Segment
+from framekit.definition.model.segments import Check, Const, Data, Inner, Segment
 from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import Problem
 
@@ -36,11 +36,15 @@ def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
     protocol = codec.protocol
     if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
         return
+    within = {name for inner in parts_of(dict(protocol.frames), Inner) for name in inner.frames}
     for frame in protocol.frames.values():
         samples = () if frame.inner or frame.side == "none" else sampler.samples(frame.name)
         if any(codec.measure(frame.name, sample.data, ctx=sampler.context) == codec.QUIET for sample in samples):
             what = f"only silence ends '{frame.name}', and a connection has none of its own"
-            yield Problem(frame.at, what, "add a length or an end constant, or receiver: {quiet: TIME}")
+            todo = "add a length or an end constant, or receiver: {quiet: TIME}"
+            if frame.name in within:
+                todo = f"write from: none if it stands only inside other frames, else {todo}"
+            yield Problem(frame.at, what, todo)
 
 
 def _may_hold(data: Data, byte: int) -> bool:

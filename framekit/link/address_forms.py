@@ -26,7 +26,7 @@ Parts = dict[str, Any]
 
 
 class _MissingColumnError(Exception):
-    """The area lacks a column that the form needs."""
+    """The area lacks a column that the form needs, or has no places for a number there."""
 
 
 class FormMatcher:
@@ -118,7 +118,7 @@ class FormMatcher:
         if not isinstance(width, str):
             return width
         places = None if area is None else self.areas[area].columns.get(width)
-        if not isinstance(places, int):
+        if not isinstance(places, int) or places == 0:
             raise _MissingColumnError
         return places
 

@@ -285,3 +285,14 @@ def test_any_text_is_a_place_or_an_address_error(text: str) -> None:
         except AddressError:
             continue
         grammar(name).check(address)
+
+
+def test_a_column_of_width_0_leaves_an_area_out_of_a_form() -> None:
+    areas = "areas: {D: {unit: word, size: 300, dec: 6, hex: 0}, W: {unit: word, size: 300, dec: 0, hex: 5}}\n"
+    forms = 'addresses: [{form: "{area}{start:dec:1-dec}"}, {form: "{area}{start:hex:1-hex}"}]\n'
+    protocol = load_protocol_text(f"protocol: columns\n{areas}{forms}frames: {{any: {{body: [{{const: 01}}]}}}}\n")
+    grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+    assert [grammar.parse(text).start for text in ("D10", "W10", "WFF")] == [10, 16, 255]
+    assert [grammar.print(Address(area, "word", 26)) for area in "DW"] == ["D26", "W1A"]
+    with pytest.raises(AddressError):
+        grammar.parse("DFF")

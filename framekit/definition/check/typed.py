@@ -56,6 +56,7 @@ class _Kinds:
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
         self.found: list[Problem] = []
+        self.local: Mapping[str, Kind] = {}  # variables of the sequence that is looked at
         names: dict[str, Kind] = dict(_BUILT_IN)
         names |= {name: kind_of_variable(parameter.type) for name, parameter in protocol.params.items()}
         names |= {name: kind_of_state(variable) for name, variable in protocol.state.items()}
@@ -174,12 +175,14 @@ class _Kinds:
         local: dict[str, Kind] = dict.fromkeys(sequence.takes, "any")
         local |= {name: kind_of_variable(type_) for name, type_ in sequence.local.items()}
         checker = self._checker(local)
+        self.local = local
         for step in sequence.steps:
             self._step(checker, step, local)
         for row in sequence.always:
             self._row(row, local)
         for actions in sequence.handlers.values():
             self._actions(checker, actions)
+        self.local = {}
 
     def _step(self, checker: KindChecker, step: Step, local: Mapping[str, Kind]) -> None:
         for time in (step.wait, step.hold_break, step.within, step.complete, step.gap):
@@ -229,7 +232,9 @@ class _Kinds:
             variable = self.protocol.state.get(target.name)
             parameter = self.protocol.params.get(target.name)
             wanted: Kind = "any"
-            if target.field is None and variable is not None and not variable.values and variable.layout is None:
+            if target.name in self.local:
+                pass  # it goes before a variable of the state
+            elif target.field is None and variable is not None and not variable.values and variable.layout is None:
                 wanted = kind_of_variable(variable.type) if target.key is not None or variable.keys is None else "any"
             elif target.field is None and target.key is None and parameter is not None:
                 wanted = kind_of_variable(parameter.type)
