@@ -101,7 +101,8 @@ class CountConstruct(Computed):
     segment: Count
 
     def computed(self, filling: Filling) -> int:
-        return len(filling[self.segment.of]) + self.segment.plus
+        items = filling.value_or_nothing(self.segment.of)
+        return (0 if items is None else len(items)) + self.segment.plus  # a list that is not there has none
 
     def measured(self, context: Container) -> int | None:
         items = context._values.get(self.segment.of)
