@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from heapq import merge
+from operator import itemgetter
 from typing import Any
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.double_errors import check_weak_codes
 from framekit.codec.errors import FrameError
 from framekit.codec.hidden_ends import check_hidden_ends, check_silent_ends
+from framekit.codec.python.choices import fixed_bytes
+from framekit.codec.python.shape import Shapes
 from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sample, Sampler
 from framekit.definition.model.frames import Frame
@@ -28,6 +32,12 @@ FEWEST = 2
 
 SHOWN = 24
 """Bytes of a sample that a message shows."""
+
+PLACES = 6
+"""Constant bytes of a frame that are looked at before it is tried."""
+
+ALIKE = 256
+"""Frames in one list that no constant tells from another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,23 +100,67 @@ def _comes_from(frame: Frame, side: str) -> bool:
     return not frame.inner and frame.side in (side, "both") and frame.refuse is None
 
 
+class _Before:
+    """The frames of one list so far, found by their constant bytes: by where these are, and by what is there."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, ...], dict[tuple[int, ...], list[tuple[int, _Candidate]]]] = {}
+        self._count = 0
+
+    def add(self, candidate: _Candidate, constants: tuple[tuple[int, int], ...]) -> None:
+        places = tuple(place for place, _ in constants)
+        values = tuple(value for _, value in constants)
+        self._known.setdefault(places, {}).setdefault(values, []).append((self._count, candidate))
+        self._count += 1
+
+    def like(self, data: bytes) -> Iterator[_Candidate]:
+        """Those whose constants are in these bytes, in their order."""
+        found = [
+            frames.get(tuple(data[place] for place in places), [])
+            for places, frames in self._known.items()
+            if not places or places[-1] < len(data)
+        ]
+        return (candidate for _, candidate in merge(*found, key=itemgetter(0)))
+
+
 class _Checker:
     def __init__(self, codec: Codec, sampler: Sampler) -> None:
         self.codec = codec
         self.sampler = sampler
+        self.shapes = Shapes(codec.protocol.frames)
         self.judged: dict[tuple[str, str, bool], Sample | None] = {}
+        self.constants: dict[str, tuple[tuple[int, int], ...]] = {}
 
     def matrix(self, candidates: list[_Candidate], todo: str) -> Iterator[Problem]:
         """Frames of one matrix that earlier ones always take."""
-        for place, later in enumerate(candidates):
-            if any(earlier.frame == later.frame for earlier in candidates[:place]):
-                continue
-            for earlier in candidates[:place]:
-                if self._matters(earlier, later) and (sample := self._taken(earlier, later)) is not None:
+        before = _Before()
+        known: set[str] = set()
+        for later in candidates:
+            samples = () if later.frame in known else self.sampler.samples(later.frame)
+            known.add(later.frame)
+            tried = 0
+            for earlier in before.like(samples[0].data) if samples else ():
+                if not self._matters(earlier, later):
+                    continue
+                if tried == ALIKE:
+                    what = f"no constant tells '{later.frame}' from more than {ALIKE} frames that are tried before it"
+                    yield Problem(later.at, what, "give the frames constants")
+                    return
+                tried += 1
+                if (sample := self._taken(earlier, later)) is not None:
                     shown = sample.data[:SHOWN].hex(" ").upper() + (" …" if len(sample.data) > SHOWN else "")
                     what = f"'{later.frame}' is always taken for '{earlier.frame}', which is tried first"
                     yield Problem(later.at, f"{what}: {shown} fits both", todo)
                     break
+            before.add(later, self._constants(later.frame))
+
+    def _constants(self, frame: str) -> tuple[tuple[int, int], ...]:
+        """The first bytes of a frame that can have one value only: their places and values."""
+        if frame not in self.constants:
+            fixed = dict(fixed_bytes(self.shapes.segments(self.codec.protocol.frames[frame])))
+            single = sorted((place, next(iter(values))) for place, values in fixed.items() if len(values) == 1)
+            self.constants[frame] = tuple(single[:PLACES])
+        return self.constants[frame]
 
     def _matters(self, earlier: _Candidate, later: _Candidate) -> bool:
         """Whether it would make a difference: not in one row, unless both are messages of one group and side."""

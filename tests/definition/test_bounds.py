@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import cProfile
 import pstats
+from pathlib import Path
 
 import pytest
 from small_protocol import small_protocol
 
+from framekit.cli.check_verb import check_file
+from framekit.codec.ambiguity import ALIKE
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
-from framekit.codec.python.generate import generate_source
 from framekit.codec.support import digits, times
 from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
@@ -84,19 +86,40 @@ def test_digits_have_a_bound() -> None:
         digits(5, 4097)
 
 
-def work(frames: int) -> int:
-    """The calls that so many small frames take."""
-    bodies = (
-        f"  F{n}: {{body: [{{const: {n >> 8:02X} {n & 255:02X}}}, {{field: a, type: u8}}]}}\n" for n in range(frames)
-    )
-    text = "protocol: many\nframes:\n" + "".join(bodies)
+def work(path: Path, frames: int, body: str) -> int:
+    """The calls that a check of so many small frames takes."""
+    bodies = (f"  F{n}: {{body: [{body.format(high=n >> 8, low=n & 255)}]}}\n" for n in range(frames))
+    path.write_text("protocol: many\nframes:\n" + "".join(bodies))
     profile = cProfile.Profile()
     with profile:
-        generate_source(load_protocol_text(text), standalone=False)
+        checked = check_file(str(path))
+    assert checked.what == f"protocol many, {frames} frames"
     return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
 
 
-def test_twice_as_many_frames_are_twice_the_work() -> None:
-    work(1)  # what is read once
-    few, some, many = work(50), work(100), work(200)
+@pytest.mark.parametrize(
+    "body",
+    [
+        "{{const: {high:02X} {low:02X}}}, {{field: a, type: u8}}",
+        "{{field: a, type: u8}}, {{const: {low:02X}}}, {{field: b, type: u16, is: {high}}}",
+        "{{field: a, type: u8}}",
+    ],
+)
+def test_a_check_of_twice_as_many_frames_is_twice_the_work(tmp_path: Path, body: str) -> None:
+    path = tmp_path / "many.protocol.yaml"
+    work(path, 1, body)  # what is read once
+    few, some, many = (work(path, frames, body) for frames in (50, 100, 200))
     assert many - some < 2.2 * (some - few)
+
+
+def test_frames_that_no_constant_tells_apart_have_a_bound(tmp_path: Path) -> None:
+    path = tmp_path / "alike.protocol.yaml"
+    path.write_text(
+        "protocol: alike\nframes:\n"
+        + "".join(
+            f"  F{n}: {{body: [{{field: a, type: u16}}, {{require: a == {n}}}, {{field: b, type: u8}}]}}\n"
+            for n in range(ALIKE + 10)
+        )
+    )
+    (problem,) = check_file(str(path)).problems
+    assert problem.what == f"no constant tells 'F{ALIKE + 1}' from more than {ALIKE} frames that are tried before it"

@@ -7,6 +7,7 @@ segments.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any
 
 from framekit.codec import support
@@ -32,9 +33,10 @@ _LONGEST_FORMAT_NAME = 30
 _PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination_state, examination)
 
 
-def pasted_names() -> set[str]:
+@cache
+def pasted_names() -> frozenset[str]:
     """Every name that pasted code may bring into a module."""
-    return {name for module in _PASTED for name in vars(module) if not name.startswith("_")}
+    return frozenset(name for module in _PASTED for name in vars(module) if not name.startswith("_"))
 
 
 def _home_of(name: str) -> Any:
@@ -42,10 +44,11 @@ def _home_of(name: str) -> Any:
     return next(module for module in _PASTED if name in vars(module) and name in _defined(module))
 
 
-def _defined(module: Any) -> set[str]:
-    return {
+@cache
+def _defined(module: Any) -> frozenset[str]:
+    return frozenset(
         name for name, value in vars(module).items() if getattr(value, "__module__", module.__name__) == module.__name__
-    }
+    )
 
 
 class Module:

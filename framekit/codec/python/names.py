@@ -18,6 +18,7 @@ OWN_WORDS = frozenset(
 )  # fmt: skip
 """Parameters, locals and modules that generated functions use themselves."""
 
+_PYTHON = OWN_WORDS | {*dir(builtins), *keyword.kwlist, "match", "case", "type"}
 _OWN_PREFIXES = ("decode_", "encode_", "examine_", "measure_", "inner_", "pack_", "unpack_", "parse_", "build_")
 
 
@@ -36,7 +37,7 @@ class Names:
     """Gives out names that are not taken yet. `reserved` are those that may never be given out."""
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
-        self._taken = set(reserved) | OWN_WORDS | set(dir(builtins)) | set(keyword.kwlist) | {"match", "case", "type"}
+        self._taken = {*reserved, *_PYTHON}
 
     def fresh(self, name: str) -> str:
         """`name` as an identifier nobody has yet: with `_` or `_2`, `_3` … behind if need be."""

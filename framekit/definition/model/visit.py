@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 from framekit.definition.expression.syntax import Expression
@@ -24,9 +25,15 @@ def parts_of(value: Any, kind: type[T]) -> Iterator[T]:
     elif isinstance(value, (tuple, list)):
         for item in value:
             yield from parts_of(item, kind)
-    elif is_dataclass(value) and not isinstance(value, type):
-        for field in fields(value):
-            yield from parts_of(getattr(value, field.name), kind)
+    else:
+        for name in _names_of(value.__class__):
+            yield from parts_of(getattr(value, name), kind)
+
+
+@cache
+def _names_of(kind: type) -> tuple[str, ...]:
+    """The fields of a class that may hold parts."""
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
 
 
 def expressions_of(value: Any) -> Iterator[Expression]:
