@@ -49,11 +49,12 @@ def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position =
     """
     reader = Reader()
     documents = Documents(reader)
-    plan = None
+    path = plan = None
     with suppress(Broken):
-        root = documents.root(_find(name, folder or Path.cwd(), at), "faults")
+        path = _find(name, folder or Path.cwd(), at)
+        root = documents.root(path, "faults")
         plan = _PlanLoader(reader).plan(root, reader.text(root.get("faults")))
-    problems = documents.first_words(reader.problems)
+    problems = documents.first_words(reader.problems, path)
     if plan is None or problems:
         raise DefinitionError(problems)
     return plan

@@ -11,7 +11,7 @@ import hashlib
 import marshal
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
@@ -52,18 +52,26 @@ class Kept(NamedTuple):
 class StoredCodec(FrameFunctions):
     """The functions of a protocol's frames; `catalogue`: its frames; `warned`: its definition has warnings."""
 
-    def __init__(self, kept: Kept) -> None:
+    def __init__(self, kept: Kept, again: Callable[[], Kept]) -> None:
         super().__init__(module_of(kept.name, kept.code))
         self.catalogue: Mapping[str, FrameNote] = {note[0]: FrameNote(*note) for note in kept.frames}
         self.warned = kept.warned
         self._kept = kept
+        self._again = again
 
     @cached_property
     def protocol(self) -> Protocol:
-        """The definition; `compile_protocol` of it takes the code that is there."""
+        """The definition, made `again` if what was kept of it is damaged.
+
+        `compile_protocol` of it takes the code that is there.
+        """
         from framekit.codec.codec import codec_from
 
         protocol = _model(self._kept)
+        if protocol is None:
+            self._kept = self._again()
+            protocol = _model(self._kept)
+            assert protocol is not None  # it was made just now
         codec_from(protocol, self._kept.code)
         return protocol
 
@@ -74,16 +82,19 @@ def stored_codec(name: str | Path, folder: Path) -> StoredCodec:
     Raises DefinitionError.
     """
     cache, path = cache_folder(), definition_file(name, folder)
-    if cache is None or path is None:
-        return StoredCodec(_made(name, folder))
-    shelf = Shelf(cache)
-    kept = shelf.read(path)
+
+    def made() -> Kept:
+        kept = _made(name, folder)
+        if shelf is not None and path is not None:
+            shelf.write(path, kept)
+        return kept
+
+    shelf = None if cache is None else Shelf(cache)
+    kept = None if shelf is None or path is None else shelf.read(path)
     if kept is not None:
         with suppress(ImportError):  # a library that it was compiled for is no longer there
-            return StoredCodec(kept)
-    kept = _made(name, folder)
-    shelf.write(path, kept)
-    return StoredCodec(kept)
+            return StoredCodec(kept, made)
+    return StoredCodec(made(), made)
 
 
 def _made(name: str | Path, folder: Path) -> Kept:
@@ -101,18 +112,23 @@ def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> Kept:
     return Kept(tuple(sources), protocol.name, code, notes, bool(protocol.warnings), pickle.dumps(protocol))
 
 
-def _model(kept: Kept) -> Protocol:
+def _model(kept: Kept) -> Protocol | None:
+    """The model; None where it is damaged."""
     import gc
     import pickle
+
+    from framekit.definition.model.protocol import Protocol
 
     collects = gc.isenabled()
     gc.disable()  # tens of thousands of objects come, and none goes
     try:
-        protocol: Protocol = pickle.loads(kept.pickled)
+        protocol = pickle.loads(kept.pickled)
+    except Exception:  # what is damaged may raise anything
+        return None
     finally:
         if collects:
             gc.enable()
-    return protocol
+    return protocol if isinstance(protocol, Protocol) else None
 
 
 class Shelf:
@@ -155,9 +171,9 @@ class LibraryKeeper:
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
         kept = self.shelf.read(path)
-        if kept is None:
+        protocol = None if kept is None else _model(kept)
+        if kept is None or protocol is None:
             return None
-        protocol = _model(kept)
         sources = Sources(*kept.sources)
         self._codes[id(protocol)] = kept.code
         self.was_loaded(path, protocol, sources)

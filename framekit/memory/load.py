@@ -29,7 +29,7 @@ def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Posit
     reader = Reader()
     documents = Documents(reader)
     with suppress(Broken):
-        return _profile(documents.root(path, "memory"), documents)
+        return _profile(documents.root(path, "memory"), documents, path)
     raise DefinitionError(reader.problems)
 
 
@@ -50,13 +50,13 @@ def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfil
     raise DefinitionError(reader.problems)
 
 
-def _profile(root: Mapping, documents: Documents) -> MemoryProfile:
+def _profile(root: Mapping, documents: Documents, file: Path | None = None) -> MemoryProfile:
     """The profile in nodes. Raises Broken when it is not even nearly one, DefinitionError with all its problems."""
     reader = documents.reader
     profile = ProfileLoader(reader, root).profile()
     if not reader.problems:
         reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
-    problems = documents.first_words(reader.problems)
+    problems = documents.first_words(reader.problems, file)
     if any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
     return profile

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import marshal
 import os
+import pickle
 from pathlib import Path
 from types import ModuleType
 
@@ -17,7 +18,7 @@ from framekit.codec import codec as codecs
 from framekit.codec import kept_files, stored
 from framekit.codec.codec import compile_protocol
 from framekit.codec.kept_files import SUFFIX, cache_folder, keep, read_kept
-from framekit.codec.stored import Kept, kept_library, stored_codec
+from framekit.codec.stored import Kept, Shelf, kept_library, stored_codec
 from framekit.definition import keeping
 from framekit.definition.keeping import kept_by
 from framekit.definition.load import library, load_protocol
@@ -178,6 +179,28 @@ def test_content_that_is_no_protocol_is_made_again(
     kept.write_bytes(hashlib.sha256(content).digest() + content)
     assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
     assert len(made) == 2
+
+
+@pytest.mark.parametrize("pickled", [b"", b"?", pickle.dumps(5), b"cno.such.module\nname\n.", b"cframekit\nnone\n."])
+def test_a_model_that_cannot_be_read_is_made_again(
+    cache: Path, made: list[str], tmp_path: Path, pickled: bytes
+) -> None:
+    file = written(tmp_path)
+    protocol = stored_codec(file, tmp_path).protocol
+    shelf = Shelf(cache)
+    kept = shelf.read(file)
+    assert kept is not None
+    shelf.write(file, kept._replace(pickled=pickled))
+    with kept_by(kept_library()):
+        library._kept.clear()
+        assert load_protocol(file) == protocol
+    shelf.write(file, kept._replace(pickled=pickled))
+    codec = stored_codec(file, tmp_path)
+    assert codec.decode("one", b"\x01\x07")["value"] == 7
+    assert len(made) == 1
+    assert codec.protocol == protocol
+    assert len(made) == 2
+    assert shelf.read(file) == kept
 
 
 def test_so_many_files_are_kept_as_there_is_room_for(cache: Path) -> None:
