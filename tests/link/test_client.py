@@ -385,7 +385,7 @@ def test_monitors_are_registered_by_address_and_run() -> None:
     assert loop.do("call", "register_monitor", {"register": 3}, addresses=["M1", "M0"]).ok
     assert loop.requests[0].startswith(b"\x0501x01RSS01" + b"04%MW0")
     assert loop.requests[1].startswith(b"\x0501x02RSB" + b"04%MW003")
-    found = [loop.do("call", "run_monitor", {"register": number}).gives["data"] for number in (1, 2, 3)]
+    found = [loop.do("call", "run_monitor", {"register": number}).gives["values"] for number in (1, 2, 3)]
     assert found == [[b"\x23\x42"], [b"\x23\x42\0\7\0\x08"], [b"\0\7", b"\x23\x42"]]
     with pytest.raises(ServiceError, match="fits these arguments and no address"):
         loop.do("call", "register_monitor", {"register": 1})
