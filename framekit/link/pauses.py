@@ -16,10 +16,10 @@ QUIET_CHARACTERS = 3
 """Silence that ends noise, and frames without another end, where a definition does not say `quiet`."""
 
 
-GAP_CHARACTERS, GAP_TIME, GAP_ON_STREAM = 20, 50_000_000, 800_000_000
+GAP_CHARACTERS, GAP_TIME, GAP_ON_STREAM = 20, 50_000_000, 10_000_000_000
 """The longest pause inside a frame while no step limits its time and the definition has no `gap`.
 
-Characters and time (ns) on a line; on a stream less than the second after which most clients ask again.
+Characters and time (ns) on a line. On a stream nothing is lost, and a slow network may part a frame anywhere.
 """
 
 

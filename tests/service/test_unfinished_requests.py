@@ -95,10 +95,12 @@ def test_a_request_right_behind_a_stray_piece_is_answered_within_the_usual_repea
 
 @pytest.mark.parametrize("link", SESSIONS, ids=str)
 def test_a_stray_piece_costs_a_session_and_no_more(link: Link) -> None:
+    """On a stream the unfinished frame ends after 10 s: nothing is lost there, so the network may be slow."""
     world = World(link)
-    for pause in (0, LATER):
+    wait = 11 * SECOND if link.format is None else SECOND
+    for pause in (0, max(LATER, wait)):
         for data in world.strays():
             world.stray(data, pause)
             world.read()
-            world.clock.run_for(SECOND)
+            world.clock.run_for(wait)
             assert world.read() == "ok", data.hex()
