@@ -153,6 +153,6 @@ class ToldBytes:
         """A bad frame is told."""
         self._end = max(self._end, bad.offset + len(bad.raw))
 
-    def is_new(self, noise: Noise) -> bool:
-        """Whether there is something in it that no bad frame had."""
-        return not noise.skipped or noise.offset + len(noise.data) > self._end
+    def new_bytes(self, noise: Noise) -> int:
+        """How many of its last bytes no bad frame had."""
+        return min(len(noise.data), max(0, noise.offset + len(noise.data) - self._end))

@@ -118,10 +118,6 @@ class FrameInfo:
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
 
-    def fails(self, data: bytes | bytearray, place: int, size: int) -> bool:
-        """Whether so many bytes at `place` are surely no good frame, as its check code says."""
-        return self.intact is not None and not self.intact(data[place : place + size])
-
     def checked(self, data: bytes, place: int, size: int, names: Mapping[str, Any]) -> int:
         """What `measure` says, if `extent` has said `size`; UNCERTAIN where it says another size.
 

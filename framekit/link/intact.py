@@ -1,4 +1,4 @@
-"""A quick look at the check code at the end of a frame, before anything else of the frame is read.
+"""A quick look at a frame before anything else of it is read: the check code at its end, and bytes at fixed places.
 
 It serves to pass over candidates that cannot be good. What it does not know how to look at, it leaves to the codec.
 """
@@ -8,18 +8,50 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from framekit.codec.checks import function_of, residue_of
+from framekit.codec.python.choices import fixed_bytes
+from framekit.codec.python.shape import Shapes
+from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.segments import Check, Wrap
+from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Wrap
 from framekit.definition.model.visit import parts_of
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 
 Intact = Callable[[bytes | bytearray], bool]
-"""Whether the check code of these bytes is right."""
+"""Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
 
 
 def intact_of(frame: Frame) -> Intact | None:
-    """For a frame that ends in a binary check code over everything before it; None for every other."""
+    """For a frame that ends in a check code over everything before it; None for every other."""
+    check = _check_of(frame)
+    restricted = _restricted(frame)
+    if check is None or not restricted:
+        return check
+
+    def intact(raw: bytes | bytearray) -> bool:
+        for place, allowed in restricted:
+            if place < len(raw) and raw[place] not in allowed:
+                return False
+        return check(raw)
+
+    return intact
+
+
+def _restricted(frame: Frame) -> list[tuple[int, frozenset[int]]]:
+    """Bytes that only some values are right for; what measures a frame looks at the constants it begins with."""
+    begin = 0
+    for segment in frame.segments:
+        if not isinstance(segment, Const) or segment.when is not None:
+            break
+        begin += len(segment.data)
+    moves = frame.delimited or frame.size is not None
+    segments = frame.head + frame.body if moves else frame.segments
+    return [(place, allowed) for place, allowed in fixed_bytes(segments) if place >= begin]
+
+
+def _check_of(frame: Frame) -> Intact | None:
+    """A look at the check code; None where it is no number or digits at the very end, or is not always to be right."""
     last = frame.segments[-1] if frame.segments else None
-    if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
+    if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
         return None
     if (
         last.method.kind == "fold"
@@ -28,8 +60,13 @@ def intact_of(frame: Frame) -> Intact | None:
         or any(parts_of(frame.segments, Wrap))
     ):
         return None
-    code, size, order = function_of(last.method), last.size, last.order
-    residue = residue_of(last.method, size, order)
+    intact = _code_of(last) if last.form == "raw" else _digits_of(last)
+    return intact if last.when is None or intact is None else _where_there(last.when, frame.segments, intact)
+
+
+def _code_of(check: Check) -> Intact:
+    code, size, order = function_of(check.method), check.size, check.order
+    residue = residue_of(check.method, size, order)
     if residue is not None:
         return lambda raw: code(raw) == residue
     room = (1 << 8 * size) - 1
@@ -38,3 +75,57 @@ def intact_of(frame: Frame) -> Intact | None:
         return raw[-size:] == (code(raw[:-size]) & room).to_bytes(size, order)
 
     return intact
+
+
+def _digits_of(check: Check) -> Intact | None:
+    code, size = function_of(check.method), check.size
+    if size != 2:
+        return None
+
+    def intact(raw: bytes | bytearray) -> bool:
+        return raw[-2:].upper() == b"%02X" % (code(raw[:-2]) & 0xFF)
+
+    return intact
+
+
+def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: Intact) -> Intact | None:
+    """For a check code that is there under a condition on one character at a fixed place."""
+    names = names_in(condition.root)
+    name = next(iter(names)) if len(names) == 1 else None
+    place = None if name is None else _character_at(name, segments)
+    if name is None or place is None:
+        return None
+    holds = compile_expression(condition)
+    known: dict[int, bool] = {}
+
+    def is_there(byte: int) -> bool:
+        try:
+            return bool(holds(Names({name: chr(byte)})))
+        except EVALUATION_ERRORS:
+            return False
+
+    def look(raw: bytes | bytearray) -> bool:
+        if place >= len(raw):
+            return True
+        there = known.get(raw[place])
+        if there is None:
+            there = known[raw[place]] = is_there(raw[place])
+        return not there or intact(raw)
+
+    return look
+
+
+def _character_at(name: str, segments: tuple[Segment, ...]) -> int | None:
+    """The place of a field of one character, if it is always the same."""
+    place, shapes = 0, Shapes({})
+    for segment in segments:
+        if segment.when is not None or any(parts_of(segment, Inner)):
+            return None
+        if isinstance(segment, Field) and segment.name == name:
+            plain = segment.type.kind == "ascii" and segment.type.fixed_size == 1 and segment.type.pad is None
+            return place if plain and segment.values is None and segment.long is None else None
+        size = shapes.present(segment).fixed
+        if size is None:
+            return None
+        place += size
+    return None

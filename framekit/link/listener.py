@@ -186,10 +186,11 @@ class Listener:
                     started_at=found.started_at, segment=found.segment, place=found.place,
                 )
             )  # fmt: skip
-        elif wires.told.is_new(found):
-            self.counters.noise_bytes += len(found.data)
+        elif count := wires.told.new_bytes(found):
+            self.counters.noise_bytes += count
             reason = "what a bad frame left" if found.skipped else ""
-            self.monitor(Seen(wires.direction, "noise", at, found.data, reason=reason, started_at=found.started_at))
+            left = found.data[-count:]
+            self.monitor(Seen(wires.direction, "noise", at, left, reason=reason, started_at=found.started_at))
 
     def _announce(self, value: FrameValue) -> None:
         info = self.table.infos[value.frame]

@@ -129,7 +129,7 @@ class Looking(Recovery):
         stream, rules = self.stream, self._rules
         buffer, place, end = stream.buffer, stream.position, self._plain_until()
         is_skipped = stream.base + place < self._bad_until
-        if not self._goes_on or rules.symbols is not None or self._inside is not None:
+        if rules.resync == "never" or rules.symbols is not None or self._inside is not None:
             return
         if not self._noise.data or self._noise.skipped is not is_skipped:
             return
@@ -148,9 +148,10 @@ class Looking(Recovery):
                 infos = left.infos if left.sure else interest.every.at(buffer[place])[0]
                 for info in infos:
                     size = info.extent(buffer, place, total, names)
-                    if size == 0 or (is_skipped and (size == lost or (size > 0 and info.fails(buffer, place, size)))):
+                    if size == 0 or (is_skipped and size == lost):
                         continue
-                    break
+                    if not is_skipped or size < 0 or info.intact is None or info.intact(buffer[place : place + size]):
+                        break
                 else:
                     if starts is None:
                         place += 1
@@ -199,6 +200,7 @@ class Looking(Recovery):
         stream = self.stream
         size = len(good.raw)
         self._given = size
+        self._good_since = True
         self._declined.append(good.info.name)
         arrived = self._arrival(good.info.make, good.fields, good.raw, stream.position)
         arrived.value = good.info.make(good.fields, good.raw, good.refusal)

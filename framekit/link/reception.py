@@ -177,11 +177,12 @@ class Reception:
 
     def show_noise(self, found: Iterable[Noise]) -> None:
         for noise in found:
-            if not self._told.is_new(noise):
+            count = self._told.new_bytes(noise)
+            if not count:
                 continue
-            self.counters.noise_bytes += len(noise.data)
+            self.counters.noise_bytes += count
             reason = "what a bad frame left" if noise.skipped else ""
-            self.machine.show("noise", "in", noise.data, started_at=noise.started_at, reason=reason)
+            self.machine.show("noise", "in", noise.data[-count:], started_at=noise.started_at, reason=reason)
 
     def drop_stale(self) -> None:
         """An exchange begins and nothing listened: what came before cannot be its reply."""

@@ -18,6 +18,16 @@ GOING_ON = ("next_start", "after_frame")
 """How to go on after a bad frame without waiting for anything."""
 
 
+MOST_BAD, BAD_TIME, BAD_APART = 16, 10_000_000, 256
+"""Of bad frames without a good one between them so many are told in a row, then one for each such time (ns).
+
+Of those that come faster, one is told for so many bytes; what is between is what a bad frame left.
+"""
+
+MADE_GOOD = 4
+"""For so many bad frames a good one makes up."""
+
+
 class Again:
     """The place has changed: look again."""
 
@@ -43,6 +53,8 @@ class Recovery:
         self._bad_until = 0
         self._skipping = False
         self._goes_on = rules.resync in GOING_ON
+        self._bad_busy = 0
+        self._good_since = False
 
     def _moved(self) -> None:
         """The place in the stream has changed."""
@@ -64,7 +76,7 @@ class Recovery:
             return before
         bad = worst.bad
         size = worst.size
-        self._bad_until = start + size
+        self._bad_until = start + self._bad_reach(size, bad.started_at)
         mode = self._rules.resync
         if mode == "never":
             self._break_off()
@@ -77,6 +89,14 @@ class Recovery:
         else:
             self._collect(self._symbol(), True)
         return bad
+
+    def _bad_reach(self, size: int, came: int) -> int:
+        """How far behind the start of a bad frame that is told none is told anew: to its end, or further in a crowd."""
+        busy = max(self._bad_busy - (MADE_GOOD * BAD_TIME if self._good_since else 0), came) + BAD_TIME
+        most = came + MOST_BAD * BAD_TIME
+        self._good_since = False
+        self._bad_busy = min(busy, most)
+        return max(size, BAD_APART) if busy > most and self._rules.resync == "next_start" else size
 
     def _break_off(self) -> None:
         self.broken = True

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from framekit.link.arrivals import Arrival, BadFrame, Fault, Noise, new_tuple
+from framekit.link.arrivals import Arrival, BadFrame, Fault, FrameArrived, Noise, new_tuple
 from framekit.link.candidates import fault_of
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.frame_info import FrameInfo, Taken
@@ -40,6 +40,7 @@ class RoughLooking(Looking):
         """
         stream, noise, starting, names = self.stream, self._noise, interest.starting, self._names
         first, total = place, len(data)
+        self._good_since = self._good_since or bool(found and type(found[-1]) is FrameArrived)
         limit = min(total, place + LONGEST - len(noise.data))
         bad_until = self._bad_until - stream.base
         skipped = noise.skipped if noise.data else place < bad_until
@@ -66,8 +67,9 @@ class RoughLooking(Looking):
                         break
                     if size > 0 and info is not None:
                         self._end_run(found, data, first, place, skipped)
-                        found.append(self._misread(info, data, place, size))
-                        bad_until, first, skipped = place + size, place, True
+                        bad = self._misread(info, data, place, size)
+                        found.append(bad)
+                        bad_until, first, skipped = place + self._bad_reach(size, bad.started_at), place, True
                         self._bad_until = stream.base + bad_until
                     elif skipped is not (place < bad_until):
                         self._end_run(found, data, first, place, skipped)
@@ -92,6 +94,7 @@ class RoughLooking(Looking):
                 if taken and taken[0] is not None:
                     self._end_run(found, data, first, place, skipped)
                     first = place
+                    self._good_since = True
                     return place, left, taken[0], taken[1]
         except CODEC_ERRORS:
             size = 0

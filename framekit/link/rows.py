@@ -30,6 +30,8 @@ class RowLooking(RoughLooking):
             return UNSURE
         take = self._row if interest.rows is None else self._many
         stream.position, ended = place, _ = take(interest, found, data, first)
+        if found and type(found[-1]) is FrameArrived:
+            self._good_since = True
         if place != first and (self._candidates.said or (self._inside is not None and self._inside.places)):
             self._moved()
         if ended == WANTING:

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - definitions in YAML
 """The quick look at check codes: it never passes over a frame that the codec would take, or have refused."""
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ def test_some_shipped_frames_have_it() -> None:
         name for name in NAMES for frame in load_protocol(name).frames.values() if intact_of(frame) is not None
     }  # fmt: skip
     assert {"modbus-rtu", "ge-rtu"} <= found
-    assert not {"mldp", "third-party-plc"} & found, "their check codes are digits, or not always there"
+    assert "mldp" in found, "its check code is digits that are there where one character says so"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -56,6 +57,11 @@ frames:
   partly:  {body: [{field: a, type: u8}, {field: b, type: u8}, {check: xor8, over: [b]}]}
   inside:  {body: [{field: a, type: u8}, {check: xor8}, {const: ETX}]}
   certain: {body: [{field: a, type: u8}, {check: xor8, when: a == 1}]}
+  letter:  {body: [{field: a, type: ascii, size: 1}, {check: xor8, when: a == lower(a)}]}
+  behind:  {body: [{field: n, type: u8}, {field: t, type: ascii, size: n}, {field: a, type: ascii, size: 1}, {check: xor8, when: a == lower(a)}]}
+  large:   {body: [{field: a, type: u8}, {check: sum16, as: hex}]}
+  fixed:   {where: {a: [1, 2]}, body: [{field: b, type: u8}, {field: a, type: u8}, {check: xor8}]}
+  refused: {where: {a: [1, 2]}, body: [{field: b, type: u8, range: 0..9, refuse: 1}, {field: a, type: u8}, {check: xor8}]}
   wrapped: {body: [{const: 10}, {wrap: {escape: 10}, of: [{field: a, type: u8}]}, {const: 10 03}, {check: xor8}]}
 """
 
@@ -64,4 +70,17 @@ def test_what_it_leaves_to_the_codec(tmp_path: Path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(OTHERS, encoding="utf-8")
     frames = load_protocol(path).frames
-    assert [name for name, frame in frames.items() if intact_of(frame) is not None] == ["raw"]
+    found = [name for name, frame in frames.items() if intact_of(frame) is not None]
+    assert found == ["raw", "digits", "letter", "fixed", "refused"]
+
+
+def test_bytes_at_fixed_places_and_digits_there_under_a_condition(tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(OTHERS, encoding="utf-8")
+    frames = load_protocol(path).frames
+    letter, fixed, digits, refused = (intact_of(frames[name]) for name in ("letter", "fixed", "digits", "refused"))
+    assert letter is not None and fixed is not None and digits is not None and refused is not None
+    assert refused(b"\x0a\x03\x09"), "it is refused for what comes before"
+    assert letter(b"a\x61") and not letter(b"a\x62") and letter(b"A") and letter(b"A\x00")
+    assert fixed(b"\x09\x02\x0b") and not fixed(b"\x09\x03\x0a") and not fixed(b"\x09\x02\x0a")
+    assert digits(b"\xab" + b"aB") and not digits(b"\xab" + b"AC")
