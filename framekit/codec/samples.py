@@ -25,6 +25,9 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789%"
 LARGEST = 600
 """Bytes or items of one value; larger ones tell nothing more."""
 
+MOST_ITEMS = 20_000
+"""Items of lists in all samples of a frame; longer lists would take long to make."""
+
 DEEPEST = 6
 _LEFT_OUT: Any = object()
 
@@ -45,20 +48,28 @@ class Sampler:
         self.codec = codec
         self.context = context
         self._made: dict[str, tuple[Sample, ...]] = {}
+        self._items = 0
 
     def samples(self, frame: str, count: int = 8, tries: int = 80) -> tuple[Sample, ...]:
         """Up to `count` different samples that can be encoded and decoded again; fewer when tries run out."""
         if frame not in self._made:
             random_ = random.Random(f"framekit {frame}")
             found: dict[bytes, Sample] = {}
+            self._items = 0
             for _ in range(tries):
                 sample = self._try(frame, random_)
                 if sample is not None:
                     found.setdefault(sample.data, sample)
-                if len(found) >= count:
+                if len(found) >= count or self._items > MOST_ITEMS:
                     break
             self._made[frame] = tuple(found.values())
         return self._made[frame]
+
+    def count(self, items: int) -> None:
+        """So many items are about to be made. Raises ValueError when that is too much."""
+        self._items += items
+        if self._items > MOST_ITEMS:
+            raise ValueError("too much for a sample")
 
     def _try(self, frame: str, random_: random.Random) -> Sample | None:
         try:
@@ -318,6 +329,7 @@ class _Record:
 
     def _repeat(self, repeat: model.Repeat) -> list[Any]:
         times = self._times(repeat)
+        self.sampler.count(times)
         if isinstance(repeat.of, FieldType):
             least, most = bounds_of(repeat.of) or (0, 9)
             return [self._some(least, most) for _ in range(times)]

@@ -400,6 +400,13 @@ def parse_float(data: bytes | bytearray, order: str) -> float:
     return value
 
 
+def room(size: int) -> int:
+    """A size that is computed, as far as a frame has room for it. Raises ValueError."""
+    if size > 1_048_576:
+        raise Unfit(f"{size} bytes or digits are too many, 1048576 are possible")
+    return size
+
+
 # --- text -----------------------------------------------------------------------------------------------------------
 
 

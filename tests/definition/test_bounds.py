@@ -5,6 +5,7 @@ from __future__ import annotations
 import cProfile
 import pstats
 from pathlib import Path
+from typing import Any
 
 import pytest
 from small_protocol import small_protocol
@@ -12,7 +13,9 @@ from small_protocol import small_protocol
 from framekit.cli.check_verb import check_file
 from framekit.codec.ambiguity import ALIKE
 from framekit.codec.codec import compile_protocol
+from framekit.codec.construct_backend import compile_construct
 from framekit.codec.errors import EncodeError
+from framekit.codec.samples import MOST_ITEMS, Sampler
 from framekit.codec.support import digits, times
 from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
@@ -36,6 +39,11 @@ REFUSED = {
     f'[{{require: "{"1 + " * 3000}1 == 1"}}]': "too many operators in a row",
     f'[{{field: a, type: u8}}, {{require: "a{".a" * 3000} == 1"}}]': "too many operators in a row",
     f'[{{require: "{"(" * 3000}1{")" * 3000} == 1"}}]': "nested too deeply",
+    "[{data: a, size: 1048576}, {const: 01}]": "takes at least 1048577 bytes, 1048576 are possible",
+    "[{repeat: a, times: 1048576, of: [{repeat: b, times: 1048576, of: u8}]}]": "takes at least 1099511627776 bytes",
+    "[{field: h, type: u8}, {repeat: a, times: 2000, of: [{repeat: b, times: 2000, of: u8, when: h == 1}]}]": (
+        "the lists in 'f' have 4002000 items together, 1048576 are possible"
+    ),
 }
 
 
@@ -78,6 +86,33 @@ def test_what_the_line_says_multiplies_numbers_only() -> None:
     with pytest.raises(TypeError):
         times("abc", 0xFFFFFFFF)  # type: ignore[arg-type]
     assert times(70_000, 70_000) == 4_900_000_000
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        "field: a, type: ascii, size: n, pad: 20",
+        "data: a, size: n, pad: 00",
+        "field: a, type: uint, size: n",
+        "field: a, type: dec, size: n",
+        "field: a, type: hex, size: n",
+        "field: a, type: bcd, size: n",
+    ],
+)
+@pytest.mark.parametrize("compiled", [compile_protocol, compile_construct])
+def test_what_is_filled_up_to_a_computed_size_has_a_bound(compiled: Any, part: str) -> None:
+    codec = compiled(small_protocol(f"[{{field: n, type: u32}}, {{{part}}}]"))
+    value = "x" if "ascii" in part else b"x" if "data" in part else 1
+    with pytest.raises(EncodeError, match="4294967295 bytes or digits are too many, 1048576 are possible"):
+        codec.encode("f", {"n": 0xFFFFFFFF, "a": value}, {})
+    assert len(codec.encode("f", {"n": 8, "a": value}, {})) == 12
+
+
+def test_samples_of_long_lists_have_a_bound() -> None:
+    codec = compile_protocol(small_protocol("[{repeat: a, times: 1000, of: [{repeat: b, times: 1000, of: u8}]}]"))
+    sampler = Sampler(codec, {})
+    assert len(sampler.samples("f")) < 8
+    assert sampler._items <= MOST_ITEMS + 1000
 
 
 def test_digits_have_a_bound() -> None:

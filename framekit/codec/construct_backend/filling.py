@@ -17,6 +17,7 @@ from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, Miss
 from framekit.codec.construct_backend.faults import ConstructEncodeError
 from framekit.codec.construct_backend.names import Names
 from framekit.codec.construct_backend.state import Writing
+from framekit.codec.support import room
 from framekit.definition.expression.syntax import Expression, names_in
 
 Condition = Callable[["Filling"], bool]
@@ -236,7 +237,11 @@ class Filling(Mapping[str, Any]):
         for name in names_in(expression.root):
             if not self._is_field(name) and self.names.is_unset(name):
                 return None
-        return self.compute(expression, own)
+        size = self.compute(expression, own)
+        try:
+            return room(size) if isinstance(size, int) else size
+        except ValueError as error:
+            raise self.error(own, str(error)) from None
 
     def _is_field(self, name: str) -> bool:
         filling: Filling | None = self

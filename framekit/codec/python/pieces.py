@@ -220,13 +220,13 @@ class PieceWriter(PackingWriter):
                 if (size is None and segment.type.end is None) or self.size_by_length(segment) is not None:
                     text = f"len({local})"
                 else:
-                    text = self.text(size, scope) if isinstance(size, Expression) else str(size or f"len({local})")
+                    text = self.bounded(size, scope) if isinstance(size, Expression) else str(size or f"len({local})")
                 return forms.build(self.module, segment.type, self.wire(segment, scope), text)
             case Field():
                 return self._long(segment, scope)
             case Length() | Count() | Bits():
                 size = segment.type.size
-                text = self.text(size, scope) if isinstance(size, Expression) else str(size)
+                text = self.bounded(size, scope) if isinstance(size, Expression) else str(size)
                 return forms.build(self.module, segment.type, self.wire(segment, scope), text)
             case Repeat(of=FieldType() as of):
                 return self._list_bytes(of, scope.entries[segment.name].text)

@@ -28,7 +28,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.model.sizes import field_names, fixed_size, flat
+from framekit.definition.model.sizes import MOST_BYTES, field_names, fixed_size, flat
 from framekit.definition.model.visit import parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
@@ -329,8 +329,27 @@ def _may_hold(segment: Segment, byte: int) -> bool:
     return isinstance(segment, Wrap) and segment.how == "escape"
 
 
+def _items(segments: tuple[Segment, ...]) -> int:
+    """The items that the lists of a frame have together, lists in lists too; those of computed length count once."""
+    found = 0
+    for segment in flat(segments):
+        if isinstance(segment, Record):
+            found += _items(segment.of)
+        elif isinstance(segment, Repeat):
+            times = segment.times if isinstance(segment.times, int) else 1
+            found += times * (1 if isinstance(segment.of, FieldType) else 1 + _items(segment.of))
+    return found
+
+
 def _whole_size(frame: Frame) -> Iterator[Problem]:
     least = least_size(frame.segments)
+    items = _items(frame.segments)
+    if least > MOST_BYTES:
+        what = f"'{frame.name}' takes at least {least} bytes, {MOST_BYTES} are possible"
+        yield Problem(frame.at, what, "make its parts smaller")
+    elif items > MOST_BYTES:
+        what = f"the lists in '{frame.name}' have {items} items together, {MOST_BYTES} are possible"
+        yield Problem(frame.at, what, "make them shorter")
     for limit, key in ((frame.size, "size"), (frame.most, "max")):
         if limit is not None and least > limit:
             yield Problem(

@@ -298,6 +298,8 @@ def _least(segment: Segment) -> int:
     match segment:
         case Record(of=of):
             return least_size(of)
+        case Repeat(times=int(times), of=of):
+            return times * ((of.fixed_size or 0) if isinstance(of, FieldType) else least_size(of))
         case Wrap(of=of, how=how):
             return least_size(of) * (2 if how == "hex" else 1)
         case Data(size="rest", least=least, convert=convert):

@@ -15,14 +15,13 @@ from framekit.definition.expression.parse import parse_expression
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.expression.tokens import ExpressionError
 from framekit.definition.load import scalars
+from framekit.definition.model.sizes import MOST_BYTES
 from framekit.definition.model.values import Constant
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import Position, Problem, did_you_mean
 from framekit.definition.times import UNITS, parse_time
 
 T = TypeVar("T")
-MOST_BYTES = 1_048_576
-"""A frame has so many bytes at most, and a list in it so many items."""
 MOST_ELEMENTS = 16_777_216
 """An area of memory has so many elements at most."""
 

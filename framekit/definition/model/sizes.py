@@ -20,6 +20,9 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 
+MOST_BYTES = 1_048_576
+"""Bytes of a frame, and items of its lists, at most."""
+
 
 def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
     """Segments whose fields belong to one level: those inside wraps, choices and optional parts too."""
