@@ -167,6 +167,26 @@ class FrameInfo:
             self.computed.append((name, compile_expression(is_)))
 
 
+Ends = tuple[tuple[Callable[..., int], tuple[Callable[[bytes | bytearray], bool] | None, ...]], ...]
+"""Of candidates: what finds the end of several of them alike, and their quick looks."""
+
+
+def by_extent(infos: Sequence[FrameInfo]) -> Ends:
+    """Candidates together where the functions that find their ends do the very same."""
+    groups: dict[Any, list[FrameInfo]] = {}
+    for info in infos:
+        groups.setdefault(_does(info.extent), []).append(info)
+    return tuple((group[0].extent, tuple({info.intact: None for info in group})) for group in groups.values())
+
+
+def _does(function: Callable[..., int]) -> Any:
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return id(function)
+    constants = tuple((type(one), one) for one in code.co_consts if one != function.__doc__)
+    return code.co_code, constants, code.co_names
+
+
 def _plain_name(expression: Any) -> str | None:
     return expression.root.name if isinstance(expression.root, Name) else None
 

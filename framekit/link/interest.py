@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
-from framekit.link.frame_info import FrameInfo, Make, Take, Taken
+from framekit.link.frame_info import Ends, FrameInfo, Make, Take, Taken, by_extent
 from framekit.link.frame_table import FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.values import FrameValue
@@ -25,15 +25,16 @@ class Left:
     """The expected candidates that two bytes leave.
 
     `alone`: the only one; for that, what takes it, and what `make`s a value of it. `whole`: its bytes, if it is only
-    those two. `is_slow`: it has to be measured first. `sure`: every other candidate, the others included, begins with
-    other constants than there are, so that it is surely none. `is_none`: nothing begins here; `is_plain`: surely only
-    the one, with none inside.
+    those two. `ends`: what finds their ends, once that was asked for. `is_slow`: it has to be measured first. `sure`:
+    every other candidate, the others included, begins with other constants than there are, so that it is surely none.
+    `is_none`: nothing begins here; `is_plain`: surely only the one, with none inside.
     """
 
-    __slots__ = ("alone", "infos", "is_none", "is_plain", "is_slow", "make", "sure", "take", "whole")
+    __slots__ = ("alone", "ends", "infos", "is_none", "is_plain", "is_slow", "make", "sure", "take", "whole")
 
     def __init__(self, infos: Level, sure: bool, inside: InsideFinder | None, take: Take | None = None) -> None:
         self.infos = infos
+        self.ends: Ends | None = None
         self.alone = infos[0] if len(infos) == 1 else None
         self.sure = sure
         self.is_none = sure and not infos
@@ -114,6 +115,7 @@ class Interest:
     """
 
     __slots__ = (
+        "_ends",
         "_found",
         "_inside",
         "_rest",
@@ -142,6 +144,7 @@ class Interest:
         self._wanted = _on_line(table, expected)
         self._rest = _on_line(table, tuple(name for name in others if name not in expected))
         self._found: dict[int, tuple[Level, Level]] = {}
+        self._ends: dict[int, Ends] = {}
         self._starts: dict[tuple[Level, Level], Start] = {}
         self.starting: list[Start | None] = [None] * 256
         self.starts = self._start_pattern()
@@ -158,6 +161,17 @@ class Interest:
         if found is None:
             found = (_beginning(self._wanted, byte), _beginning(self._rest, byte))
             self._found[byte] = found
+        return found
+
+    def ends(self, left: Left, byte: int) -> Ends:
+        """What finds the ends of the expected candidates behind `byte`: those left, if that is sure."""
+        if left.sure:
+            if left.ends is None:
+                left.ends = by_extent(left.infos)
+            return left.ends
+        found = self._ends.get(byte)
+        if found is None:
+            found = self._ends[byte] = by_extent(self.at(byte)[0])
         return found
 
     def start(self, byte: int) -> Start:

@@ -137,7 +137,8 @@ class Looking(Recovery):
         if is_skipped:
             end = min(end, self._bad_until - stream.base)
         total, starts, names, lost = len(buffer), self.starts, self._names, self._lost
-        first, starting, find = place, interest.every.starting, interest.every.start
+        every = interest.every
+        first, starting, find = place, every.starting, every.start
         try:
             while place < end:
                 start = starting[buffer[place]] or find(buffer[place])
@@ -145,12 +146,14 @@ class Looking(Recovery):
                 if at >= total:
                     break
                 left = start.left[buffer[at]]
-                infos = left.infos if left.sure else interest.every.at(buffer[place])[0]
-                for info in infos:
-                    size = info.extent(buffer, place, total, names)
+                for extent, looks in every.ends(left, buffer[place]):
+                    size = extent(buffer, place, total, names)
                     if size == 0 or (is_skipped and size == lost):
                         continue
-                    if not is_skipped or size < 0 or info.intact is None or info.intact(buffer[place : place + size]):
+                    if not is_skipped or size < 0:
+                        break
+                    raw = buffer[place : place + size]
+                    if any(look is None or look(raw) for look in looks):
                         break
                 else:
                     if starts is None:

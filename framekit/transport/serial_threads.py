@@ -16,6 +16,7 @@ from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.serial_connection import (
+    POLL,
     READ_SIZE,
     SERIAL_ERRORS,
     SerialConnection,
@@ -47,6 +48,7 @@ class ThreadConnection(SerialConnection):
         self.events = events
         self.finished = threading.Event()
         self._stopping = threading.Event()
+        self._heard = threading.Event()
         self._orders: SimpleQueue[Order | None] = SimpleQueue()
         self._unwritten = 0
         self._closed = False
@@ -79,7 +81,10 @@ class ThreadConnection(SerialConnection):
                 while data and (more := device.in_waiting) and len(data) < READ_SIZE:
                     data += device.read(min(more, READ_SIZE))
                 if data:
-                    self._tell(partial(self.events.received, bytes(data), self.clock.now(), ()))
+                    self._heard.clear()
+                    self._tell(partial(self._received, bytes(data), self.clock.now()))
+                    while not self._heard.wait(POLL) and not self._stopping.is_set():
+                        pass
         except SERIAL_ERRORS as error:
             self._tell_lost(error)
 
@@ -101,6 +106,11 @@ class ThreadConnection(SerialConnection):
             self.clock.loop.call_soon_threadsafe(lambda: None if self._closed else call())
 
     # ---- in the loop --------------------------------------------------------------------------------------
+
+    def _received(self, data: bytes, now: int) -> None:
+        """What has been read; the next is read when this has been dealt with."""
+        self._heard.set()
+        self.events.received(data, now, ())
 
     def stop(self) -> None:
         self._closed = True

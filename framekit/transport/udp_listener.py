@@ -14,7 +14,7 @@ from typing import Any, cast
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.tcp_port import bracketed
-from framekit.transport.udp_port import LARGEST
+from framekit.transport.udp_port import LARGEST, Datagrams
 
 MOST_KEPT = 16
 """Datagrams of a sender that wait until its port is opened; more are lost, as datagrams may be."""
@@ -95,6 +95,7 @@ class UdpListener(asyncio.DatagramProtocol):
         self.clock = clock
         self.accepted = accepted
         self.senders: dict[Any, SenderPort] = {}
+        self._came = Datagrams(clock.loop, self._hear)
         self._socket: socket.socket | None = None
         self._opening: asyncio.Task[None] | None = None
         self._transport: asyncio.DatagramTransport | None = None
@@ -126,6 +127,7 @@ class UdpListener(asyncio.DatagramProtocol):
 
     def stop(self) -> None:
         """Hears nothing and sends nothing more."""
+        self._came.clear()
         if self._opening is not None:
             self._opening.cancel()
         if self._transport is not None:
@@ -150,6 +152,9 @@ class UdpListener(asyncio.DatagramProtocol):
         self._transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
+        self._came.add(data, addr)
+
+    def _hear(self, data: bytes, addr: Any) -> None:
         port = self.senders.get(addr)
         if port is None:
             port = self.senders[addr] = SenderPort(self, addr)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections import deque
+from collections.abc import Callable
 from typing import Any, cast
 
 from framekit.transport.clock import AsyncioClock
@@ -16,6 +18,46 @@ from framekit.transport.port import Port, PortEvents
 
 LARGEST = 65_507
 """Bytes that fit into a datagram (IPv4)."""
+
+MOST = 1_536
+"""So many bytes of datagrams are told in one turn of the loop; the rest of a larger one follows in the next turns."""
+
+MOST_WAITING = 256
+"""So many pieces wait for their turn; datagrams that come all the same are lost, as datagrams may be."""
+
+
+class Datagrams:
+    """What came in datagrams, told with its sender, few bytes a turn of the loop and without a pause between them."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, tell: Callable[[bytes, Any], None]) -> None:
+        self._loop = loop
+        self._tell = tell
+        self._waiting: deque[tuple[bytes, Any]] = deque()
+
+    def add(self, data: bytes, sender: Any) -> None:
+        """A datagram came."""
+        if self._waiting:
+            if len(self._waiting) < MOST_WAITING:
+                self._put(data, sender)
+            return
+        if len(data) > MOST:
+            self._put(data[MOST:], sender)
+            self._loop.call_soon(self._next)
+        self._tell(data[:MOST], sender)
+
+    def _put(self, data: bytes, sender: Any) -> None:
+        self._waiting.extend((data[at : at + MOST], sender) for at in range(0, max(len(data), 1), MOST))
+
+    def _next(self) -> None:
+        if self._waiting:
+            data, sender = self._waiting.popleft()
+            if self._waiting:
+                self._loop.call_soon(self._next)
+            self._tell(data, sender)
+
+    def clear(self) -> None:
+        """Nothing more is told."""
+        self._waiting.clear()
 
 
 class UdpPort(Port):
@@ -120,12 +162,13 @@ class _Endpoint(asyncio.DatagramProtocol):
     def __init__(self, port: UdpPort) -> None:
         self.port = port
         self.transport: asyncio.DatagramTransport | None = None
+        self._came = Datagrams(port.clock.loop, lambda data, sender: port.hear(self, data, sender))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        self.port.hear(self, data, addr)
+        self._came.add(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there (yet): as on a line on which nobody answers, the time-outs say so."""

@@ -1,0 +1,99 @@
+"""A channel that hears noise without end leaves others, and those who want to stop, their turn: pieces are counted."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+from pathlib import Path
+from random import Random
+
+from framekit.blocks.load import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import AsyncioClock
+
+LONGEST = 60
+FEW = 40
+"""Pieces of noise that may be dealt with before something else is; the flood has hundreds."""
+
+RUN = """
+run: flooded
+memory: masterlogic
+channels:
+  1: {{port: "tcp://127.0.0.1:{noisy}", protocol: {protocol}, role: server, own: 3, map: {{holding: M100}}}}
+  2: {{port: "tcp://127.0.0.1:{asking}", protocol: modbus-tcp, role: server, own: 1, map: {{holding: M100}}}}
+set: {{M100: [0x1234]}}
+blocks: {{}}
+"""
+READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+REPLY = bytes.fromhex("0001 0000 0005 01 03 02 1234")
+
+
+class Counting(AsyncioClock):
+    """Counts what connections take."""
+
+    pieces = 0
+
+    def hear(self, count: int) -> None:
+        self.pieces += 1
+        super().hear(count)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+async def connected(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    while True:
+        try:
+            return await asyncio.open_connection("127.0.0.1", port)
+        except ConnectionRefusedError:
+            await asyncio.sleep(0)
+
+
+async def flood(writer: asyncio.StreamWriter) -> None:
+    noise = Random(3).randbytes(100_000)
+    while True:
+        writer.write(noise)
+        await writer.drain()
+
+
+async def scenario(folder: Path) -> None:
+    loop = asyncio.get_running_loop()
+    noisy_port, asking_port = free_port(), free_port()
+    path = folder / "flooded.run.yaml"
+    path.write_text(RUN.format(noisy=noisy_port, asking=asking_port, protocol="modbus-rtu"), "utf-8")
+    clock = Counting(loop)
+    service = RunService(load_run(path), clock, lambda channel, seen: None)
+    service.start()
+    reader, writer = await connected(asking_port)
+    flooding = asyncio.create_task(flood((await connected(noisy_port))[1]))
+    try:
+        while clock.pieces < 20:
+            await asyncio.sleep(0)
+        for _ in range(5):
+            before = clock.pieces
+            writer.write(READ)
+            assert await reader.readexactly(len(REPLY)) == REPLY
+            assert clock.pieces - before < FEW
+        stopped: asyncio.Future[int] = loop.create_future()
+        loop.add_signal_handler(signal.SIGTERM, lambda: stopped.set_result(clock.pieces))
+        before = clock.pieces
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert await stopped - before < FEW
+        before = clock.pieces
+        service.stop()
+        for _ in range(50):
+            await asyncio.sleep(0)
+        assert clock.pieces == before, "nothing is heard any more"
+    finally:
+        loop.remove_signal_handler(signal.SIGTERM)
+        flooding.cancel()
+        service.stop()
+
+
+def test_another_channel_and_a_signal_have_their_turn_while_noise_comes(tmp_path: Path) -> None:
+    asyncio.run(asyncio.wait_for(scenario(tmp_path), LONGEST))
