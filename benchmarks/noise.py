@@ -50,11 +50,9 @@ def compiled(name: str) -> tuple[Protocol, Codec]:
 
 def shipped() -> list[str]:
     """Every shipped protocol that is a line of its own."""
-    folder = Path(__file__).parent.parent / "frames"
-    files = sorted(file for file in folder.glob("*.yaml") if file.read_text(encoding="utf-8").find("\nframes:") >= 0)
-    kinds = {file.stem: file.read_text(encoding="utf-8") for file in files}
-    lines = [name for name, text in kinds.items() if f"protocol: {name}\n" in text and "areas: commreq" not in text]
-    return [name for name in lines if not name.startswith(("commreq", "standard"))]
+    files = sorted((Path(__file__).parent.parent / "frames").glob("*.yaml"))
+    found = [file.stem for file in files if f"protocol: {file.stem}\n" in file.read_text(encoding="utf-8")]
+    return [name for name in found if compiled(name)[0].frames]
 
 
 def links(names: list[str]) -> list[Link]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from functools import cache
 from random import Random
 from typing import Any
@@ -11,8 +12,11 @@ import pytest
 from shipped import PROTOCOLS
 
 from framekit.codec.codec import compile_protocol
+from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 from framekit.link.engine import Engine
+from framekit.link.observe import Monitor, Seen
+from framekit.link.recovery import BAD_APART, MOST_BAD
 
 SIZE = 12_000
 MOST = 60
@@ -25,17 +29,17 @@ def compiled(name: str) -> tuple[Any, Any]:
     return protocol, compile_protocol(protocol)
 
 
-def engine(name: str, role: str | None) -> Engine:
+def engine(name: str, role: str | None, monitor: Monitor | None = None) -> Engine:
     protocol, codec = compiled(name)
     own: Any = {"number": 1, "text": "A", "bytes": bytes(protocol.station.size or 0)}.get(protocol.station.type)
-    made = Engine(protocol, codec, role, own=own)
+    made = Engine(protocol, codec, role, own=own, monitor=monitor)
     made.opened(0)
     return made
 
 
-def calls(name: str, role: str | None, pieces: list[bytes]) -> tuple[int, Engine]:
+def calls(name: str, role: str | None, pieces: list[bytes], monitor: Monitor | None = None) -> tuple[int, Engine]:
     """How many functions are called while these pieces come one right after the other."""
-    hearing, count = engine(name, role), 0
+    hearing, count = engine(name, role, monitor), 0
 
     def counted(frame: object, event: str, argument: object) -> None:
         nonlocal count
@@ -82,3 +86,51 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
         hearing.receive(piece, 1_000_000_000 + 1000 * number)
         assert len(hearing.receiver.stream.buffer) - hearing.receiver.stream.position <= most + 100
     assert hearing.counters.bad > SIZE // (2 * most)
+
+
+WORST = 45
+"""Calls for each byte of the worst bytes that `benchmarks/noise.py` has found: the dearest need about 30."""
+
+
+@cache
+def first_bytes(name: str) -> list[bytes]:
+    """How frames of a protocol begin, and frames whose last byte is wrong."""
+    protocol, codec = compiled(name)
+    sampler = Sampler(codec, engine(name, next(iter(protocol.roles), None)).scope)
+    drawn = [sample.data for frame in protocol.frames for sample in sampler.samples(frame, 1, 5) if sample.data]
+    frames = sorted(drawn, key=len)[:: max(1, len(drawn) // 4)]
+    return [part for data in frames for part in (data[:3], data[:-1] + bytes([data[-1] ^ 0x55]))]
+
+
+def worst(name: str) -> Iterator[bytes]:
+    """What has been found to cost most: one byte over and over, starts over and over, damaged frames in a row."""
+    yield from (bytes([byte]) * SIZE for byte in (0x00, 0x03, 0x05, 0x06, 0x15, 0x1B, 0x10, 0xFF))
+    inside = (b"\x05" * 60 + b"\x04", b"\x06" * 60 + b"\x03")
+    for few in (b"\xc3\xff", b"\x05\x41", b"\x42\x36\x04", b"\x1b\x1b\x00\x59", *inside):
+        yield (few * SIZE)[:SIZE]
+    for part in first_bytes(name):
+        yield (part * SIZE)[:SIZE]
+
+
+@pytest.mark.parametrize("is_watched", [False, True])
+@pytest.mark.parametrize(("name", "role"), [side for side in SIDES if side[0].endswith(("rtu", "snp-x"))], ids=str)
+def test_the_worst_bytes_take_few_calls_too(name: str, role: str | None, is_watched: bool) -> None:
+    for data in worst(name):
+        seen: list[Seen] = []
+        count, hearing = calls(name, role, cut(data[:4000], 1500), seen.append if is_watched else None)
+        if hearing.counters.received * 200 < len(data):
+            assert count / 4000 < WORST, data[:40].hex()
+
+
+@pytest.mark.parametrize("size", [1, 7, 300, 4000])
+def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes(size: int) -> None:
+    seen: list[Seen] = []
+    _, hearing = calls("modbus-rtu", "server", cut(b"\xff" * 4000, size), seen.append)
+    hearing.tick(3_600_000_000_000)
+    bad = [one for one in seen if one.kind == "bad"]
+    assert all(one.reason and one.frame for one in bad)
+    told = sum(len(one.raw) for one in seen if one.kind in ("bad", "noise"))
+    assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + 4000 // BAD_APART + 1
+    assert hearing.counters.noise_bytes == sum(len(one.raw) for one in seen if one.kind == "noise")
+    assert 4000 - 2 * BAD_APART < told <= 4000
+    assert "what a bad frame left" in {one.reason for one in seen if one.kind == "noise"}
