@@ -174,6 +174,7 @@ class DirectLane:
             and not machine.delivered
             and machine.session.is_ready(request.station, request.outside_session)
             and not machine.late.until
+            and not machine.late.lost
             and self.receiver.is_idle
         )
 

@@ -31,7 +31,7 @@ class Farewell:
             return False
         session = self.machine.session
         if session.session is None or not (session.is_open or session.busy):
-            if self.output.outgoing is not None or self.output.pending:
+            if self.output.outgoing is not None or self.output.pending or self.machine.late.items:
                 return False
             self.machine.callbacks.append(self._on_done)
             self._on_done = None

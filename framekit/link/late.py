@@ -85,7 +85,7 @@ class LateReplies:
         return was_due
 
     def was_kept(self, frame: str, more: bool) -> bool:
-        """Whether a good frame is one of the lost: `more` came together with it. Alone it is what is waited for."""
+        """Whether a good frame is one of the lost: one `more` came behind it. Alone it is what is waited for."""
         if frame not in self.replies:
             return False
         self.lost = self.lost - 1 if more else 0

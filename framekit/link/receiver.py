@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived, Noise
 from framekit.link.candidates import Trouble
-from framekit.link.evaluate import Names
+from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.interest import Interest
@@ -193,6 +194,24 @@ class Receiver(PlainLooking):
                     if type(result) is Good:
                         return self._arrived(result)
         return None
+
+    def is_followed_by(self, frames: Iterable[str]) -> bool:
+        """Whether one of these frames stands whole and good somewhere behind the one that was handed over last."""
+        buffer, names = self.stream.buffer, self._names
+        infos = [self.table.infos[name] for name in frames if name in self.table.on_line]
+        for place in range(self.stream.position + self._given, len(buffer)):
+            for info in infos:
+                try:
+                    size = info.measure(buffer, place, len(buffer), names, 0)
+                    if size > 0:
+                        info.decode(bytes(buffer[place : place + size]), names)
+                        return True
+                except FrameError as error:
+                    if error.refuse is not None:
+                        return True
+                except CODEC_ERRORS:
+                    continue
+        return False
 
     def flush(self) -> list[Noise]:
         """Drops everything that has not become a frame; returns it as noise."""

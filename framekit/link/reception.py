@@ -134,7 +134,7 @@ class Reception:
         self.counters.received += 1
         self.machine.show_received(event.value, event.raw, event.started_at)
         late = self.machine.late
-        if late.lost and late.was_kept(event.value.frame, not self.receiver.is_empty):
+        if late.lost and late.was_kept(event.value.frame, self.receiver.is_followed_by(late.replies)):
             self.unsolicited(event.value, True)
             return
         while reading is not None:

@@ -338,3 +338,31 @@ def test_the_rule_costs_one_comparison_where_nothing_is_late() -> None:
         assert side.engine.direct.is_under_way is (number > 0)
         side.reply(number)
     assert side.values == [[number] for number in range(5)] and side.engine.machine.late.until == 0
+
+
+@pytest.mark.parametrize(
+    ("retries", "protocol"), [(0, REGISTERS), (1, REGISTERS), (0, "modbus-rtu"), (1, "modbus-rtu")]
+)
+def test_a_byte_behind_each_reply_does_not_make_a_client_deaf(retries: int, protocol: str) -> None:
+    """The line's driver leaves one when it is switched off: one lost reply makes no other one late."""
+    side = Side(protocol, retries=retries)
+    place = "R1" if protocol == REGISTERS else "40001"
+    for number in range(5):
+        side.read(place, number)
+        sent = len(side.sent)
+        if number:
+            side.come(side.replies[sent - 1] + b"\0")
+        side.until(side.now + 10 * SECOND)
+    assert side.values == ["no_reply", [1], [2], [3], [4]]
+
+
+def test_the_end_waits_for_a_frame_that_is_kept_back() -> None:
+    side = Side(retries=0)
+    ended: list[int] = []
+    side.read("R1", 11)
+    side.until(SECOND)
+    side.do(side.engine.send_frame("read", side.now, {"station": 3, "address": 5, "count": 1}))
+    side.do(side.engine.close_session(side.now, lambda: ended.append(len(side.sent))))
+    assert len(side.sent) == 1 and not ended
+    side.until(2 * SECOND)
+    assert ended == [2]
