@@ -106,6 +106,8 @@ class CountConstruct(Computed):
 
     def measured(self, context: Container) -> int | None:
         items = context._values.get(self.segment.of)
-        if items is None or (context._state.stopped and not is_marked(context, self.segment.of)):
+        if items is None and self.segment.of not in context._left_out:
             return None
-        return len(items) + self.segment.plus
+        if context._state.stopped and not is_marked(context, self.segment.of):
+            return None
+        return len(items or ()) + self.segment.plus  # a list that is not there has none

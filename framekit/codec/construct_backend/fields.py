@@ -88,7 +88,8 @@ class FieldConstruct(ValueSegment):
 
     def fill(self, filling: Filling, name: str) -> Any:
         field, given = self.segment, filling.given_of(name)
-        if given is MISSING and field.is_ is None and field.default is None and not filling.is_there(name):
+        is_there = filling.is_there if field.default is None else filling.is_held
+        if given is MISSING and not is_there(name):
             raise Absent(name)
         if given is not MISSING:
             given = self._meant(given, filling)

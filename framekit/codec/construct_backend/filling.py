@@ -157,6 +157,10 @@ class Filling(Mapping[str, Any]):
             return False
         return True
 
+    def is_held(self, name: str) -> bool:
+        """Whether what holds a value is there: its case is the chosen one, say."""
+        return any(part.is_held(self) for part in self.plan.values[name])
+
     def refuse_absent(self) -> None:
         """Refuses given values whose segments are not there. Raises EncodeError."""
         for name, value in self.given.items():

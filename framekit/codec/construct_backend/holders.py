@@ -8,7 +8,7 @@ from typing import Any
 
 from construct import Construct, Container
 
-from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment, names_of
+from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment, named_segments, names_of
 from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
 from framekit.codec.construct_backend.faults import Place
 from framekit.codec.construct_backend.filling import MISSING, Absent, Filling, Plan
@@ -71,6 +71,13 @@ class Fields(Construct):
         return obj
 
 
+class ReadRecord(Container):
+    """The values of a record that is read. For expressions, one that is not there is nothing."""
+
+    def value_or_nothing(self, name: str) -> Any:
+        return self.get(name)
+
+
 def open_context(
     outer: Container, state: State, stream: BytesIO, declared: frozenset[str], is_frame: bool = False
 ) -> Container:
@@ -85,7 +92,7 @@ def open_context(
         _index=outer.get("_index"),
         _state=state,
         _declared=declared,
-        _values=Container(),
+        _values=Container() if is_frame else ReadRecord(),
         _orders={},
         _marks={},
         _left_out=set(),
@@ -282,7 +289,10 @@ class OptionalConstruct(SegmentConstruct):
             self.segments._parse(stream, context, path)
         else:
             reading.leave_out(context, self.names)
+            reading.mark_absent(named_segments(self.segment.of), context)
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         if self.is_wanted(filling):
             self.segments._build(filling, stream, context, path)
+        else:
+            context._state.mark_absent(named_segments(self.segment.of), context)

@@ -69,6 +69,12 @@ class State:
         if name is not None:
             context._marks[name] = Mark(first, len(self.leaves), stream_tell(stream, path) - start)
 
+    def mark_absent(self, segments: Iterable[Segment], context: Container) -> None:
+        """Notes where segments would stand that are not there: ranges may begin and end with them."""
+        for segment in segments:
+            if segment.name is not None:
+                context._marks[segment.name] = Mark(len(self.leaves), len(self.leaves), 0)
+
 
 def scopes(context: Container) -> Iterator[Container]:
     """The context of a record and of the records around it, up to its frame."""

@@ -48,6 +48,8 @@ def write_decoder(
         write_docstring(out, f"Read the {kind} `{name}`. Raises FrameError.", summary(segments))
         for context, local in function.hoisted.items():
             out.add(f"{local} = {module.given(context)}")
+        for local in function.regions:
+            out.add(f'{local} = b""')
         if at_once is not None:
             _try_at_once(out, *at_once)
         with out.block("try:"):

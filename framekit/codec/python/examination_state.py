@@ -29,7 +29,7 @@ class Stop(Exception):  # noqa: N818 - no error, a way out of a part that cannot
 class Nothing(dict[str, Any]):
     """What stands for a record that is not there: all in it is nothing, too."""
 
-    def __missing__(self, name: str) -> Any:
+    def get(self, name: str, default: Any = None) -> Any:
         return self
 
     def __eq__(self, other: object) -> bool:

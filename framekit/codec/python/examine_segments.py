@@ -9,7 +9,7 @@ from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.examining import Behind, Examining
 from framekit.codec.python.expressions import Scope, constant_of
 from framekit.codec.python.function import covers_later, leaves, span_names
-from framekit.codec.python.shape import Fill, is_followed, is_plain_name, targets_of
+from framekit.codec.python.shape import Fill, is_always_there, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
     Bits,
@@ -135,9 +135,11 @@ class SegmentExaminer(Examining):
 
     def _wanted_count(self, count: Count) -> str | None:
         repeat = self.by_name.get(count.of)
-        if not isinstance(repeat, Repeat) or (count.plus == 0 and is_plain_name(repeat.times, count.name)):
+        there = is_always_there(count.of, self.segments)
+        followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
+        if not isinstance(repeat, Repeat) or (there and followed):
             return None
-        return f"len(n[{quoted(count.of)}])"
+        return f"len(n[{quoted(count.of)}]{'' if there else ' or ()'})"
 
     def _bits(self, bits: Bits, scope: Scope) -> None:
         parts = {part.name: (part.low, (1 << part.high - part.low + 1) - 1) for part in bits.parts}

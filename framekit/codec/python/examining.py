@@ -8,7 +8,7 @@ from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.function import leaves, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
-from framekit.codec.python.shape import everything, names_read, value_names
+from framekit.codec.python.shape import everything, names_asked_for, value_names
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.emit import BIT_OR, PRODUCT
 from framekit.definition.expression.syntax import Expression, names_in
@@ -49,7 +49,7 @@ class Examining:
         self.late_checks: list[str] = []
         self.field_names = {name for segment in everything(segments) for name in value_names(segment)}
         self.read_names: set[str] = set()
-        self.asked_by_name = names_read(segments)
+        self.asked_by_name = names_asked_for(segments)
         self.asked_for = self._asked_for()
 
     def _asked_for(self) -> set[str]:

@@ -153,10 +153,10 @@ class ExpressionWriter:
         if entry is not None and entry.direct and entry.inside is not None and node.name in entry.inside.entries:
             return entry.inside.entries[node.name].text
         text = emit(node.value, self, ATOM)
-        if entry is not None and entry.kind == "record":
-            return f"{text}[{quoted(node.name)}]"
+        if entry is not None and entry.kind == "record":  # what is not there is nothing
+            return f"{text}.get({quoted(node.name)})"
         if entry is not None and entry.kind == "list":
-            return f"[item[{quoted(node.name)}] for item in {text}]"
+            return f"[item.get({quoted(node.name)}) for item in {text}]"
         if self._from_table(node.value):
             return f"{text}[{quoted(node.name)}]"
         return f"{self.module.function('attribute')}({text}, {quoted(node.name)})"

@@ -10,7 +10,7 @@ from framekit.codec.python.building import Building
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
 from framekit.codec.python.source import Code, literal, quoted, text_source
-from framekit.definition.expression.emit import AND, OR
+from framekit.definition.expression.emit import AND, COMPARE, OR
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
 from framekit.definition.model.segments import BitsPart, Count, Data, Field, Length, Segment
 
@@ -50,9 +50,7 @@ class FieldValueWriter(Building):
 
     def field_tasks(self, item: Field, scope: Scope, given: Given) -> list[Task]:
         needed = item.build is None and item.default is None and item.is_ is None and item.constants is None
-        waits = self.waits(item.is_ or item.build or item.default)
-        if needed and item.when is not None:
-            waits |= self.waits(item.when)
+        waits = self.waits(item.is_ or item.build or item.default, item.when if item.default is None else None)
         may_be_given = not needed and item.is_ is None
         first = Task(
             (item.name,), waits, lambda missing: self._field(item, scope, given, needed, missing), may_be_given
@@ -87,7 +85,7 @@ class FieldValueWriter(Building):
             entry.text = literal(item.constants[0])
             given.computed[item.name] = entry.text
         elif item.is_ is not None:
-            entry.text = self._computed(item.name, item.is_, local, scope, given)
+            entry.text = self._computed(item.name, item.is_, local, scope, given, item.when)
             self.refuse_digits(item, scope, entry.text)
             if sized and isinstance(item.type.size, int) and entry.text == local:
                 self._judge_text(item, scope, local)
@@ -98,14 +96,28 @@ class FieldValueWriter(Building):
             if item.values is not None:
                 numbers = self.module.numbers(item.values, f"{self.title} {item.name}")
                 self.add(f"{local} = {numbers}.get({local}, {local})")
+        if item.name in given.computed and item.default is None:
+            entry.text = self.or_nothing(item.name, entry.text, item.when, scope)
         scope.entries[item.name] = entry
         if not sized and item.when is None:
             entry.wire = self.room((item.name,), scope)
 
-    def _computed(self, name: str, expression: Expression, local: str, scope: Scope, given: Given) -> str:
+    def or_nothing(self, name: str, text: str, when: Expression | None, scope: Scope) -> str:
+        """Text of a value for the expressions that read it: what is absent is nothing."""
+        if when is None or name not in self.read_names:
+            return text
+        return f"({text} if {self.text(when, scope, OR)} else None)"
+
+    def if_there(self, text: str, when: Expression | None, scope: Scope) -> str:
+        """Text of what is worked out only for a segment that is there."""
+        return text if when is None else f"({text}) if {self.text(when, scope, OR)} else None"
+
+    def _computed(
+        self, name: str, expression: Expression, local: str, scope: Scope, given: Given, when: Expression | None
+    ) -> str:
         number = constant_of(expression)
         if number is None:
-            self.add(f"{local} = {self.writer(scope).value(expression)}")
+            self.add(f"{local} = {self.if_there(self.writer(scope).value(expression), when, scope)}")
         text = local if number is None else str(number)
         given.computed[name] = text
         return text
@@ -126,7 +138,10 @@ class FieldValueWriter(Building):
         text = default_text(self.writer(with_missing).value(expression), item)
         if isinstance(expression.root, (Number, Text, Bytes)):
             return given.value_or(item.name, text)
-        return given.value_or_worked_out(item.name, self.writer(with_missing).value(expression))
+        text = self.writer(with_missing).value(expression)
+        if item.default is None and item.when is not None:
+            text = f"({self.if_there(text, item.when, scope)})"
+        return given.value_or_worked_out(item.name, text)
 
     def wanted(self, name: str, given: Given) -> str:
         """Text of a value that is wanted here; in a record it says itself whose value is missing."""
@@ -194,23 +209,25 @@ class FieldValueWriter(Building):
 
     def bits_task(self, part: BitsPart, when: Expression | None, scope: Scope, given: Given) -> Task:
         def write(missing: set[str]) -> None:
-            self._bits(part, scope, given, missing)
+            self._bits(part, when, scope, given, missing)
             entry = scope.entries[part.name]
-            if when is not None and part.name in self.read_names:  # what is absent is nothing
-                entry.text = f"({entry.text} if {self.text(when, scope, OR)} else None)"
+            entry.text = self.or_nothing(part.name, entry.text, when, scope)
 
-        waits = self.waits(part.is_ or part.build, when if part.name in self.read_names else None)
+        worked_out = part.is_ or part.build
+        asked = part.name in self.read_names or worked_out is not None
+        waits = self.waits(worked_out, when if asked else None)
         return Task((part.name,), waits, write, part.is_ is None)
 
-    def _bits(self, part: BitsPart, scope: Scope, given: Given, missing: set[str]) -> None:
+    def _bits(self, part: BitsPart, when: Expression | None, scope: Scope, given: Given, missing: set[str]) -> None:
         local = self.local(part.name, given)
         text = local
         if part.constants is not None and len(part.constants) == 1:
             text = given.computed[part.name] = str(part.constants[0])
         elif part.is_ is not None:
-            text = self._computed(part.name, part.is_, local, scope, given)
+            text = self._computed(part.name, part.is_, local, scope, given, when)
         elif part.build is not None and not isinstance(part.build.root, Number):
             build = self.writer(self.with_missing(scope, given, missing)).value(part.build)
+            build = f"({self.if_there(build, when, scope)})" if when is not None else build
             self.bind(local, given.value_or_worked_out(part.name, build))
         else:
             first = 0 if part.constants is None else part.constants[0]
@@ -224,7 +241,8 @@ class FieldValueWriter(Building):
                 self._refuse_others(part.name, local, part.constants)
         if text == local:
             most = (1 << part.high - part.low + 1) - 1
-            self.refuse_if(f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}")
+            condition = f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}"
+            self.refuse_if(condition if when is None else f"({self.text(when, scope, AND)} and {condition})")
         scope.entries[part.name] = Entry(text, sized=False)
 
     # ---- data ---------------------------------------------------------------------------------------------
@@ -250,7 +268,7 @@ class FieldValueWriter(Building):
             self.no_bytes(local)
         if isinstance(data.size, int):
             self.refuse(data, scope, f"len({local}) {'!=' if data.pad is None else '>'} {data.size}")
-        if data.least and (not isinstance(data.size, int) or data.pad is not None):
+        if data.least and not isinstance(data.size, int) and data.pad is None:
             self.refuse(data, scope, f"len({local}) < {data.least}")
         scope.entries[data.name] = Entry(local)
 
@@ -266,6 +284,8 @@ class FieldValueWriter(Building):
     def _data_size(self, data: Data, scope: Scope, given: Given) -> None:
         assert isinstance(data.size, Expression)
         self._sized_as_told(data, data.name, data.size, data.pad is not None, scope, given)
+        if data.least and data.pad is not None:  # it is filled up first
+            self.refuse(data, scope, f"{self.text(data.size, scope, COMPARE)} < {data.least}")
 
     def _sized_as_told(
         self, item: Field | Data, name: str, told: Expression, is_filled: bool, scope: Scope, given: Given

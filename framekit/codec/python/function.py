@@ -10,7 +10,15 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.places import Place, between
-from framekit.codec.python.shape import Target, everything, flat, is_followed, names_read, targets_of, value_names
+from framekit.codec.python.shape import (
+    Target,
+    everything,
+    flat,
+    is_followed,
+    names_asked_for,
+    targets_of,
+    value_names,
+)
 from framekit.codec.python.source import Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import (
@@ -53,8 +61,9 @@ class Function:
         self.misfit = MISFIT
         self.names = Names(module.words())
         self.hoisted: dict[str, str] = {}
+        self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
         self.conditions: list[str] = []
-        self.read_names = names_read(segments)
+        self.read_names = names_asked_for(segments)
         self.field_names = {name for segment in everything(segments) for name in value_names(segment)}
         self.tracked = tracked_names(segments)
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}

@@ -255,6 +255,8 @@ def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair
         out.docstring(f"Read `{frame.name}` with `{pair.inside_name}` inside.")
         for context, local in function.hoisted.items():
             out.add(f"{local} = {module.given(context)}")
+        for local in function.regions:
+            out.add(f'{local} = b""')
         out.extend(function.out)
         out.add(f"return {result}")
     return out

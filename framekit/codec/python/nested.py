@@ -8,7 +8,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.branches import BranchReader
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.expressions import Entry, Scope
-from framekit.codec.python.function import MISFIT
+from framekit.codec.python.function import MISFIT, leaves
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, without_end
 from framekit.codec.python.runs import shown_name
@@ -196,6 +196,8 @@ class Reader(BranchReader):
     def _wrap(self, item: Item, wrap: Wrap, after: tuple[Item, ...]) -> None:
         function = self.function
         plain = function.names.fresh(shown_name(wrap, "plain"))
+        if function.in_branch and any(leaf.name in function.tracked for leaf in leaves(wrap.of)):
+            function.regions.append(plain)
         fixed = self.shapes.all(wrap.of).fixed
         if wrap.how == "hex":
             if fixed is not None:

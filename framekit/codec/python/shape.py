@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.expression.syntax import Attribute, Expression, Name, names_in, walk
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
@@ -280,6 +280,27 @@ def is_followed(length: Length, targets: Mapping[str, Target]) -> bool:
 def names_read(segments: Iterable[Segment]) -> set[str]:
     """Every name that an expression in these segments reads."""
     return {name for expression in expressions_of(tuple(segments)) for name in names_in(expression.root)}
+
+
+def names_asked_for(segments: Iterable[Segment]) -> set[str]:
+    """Every name that something in these segments reads, also of a record or a list."""
+    segments = tuple(segments)
+    nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
+    attributes = {node.name for node in nodes if isinstance(node, Attribute)}
+    return names_read(segments) | attributes | {one.of for one in everything(segments) if isinstance(one, Count)}
+
+
+def is_always_there(name: str, segments: Iterable[Segment]) -> bool:
+    """Whether a segment stands under no condition, in no choice and in no optional part."""
+    return any(
+        one.when is None
+        and (
+            one.name == name
+            or (isinstance(one, (Record, Wrap)) and is_always_there(name, one.of))
+            or (isinstance(one, Repeat) and isinstance(one.of, tuple) and is_always_there(name, one.of))
+        )
+        for one in segments
+    )
 
 
 def without_when(segment: Segment) -> Segment:

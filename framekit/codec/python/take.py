@@ -155,7 +155,9 @@ class TakeWriter:
         self.hoist(out, refusal)
 
     def hoist(self, out: Source, refusal: str) -> None:
-        """Writes what fetches context values."""
+        """Writes what fetches context values, and the locals of content that may be absent."""
+        for local in self.function.regions:
+            out.add(f'{local} = b""')
         for context, local in self.function.hoisted.items():
             out.add(f"{local} = {self.module.given(context)}")
             state = self.module.protocol.state.get(context)

@@ -167,7 +167,8 @@ class ValueWriter(FieldValueWriter):
         local = self.names.fresh(number.name)
         plus = "" if not number.plus else f" + {number.plus}" if number.plus > 0 else f" - {-number.plus}"
         self.add(f"{local} = {text}{plus}")
-        scope.entries[number.name] = Entry(local, sized=False, wire=self._own_room(number, scope))
+        shown = self.or_nothing(number.name, local, number.when, scope)
+        scope.entries[number.name] = Entry(shown, sized=False, wire=self._own_room(number, scope))
         given.computed[number.name] = local
         if number.limits is None and number.zero_means is None:
             self.refuse_digits(number, scope, local)
@@ -181,7 +182,7 @@ class ValueWriter(FieldValueWriter):
             self.complain(condition, text_source(*path), text_source("'", *path, *found))
 
     def _value_tasks(self, value: Value, scope: Scope, given: Given) -> list[Task]:
-        waits = self.waits(value.build or value.read)
+        waits = self.waits(value.build or value.read, value.when)
         tasks = [Task((value.name,), waits, lambda missing: self._value(value, scope, given, missing), True)]
         tasks[0].prefer = value.build is None
         agree = self.waits(value.read) | {value.name}
@@ -190,10 +191,11 @@ class ValueWriter(FieldValueWriter):
     def _value(self, value: Value, scope: Scope, given: Given, missing: set[str]) -> None:
         local = self.names.fresh(value.name)
         if value.build is None and not missing:
-            self.add(f"{local} = {self.writer(scope).value(value.read)}")
+            self.add(f"{local} = {self.if_there(self.writer(scope).value(value.read), value.when, scope)}")
             given.computed[value.name] = local
         else:
             text = self.writer(self.with_missing(scope, given, missing)).value(value.build or value.read)
+            text = text if value.when is None else f"({self.if_there(text, value.when, scope)})"
             self.add(f"{local} = {given.value_or_worked_out(value.name, text)}")
         scope.entries[value.name] = Entry(local)
 
@@ -205,7 +207,8 @@ class ValueWriter(FieldValueWriter):
         read = self.text(value.read, scope, BIT_OR)
         path = *given.path, value.name
         message = text_source("'", *path, "' does not agree with the other values")
-        self.complain(f"{local} != {read}", text_source(*path), message)
+        there = "" if value.when is None else f"{self.text(value.when, scope, AND)} and "
+        self.complain(f"{there}{local} != {read}", text_source(*path), message)
 
     def _require(self, segment: Segment, condition: Expression, scope: Scope) -> None:
         text = self.writer(scope).negated(condition)

@@ -12,7 +12,7 @@ from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.function import covers_later, span_names
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, not_possible
-from framekit.codec.python.shape import Target, is_followed, is_plain_name, targets_of
+from framekit.codec.python.shape import Target, is_always_there, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
@@ -166,7 +166,9 @@ class JudgingReader(BufferReader):
     def compare_count(self, item: Item, count: Count) -> None:
         """A count that does not say itself how often something is repeated is compared with the list."""
         repeat = self.function.by_name.get(count.of)
-        if not isinstance(repeat, Repeat) or (count.plus == 0 and is_plain_name(repeat.times, count.name)):
+        there = is_always_there(count.of, self.function.segments)
+        followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
+        if not isinstance(repeat, Repeat) or (there and followed):
             return
         local = item.scope.entries[count.name].text
         plus = f" + {count.plus}" if count.plus > 0 else f" - {-count.plus}" if count.plus else ""
@@ -174,7 +176,7 @@ class JudgingReader(BufferReader):
         def compare() -> None:
             items = item.scope.find(count.of)
             if items is not None:
-                self.function.misfit_if(f"{local} != len({items.text}){plus}")
+                self.function.misfit_if(f"{local} != len({items.text}{'' if there else ' or ()'}){plus}")
 
         self.deferred.append(compare)
 

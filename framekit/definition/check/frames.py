@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.check.segments import check_segment, least_size
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression.syntax import Expression, Logic, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -265,9 +265,17 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
     for user in (*parts_of(frame.segments, Data), *parts_of(frame.segments, Repeat)):
         size = user.size if isinstance(user, Data) else getattr(user, "times", None)
         for name in sorted(names_in(size.root) & set(absent)) if isinstance(size, Expression) else ():
-            if user.when is None:
+            if not _implies(user.when, absent[name].when):
                 what = f"the size of '{user.name}' is '{size}', and '{name}' may be absent"
                 yield Problem(user.at, what, f"give both the same when: {absent[name].when}")
+
+
+def _implies(when: Expression | None, wanted: Expression | None) -> bool:
+    """Whether a condition is another one, or that one and more."""
+    if when is None or wanted is None:
+        return wanted is None
+    joined = isinstance(when.root, Logic) and when.root.operator == "and"
+    return str(wanted) in [part.strip(" ()") for part in (str(when).split(" and ") if joined else [])] + [str(when)]
 
 
 def _is_given(segment: Segment) -> bool:
@@ -293,6 +301,17 @@ def takes_rest(segment: Segment) -> bool:
     if isinstance(segment, (Data, Repeat)):
         return (segment.size if isinstance(segment, Data) else segment.times) == "rest"
     return isinstance(segment, Optional)
+
+
+def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
+    """The segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
+    for segment in segments:
+        yield segment
+        if isinstance(segment, Record) or (isinstance(segment, Wrap) and segment.how == "hex"):
+            yield from _without_own_end(segment.of)
+        elif isinstance(segment, Choose):
+            for case in (*(case for _, case in segment.cases), segment.otherwise or ()):
+                yield from _without_own_end(case)
 
 
 def _fixed(segment: Segment) -> bool:
@@ -342,6 +361,10 @@ def _items(segments: tuple[Segment, ...]) -> int:
 
 
 def _whole_size(frame: Frame) -> Iterator[Problem]:
+    for segment in _without_own_end(frame.body) if frame.size is not None else ():
+        if takes_rest(segment):
+            what = f"{_title(segment)} reaches to the end of the body, and would read what fills '{frame.name}' up"
+            yield Problem(segment.at, what, "give it a size, such as that of a length, or leave the frame's size out")
     least = least_size(frame.segments)
     items = _items(frame.segments)
     if least > MOST_BYTES:

@@ -80,6 +80,7 @@ class KindChecker:
         self.attributes = attributes
         self.problems: list[Problem] = []
         self.expression: Expression | None = None
+        self.named_numbers: frozenset[str] = frozenset()
 
     def wants(self, expression: Expression | None, wanted: Kind) -> None:
         """Notes what is wrong inside, and a result that is not `wanted`. A 0 is a time too."""
@@ -184,7 +185,7 @@ class KindChecker:
         return kind
 
     def _call(self, node: Call) -> Kind:
-        kinds = [self._kind(argument) for argument in node.arguments]
+        kinds = [self._argument(argument) for argument in node.arguments]
         for argument, kind, takes in zip(node.arguments, kinds, _TAKES.get(node.function, ()), strict=False):
             if kind != "any" and kind not in takes:
                 wanted = ", ".join(WORDS[one] for one in takes[:-1])
@@ -194,6 +195,9 @@ class KindChecker:
         if gives == "same":
             return _common(kinds) if len(kinds) > 1 else "any"
         return _FUNCTION_KINDS.get(gives, "any")
+
+    def _argument(self, node: Node) -> Kind:
+        return "number" if isinstance(node, Name) and node.name in self.named_numbers else self._kind(node)
 
     def _binary(self, node: Binary) -> Kind:
         left, right = self._kind(node.left), self._kind(node.right)

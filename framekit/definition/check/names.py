@@ -20,11 +20,11 @@ from framekit.definition.check.known_names import (
     takes_something,
     without_parts,
 )
-from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, walk
+from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, names_in, walk
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Record, Repeat, Segment
+from framekit.definition.model.segments import Bits, BitsPart, Field, Record, Repeat, Segment
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.values import Value
@@ -99,8 +99,18 @@ class NameChecker:
         known = set(outer) | field_names(segments)
         for segment in flat(segments):
             self._expressions(without_parts(segment), known)
+            for part in segment.parts if isinstance(segment, Bits) else [segment] if isinstance(segment, Field) else []:
+                self._from_itself(part, outer)
             if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
                 self._segments(segment.of, known)
+
+    def _from_itself(self, part: Field | BitsPart, outer: Collection[str]) -> None:
+        """In what computes a value, its own name means something outside, if there is such a thing."""
+        default = part.default if isinstance(part, Field) else None
+        for expression in (part.is_, part.build, default):
+            own = expression is not None and part.name in names_in(expression.root)
+            if expression is not None and own and part.name not in {*self.globally, *outer, *self.broken}:
+                self._note(expression.at, f"'{part.name}' cannot be computed from itself", "name another value")
 
     def _echo(self, frame: Frame) -> None:
         """What a reply repeats: a field of its own, and something that some frame of the other side has."""

@@ -67,6 +67,9 @@ def _field(field: Field) -> Iterator[Problem]:
         return
     if field.type.kind == "digits" and isinstance(field.type.size, int) and field.type.size > 32:
         yield Problem(field.at, f"a number of {field.type.size} digits is too long", "use data: for it")
+    if field.long is not None and isinstance(field.type.size, Expression):
+        what = f"'{field.name}' has a computed size, so its mark for long: has none"
+        yield Problem(field.at, what, "give a size that is a number, or leave long out")
     if field.only and field.long is not None:
         yield Problem(field.at, "only: values cannot go with long:", "leave one of them out")
     bounds = bounds_of(field.type)

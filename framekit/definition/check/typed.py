@@ -16,6 +16,7 @@ from framekit.definition.check.value_kinds import (
     kind_of_segment,
     kind_of_state,
     kind_of_variable,
+    named_numbers,
 )
 from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Name, Node, Text
 from framekit.definition.model.frames import Frame
@@ -32,6 +33,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Require,
     Segment,
+    Value,
     Wrap,
 )
 from framekit.definition.model.services import ServiceRow
@@ -120,6 +122,7 @@ class _Kinds:
     def _segments(self, segments: tuple[Segment, ...], outer: Mapping[str, Kind]) -> None:
         local = {**outer, **field_kinds(segments)}
         checker = self._checker(local)
+        checker.named_numbers = named_numbers(segments)
         for segment in flat(segments):
             self._segment(checker, segment)
             if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
@@ -145,6 +148,9 @@ class _Kinds:
                             self._for_field(checker, expression, "number", part.values)
             case Require(condition=condition):
                 checker.wants(condition, "any")
+            case Value(read=read, build=build):
+                checker.wants(read, "any")
+                checker.wants(build, "any")
             case Choose(on=on):
                 checker.wants(on, "any")
             case Wrap(insert=insert):

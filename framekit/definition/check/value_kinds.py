@@ -28,6 +28,15 @@ def field_kinds(segments: Iterable[Segment]) -> dict[str, Kind]:
     return found
 
 
+def named_numbers(segments: Iterable[Segment]) -> frozenset[str]:
+    """The names of values that are numbers for every function, and that a text may be compared with."""
+    values = [*flat(segments)]
+    fields = {one.name for one in values if isinstance(one, Field) and one.values is not None}
+    parts = {part.name for one in values if isinstance(one, Bits) for part in one.parts if part.values is not None}
+    others = {one.name for one in values if one.name and not (isinstance(one, Field) and one.values is not None)}
+    return frozenset((fields | parts) - others)
+
+
 def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
     """Notes the kind of a name; one with two kinds is `any`."""
     found[name] = kind if found.get(name, kind) == kind else "any"
