@@ -122,7 +122,7 @@ class BlockSettings:
     def effective(self, block: Block) -> Block:
         """The block with what stands in memory now; the same one while nothing has been changed there.
 
-        What is only shown is put back where somebody has written over it.
+        What is only shown is put back where it was written over.
 
         Raises SettingError for a station or a size it cannot work with.
         """

@@ -31,7 +31,7 @@ _WORDS: dict[type[Exception], str] = {
 
 
 def explain(error: Exception) -> str:
-    """What went wrong, in framekit's words: what the interpreter says of its own accord is for nobody else."""
+    """What went wrong, in framekit's words: what the interpreter says by itself is not shown."""
     if isinstance(error, KeyError):
         name = error.args[0] if error.args else ""
         return name if isinstance(name, str) and " " in name else f"there is no '{name}'"

@@ -65,7 +65,7 @@ class Mapping:
         return None
 
     def value(self, key: str) -> Node | None:
-        """The value of a key that somebody else reads, or that has to be looked at before it is clear who does."""
+        """The value of a key that another loader reads, or that decides which loader reads it."""
         return next((entry.value for entry in self.entries if entry.key.text == key), None)
 
     def read_all(self) -> tuple[Entry, ...]:

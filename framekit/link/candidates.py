@@ -150,7 +150,7 @@ class Candidates:
         return Bad(partial(self._report, info, raw, explain), len(raw), known_end)
 
     def _without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
-        """A frame whose end is lost. Most begin in noise and nobody is told: how it is bad is worked out on demand."""
+        """A frame whose end is lost. Most begin in noise and are not told: how it is bad is worked out on demand."""
         whole: list[Bad] = []
 
         def bad() -> Bad:
@@ -213,7 +213,7 @@ def fault_of(error: FrameError) -> Fault:
 
 
 def any_of(first: Bad | None, second: Bad) -> Bad:
-    """A bad frame where nobody asks which."""
+    """A bad frame of which no reason is asked for."""
     return first or second
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Frames by themselves sent, good frames received, those among them nobody took, bad frames, bytes of noise.
+    """Frames by themselves sent, good frames received, those not taken, bad frames, bytes of noise.
 
-    `late`: those nobody took that were replies whose exchange was over, or that answered a repeated request again.
+    `late`: those not taken that were replies whose exchange was over, or that answered a repeated request again.
     """
 
     sent: int = 0

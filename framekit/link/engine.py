@@ -76,7 +76,7 @@ class Engine(EngineCore):
         return self._finish()
 
     def other_sender(self, now: int) -> list[Command]:
-        """What comes from now on comes from somebody else. What had come before of a frame belongs to nothing."""
+        """What comes from now on comes from another sender. What had come before of a frame belongs to nothing."""
         self.scope.now = now
         self.direct.unfold()
         self.reception.show_noise(self.receiver.flush())
@@ -163,7 +163,7 @@ class Engine(EngineCore):
         return self._finish()
 
     def give_up(self, exchange: Exchange, now: int) -> list[Command]:
-        """Nobody waits for an exchange any more. What has been asked is waited for, but not asked again."""
+        """An exchange is given up by its caller. What has been asked is waited for, but not asked again."""
         self.scope.now = max(self.scope.now, now)
         self.direct.unfold()
         self.lanes.give_up(exchange)

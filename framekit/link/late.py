@@ -23,7 +23,7 @@ LONGEST = 60_000_000_000
 """No late reply is waited for longer than this (ns)."""
 
 MOST_HOLDS = 5
-"""A request that is held back so many times the usual time fails: what nobody asked for comes without end."""
+"""A request that is held back so many times the usual time fails: frames that were not asked for come without end."""
 
 
 class LateReplies:

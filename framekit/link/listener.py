@@ -107,7 +107,7 @@ class Listener:
         self._take(wires)
 
     def other_sender(self, now: int) -> None:
-        """What comes from now on comes from somebody else."""
+        """What comes from now on comes from another sender."""
         self.scope.now = max(self.scope.now, now)
         for wires in self._wires.values():
             self._flush(wires)

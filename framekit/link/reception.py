@@ -30,7 +30,7 @@ MOST_HELD = 262_144
 class Reception:
     """`interest` are the names of frames expected and of others; None while those who will wait do not wait yet.
 
-    `on_bad` gets bad frames that nobody waited for. `cutting`: frames are being broken off because a time limit has run
+    `on_bad` gets bad frames no step waited for. `cutting`: frames are being broken off because a time limit has run
     out; they are shown, and nothing more.
     """
 
@@ -155,7 +155,7 @@ class Reception:
             self.machine.show("trouble", frame=value.frame, reason=explain(error))
 
     def unsolicited(self, value: FrameValue, is_late: bool = False) -> None:
-        """A good frame that nobody took. A late reply is no frame that came by itself."""
+        """A good frame that was not taken. A late reply is no frame that came by itself."""
         self.counters.not_taken += 1
         self.counters.late += is_late
         if is_late or self.lanes.order:

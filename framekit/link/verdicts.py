@@ -26,7 +26,7 @@ class Bad:
 
     `open_at(size)`: of one that grew too long, whether silence could still have ended it with so many bytes.
 
-    Most are never reported, so the report is made when somebody asks, and so is `size` where it takes work; that has
+    Most are never reported, so the report is made when it is asked for, and so is `size` where it takes work; that has
     to be before the place in the stream changes.
     """
 
@@ -93,7 +93,7 @@ def worse(first: Bad | None, second: Bad) -> Bad:
     """The one that got further; of two that got equally far, the one asked first.
 
     One that silence could still have ended when the other was complete was none then: the other one is told. Where
-    both end at the same place nothing depends on it before somebody asks what was wrong.
+    both end at the same place nothing depends on it before it is asked what was wrong.
     """
     if first is None:
         return second

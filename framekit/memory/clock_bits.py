@@ -200,7 +200,7 @@ class SystemBits:
 
     @property
     def _calendar_counts(self) -> bool:
-        """Whether somebody waits for a bit of the calendar."""
+        """Whether a block waits for a bit of the calendar."""
         places = {(area.name, number) for area, number, _ in self._calendar}
         return bool(places) and (self._wake is None or any((name, bit // 16) in places for name, bit in self._wake))
 

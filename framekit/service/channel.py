@@ -254,7 +254,7 @@ class ChannelService:
                 self.owner.arrived(block.id, None)
 
     def _bad(self, bad: BadFrame) -> None:
-        """A bad frame nobody waited for: the RECEIVE blocks that name it have failed."""
+        """A bad frame that no step waited for: the RECEIVE blocks that name it have failed."""
         for block in self.receiving.get(bad.frame, ()) if self.receiving else ():
             if self.owner.takes(block.id) is not None:
                 cause = f"{bad.cause} at byte {bad.place}"

@@ -67,11 +67,11 @@ class ListeningPort(Port):
         self.clock.call_soon(lambda: events.opened(now))
 
     def write(self, data: bytes) -> None:
-        """There is nobody on the port itself."""
+        """The port itself has no sender."""
 
     def close(self) -> None:
         if self.serving is not None:
             self.serving.stop()
 
     def send_break(self, duration: int) -> None:
-        """There is nobody on the port itself."""
+        """The port itself has no sender."""

@@ -34,7 +34,7 @@ class ConnectionLimits:
     """What keeps a few clients from locking the others out.
 
     `idle`: a connection over which no good frame went for so long (ns) is closed. `per_address`: connections that one
-    client address may have at once. Raises ValueError for limits that let nobody in.
+    client address may have at once. Raises ValueError for limits that let no client in.
     """
 
     idle: int = 600_000_000_000

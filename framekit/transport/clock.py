@@ -64,7 +64,7 @@ class Alarm(Protocol):
 
 
 class Lagging(Protocol):
-    """Something that saves calls: it tells late what nobody could have noticed earlier (see `Clock.lag`)."""
+    """Something that saves calls: it tells late what could not be noticed earlier (see `Clock.lag`)."""
 
     def behind(self, until: int) -> int | None:
         """When the first thing that has happened up to `until` and is still to be told can be told; None: nothing."""

@@ -27,7 +27,7 @@ class PortEvents(Protocol):
         """Bytes came, without a pause between them; `now` is when the last of them was complete."""
 
     def other_sender(self, now: int) -> None:
-        """What comes from now on comes from somebody else than before: the two never make one frame."""
+        """What comes from now on comes from another sender than before: the two never make one frame."""
 
     def line_break(self, now: int) -> None:
         """The other side holds the line in break state, for longer than a character lasts."""

@@ -64,7 +64,7 @@ class SerialConnection(ABC):
 
     @property
     def has_carrier(self) -> bool | None:
-        """Whether a modem says that there is a carrier (DCD); None where nobody can tell."""
+        """Whether a modem says that there is a carrier (DCD); None where that is not known."""
         return None
 
     @abstractmethod

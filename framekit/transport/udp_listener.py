@@ -1,6 +1,6 @@
 """UDP: a listener that makes a port of every sender whose datagrams come to one number.
 
-A sender never says that it has finished: its port is there until somebody closes it. What the bytes mean is not known
+A sender never says that it has finished: its port is there until it is closed. What the bytes mean is not known
 here.
 """
 

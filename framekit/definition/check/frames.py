@@ -257,7 +257,7 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
     for optional in parts_of(frame.segments, Optional):
         if not any(_is_given(one) for one in flat(optional.of)):
-            what = "nobody can say that the optional part is there: no value of it is given"
+            what = "the optional part is never there: no value of it is given"
             yield Problem(optional.at, what, "put a field into it, or take when: instead")
     absent = {
         one.name: one for kind in (Length, Count) for one in parts_of(frame.segments, kind) if one.when is not None
@@ -279,7 +279,7 @@ def _implies(when: Expression | None, wanted: Expression | None) -> bool:
 
 
 def _is_given(segment: Segment) -> bool:
-    """Whether somebody gives a value of the segment."""
+    """Whether a value of the segment is given."""
     if isinstance(segment, Bits):
         return any(part.is_ is None for part in segment.parts)
     if isinstance(segment, Field):

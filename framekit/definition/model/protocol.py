@@ -17,7 +17,7 @@ from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
 
 WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
-"""A connection to a host, or a listener there, whose port number nobody has said."""
+"""A connection to a host, or a listener there, whose port number is not given."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
