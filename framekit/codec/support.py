@@ -572,6 +572,7 @@ def span(bit: int, count: int) -> int:
 # --- what a function takes with it when its source is pasted --------------------------------------------------------
 
 NEEDS: dict[str, tuple[str, ...]] = {
+    "room": ("Unfit",),
     "undouble_escape": ("undouble",),
     "xor7": ("xor8",),
     "xor_words": ("xor8",),

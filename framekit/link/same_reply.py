@@ -96,7 +96,7 @@ def learn(
     free = {data[0]}
     for span in spans:
         if isinstance(span.segment, Check):
-            if span is not spans[-1] or info.intact is None:
+            if span is not spans[-1] or info.intact is None or span.segment.form != "raw":
                 return None
             free.add(span)
         elif span.segment.name in changing:
