@@ -21,6 +21,7 @@ from framekit.link.events import Break, CharacterFault, Command, LineFault, Reop
 from framekit.link.exchange import Ask, MemoryAccess, Server
 from framekit.link.frame_table import Codec
 from framekit.link.frame_vectors import default_line, result_agrees, set_state, state_value
+from framekit.link.observe import Seen
 
 PATIENCE = 3_600_000_000_000
 """So long a script waits for something to be sent, and a service for its end (ns)."""
@@ -89,7 +90,7 @@ class _Player:
             protocol, codec, case.role, params=case.params, line=line, own=station_of(protocol, case.own),
             server=self.side.server, memory=self.side.memory,
         )  # fmt: skip
-        self.engine.machine.on_trouble = self.side.troubles.append
+        self.engine.machine.on_fault = self._seen
         if self.side.ask is not None:
             self.engine.machine.ask_service = self.side.ask(self.engine)
         set_state(self.engine.scope, case.state)
@@ -99,6 +100,10 @@ class _Player:
         self.fault: LineFault | None = None
         self.results: list[Any] = []
         self.problems: list[str] = []
+
+    def _seen(self, seen: Seen) -> None:
+        if seen.kind == "trouble":
+            self.side.troubles.append(seen.reason)
 
     def run(self) -> list[str]:
         self._do(self.engine.opened(0))

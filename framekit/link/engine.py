@@ -24,7 +24,8 @@ class Engine(EngineCore):
 
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
     `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for.
-    `monitor` is shown everything; without one that costs nothing.
+    `monitor` is shown everything; without one that costs nothing. `on_fault` is shown everything but frames, `on_send`
+    is told of each frame that a sequence sends; neither has frames read.
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
     what cannot be done is reported by outcomes and to the monitor.
     """
@@ -234,6 +235,11 @@ class Engine(EngineCore):
         self.direct.unfold()
         self.farewell.ask(on_done)
         return self._finish()
+
+    @property
+    def last_frame(self) -> int:
+        """When the last good frame came or went (ns); at first when the engine was made."""
+        return self.machine.last_frame
 
     def status(self) -> dict[str, Any]:
         """Published variables."""

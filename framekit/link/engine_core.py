@@ -61,6 +61,8 @@ class EngineCore:
         ask: Ask | None = None,
         on_frame: OnFrame | None = None,
         monitor: Monitor | None = None,
+        on_fault: Monitor | None = None,
+        on_send: Callable[[], None] | None = None,
         clock_start: datetime = DEFAULT_START,
         device: DeviceState | None = None,
         counters: LinkCounters | None = None,
@@ -80,6 +82,7 @@ class EngineCore:
         self.output = Output(protocol.line, self.scope, self._commands)
         self.machine = machine = Machine(self.scope, table, compile_sequences(protocol, table), self.output)
         machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
+        machine.on_fault, machine.on_send = on_fault, on_send
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]

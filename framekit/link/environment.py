@@ -29,7 +29,8 @@ class Environment:
     """What all runs of an engine share.
 
     `changed`: what runs wait for may be other than before; `stirred`: a lane may have room for something to begin.
-    `on_trouble` is told of what could not be worked out, also where no monitor is shown anything.
+    `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
+    out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
     """
 
@@ -46,7 +47,9 @@ class Environment:
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
-        self.on_trouble: Callable[[str], None] | None = None
+        self.on_fault: Monitor | None = None
+        self.on_send: Callable[[], None] | None = None
+        self.last_frame = scope.now
         self.flush: Callable[[], None] | None = None
         self.delivered: deque[FrameValue] = deque()
         self.callbacks: deque[Callable[[], None]] = deque()
@@ -84,6 +87,9 @@ class Environment:
                 self.scope.set(variable, evaluate(names))
 
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool) -> None:
+        self.last_frame = self.scope.now
+        if self.on_send is not None:
+            self.on_send()
         if self.monitor is not None:
             self.show("frame", "out", data, value.frame, value.complete(), repeated=repeated)
         if self.output.put(Item(run, data, info=self.table.infos[value.frame])):
@@ -142,14 +148,19 @@ class Environment:
         self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", fields: dict[str, Any] | None = None,
         **more: Any,
     ) -> None:  # fmt: skip
-        if kind == "trouble" and self.on_trouble is not None:
-            self.on_trouble(more["reason"])
+        on_fault = None if kind == "frame" else self.on_fault
+        if on_fault is None and self.monitor is None:
+            return
+        shown = {name: plain(value) for name, value in fields.items()} if fields else {}
+        seen = Seen(direction, kind, self.scope.now, raw, frame, shown, **more)
+        if on_fault is not None:
+            on_fault(seen)
         if self.monitor is not None:
-            shown = {name: plain(value) for name, value in fields.items()} if fields else {}
-            self.monitor(Seen(direction, kind, self.scope.now, raw, frame, shown, **more))
+            self.monitor(seen)
 
     def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
+        self.last_frame = self.scope.now
         if self.monitor is not None:
             reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
             self.show("frame", "in", raw, value.frame, value.fields, reason=reason, started_at=started_at)

@@ -14,7 +14,7 @@ from framekit.link.arrivals import BadFrame
 from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
-from framekit.link.observe import Monitor, Seen
+from framekit.link.observe import Monitor
 from framekit.link.serving import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.errors import DeviceMemoryError
@@ -67,6 +67,7 @@ class ChannelService:
         protocol = channel.protocol
         codec = compile_protocol(protocol)
         self._answering = server = self._server(codec, access)
+        # without services requests are answered by sequences alone: each frame that goes out is a service
         answers = server is None and channel.role is not None and not channel.asks
         self.engine = Engine(
             protocol,
@@ -80,7 +81,8 @@ class ChannelService:
             memory=access,
             ask=self._ask,
             on_frame=self._frame,
-            monitor=self._answers_counted(monitor) if answers else monitor,
+            monitor=monitor,
+            on_send=self.counters.served.count if answers else None,
         )
         self.engine.reception.on_bad = self._bad
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
@@ -118,17 +120,6 @@ class ChannelService:
             return None
         server = MemoryServer(protocol, codec, access.memory, mapping=self.channel.mapping)
         return RefreshedServer(server, access.refresh)
-
-    def _answers_counted(self, monitor: Monitor | None) -> Monitor:
-        """Where requests are answered by sequences alone, each frame that goes out is a service."""
-
-        def watch(seen: Seen) -> None:
-            if seen.kind == "frame" and seen.direction == "out":
-                self.counters.served.done += 1
-            if monitor is not None:
-                monitor(seen)
-
-        return watch
 
     def _on_state(self, state: str) -> None:
         self.state = state

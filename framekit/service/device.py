@@ -16,7 +16,7 @@ from framekit.link.device_state import DeviceState
 from framekit.link.engine import Engine
 from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults
-from framekit.link.observe import Monitor
+from framekit.link.observe import Monitor, Seen
 from framekit.link.scope import Scope
 from framekit.link.serving import MemoryServer
 from framekit.memory.clock_bits import SystemBits
@@ -112,7 +112,9 @@ class DeviceService:
     """A device at work on one port. Its memory can be read and written from outside at any time.
 
     `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
-    `faults`: those of the line, where there is no store yet. What it cannot work out, `watch_troubles` tells.
+    `faults`: those of the line, where there is no store yet. `on_fault` is shown all but frames, for instance what
+    could not be worked out; `watch_troubles` does the same in words. Where a protocol has no services, each frame that
+    goes out counts as one.
     """
 
     def __init__(
@@ -123,6 +125,7 @@ class DeviceService:
         line: LineFormat | None,
         monitor: Monitor | None = None,
         *,
+        on_fault: Monitor | None = None,
         store: DeviceStore | None = None,
         on_state: Callable[[str], None] | None = None,
         faults: FaultPlan | None = None,
@@ -142,6 +145,8 @@ class DeviceService:
             memory=store.access,
             now=clock.now(),
             monitor=monitor,
+            on_fault=on_fault,
+            on_send=None if device.protocol.services else store.counters.count,
             device=store.state,
             counters=store.link,
         )
@@ -153,7 +158,12 @@ class DeviceService:
     def watch_troubles(self, told: Callable[[str], None]) -> None:
         """From now on `told` hears why the device cannot do what it should; a request that has no reply is one case."""
         name = self.device.name
-        self.engine.machine.on_trouble = lambda trouble: told(f"simulated device '{name}': {trouble}")
+
+        def tell(seen: Seen) -> None:
+            if seen.kind == "trouble":
+                told(f"simulated device '{name}': {seen.reason}")
+
+        self.engine.machine.on_fault = tell
 
     def start(self) -> None:
         self.store.begin()

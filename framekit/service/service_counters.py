@@ -23,6 +23,10 @@ class ServiceCounters:
     done: int = 0
     refused: Counter[int] = field(default_factory=Counter)
 
+    def count(self) -> None:
+        """One more has been carried out."""
+        self.done += 1
+
     @property
     def errors(self) -> int:
         return self.refused.total()

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from framekit.blocks.device import Device
@@ -81,7 +82,6 @@ class Serving:
         self.limits = limits
         self.listener: TcpListener | UdpListener | None = None
         self._hosts: dict[Port, str] = {}
-        self._heard: dict[Port, int] = {}  # when the last good frame went, the longest silent connection first
         self._idle_alarm = clock.alarm(self._close_idle)
 
     # ---- ports --------------------------------------------------------------------------------------------
@@ -116,8 +116,6 @@ class Serving:
             return
         self.connections += 1
         self._hosts[port] = port.host
-        self._heard[port] = self.clock.now()
-        self._set_idle_alarm()
 
         def state(text: str) -> None:
             if text != "open":
@@ -125,28 +123,31 @@ class Serving:
             self.on_state(port.name, text)
 
         self._begin(port, state)
+        self._set_idle_alarm()
 
     def _has_room(self, port: AcceptedPort | SenderPort) -> bool:
         """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
-        same = [one for one in self._heard if self._hosts[one] == port.host]
-        if len(same) >= self.limits.per_address:
-            in_the_way = same[0]
-        elif len(self._heard) >= MOST_CONNECTIONS:
-            in_the_way = next(iter(self._heard))
-        else:
-            return True
+        in_the_way = [one for one, host in self._hosts.items() if host == port.host]
+        if len(in_the_way) < self.limits.per_address:
+            if len(self._hosts) < MOST_CONNECTIONS:
+                return True
+            in_the_way = list(self._hosts)
         if not port.ends_itself:
-            self._end(in_the_way)
+            self._end(min(in_the_way, key=self._last_frame))
         return not port.ends_itself
 
+    def _last_frame(self, port: Port) -> int:
+        """When the last good frame went over a connection; at first when it was made."""
+        return max(service.engine.last_frame for service in self.stations[port])
+
     def _set_idle_alarm(self) -> None:
-        oldest = next(iter(self._heard.values()), None)
-        self._idle_alarm.set(NEVER if oldest is None else oldest + self.limits.idle)
+        oldest = min(map(self._last_frame, self._hosts), default=NEVER)
+        self._idle_alarm.set(NEVER if oldest == NEVER else oldest + self.limits.idle)
 
     def _close_idle(self) -> None:
         """Time is up for the connections over which nothing good went for too long."""
         since = self.clock.now() - self.limits.idle
-        for port in [port for port, heard in self._heard.items() if heard <= since]:
+        for port in sorted((port for port in self._hosts if self._last_frame(port) <= since), key=self._last_frame):
             self.line_errors["idle connections closed"] += 1
             self._end(port)
             self.on_state(port.name, "idle for too long")
@@ -163,7 +164,8 @@ class Serving:
                     wrapped if shared is None else shared.user(),
                     self.clock,
                     self.line,
-                    self._watcher(port, number),
+                    self._shown_to(port, number),
+                    on_fault=partial(self._count_fault, number),
                     store=store,
                     on_state=on_state if number == 0 else None,
                 )
@@ -172,35 +174,22 @@ class Serving:
         for service in services:
             service.start()
 
-    def _watcher(self, port: Port, number: int) -> Callable[[Seen], None]:
-        store, counts_frames = self.stores[number], not self.stores[number].device.protocol.services
+    def _shown_to(self, port: Port, number: int) -> Callable[[Seen], None] | None:
+        monitor, name = self.monitor, port.name
+        return None if monitor is None else lambda seen: monitor(name, number, seen)
 
-        def watch(seen: Seen) -> None:
-            if seen.kind == "frame" and port in self._heard:
-                del self._heard[port]
-                self._heard[port] = seen.at
-            if seen.kind == "trouble":
-                self.line_errors["could not be worked out"] += 1
-            elif number == 0 and seen.kind in ("bad", "noise"):
-                self._count_line_error(seen)
-            elif counts_frames and seen.kind == "frame" and seen.direction == "out":
-                store.counters.done += 1
-            if self.monitor is not None:
-                self.monitor(port.name, number, seen)
-
-        return watch
-
-    def _count_line_error(self, seen: Seen) -> None:
+    def _count_fault(self, number: int, seen: Seen) -> None:
         """All devices hear the same: one of them counts what was wrong with it. What a bad frame left goes with it."""
-        if seen.kind == "bad":
+        if seen.kind == "trouble":
+            self.line_errors["could not be worked out"] += 1
+        elif number == 0 and seen.kind == "bad":
             self.line_errors[f"bad frame: {seen.reason}"] += 1
-        elif not seen.reason:
+        elif number == 0 and seen.kind == "noise" and not seen.reason:
             self.line_errors["bytes of noise"] += len(seen.raw)
 
     def _end(self, port: Port) -> None:
         """A connection is over: it will not come again, another one may."""
         self._hosts.pop(port, None)
-        self._heard.pop(port, None)
         for service in self.stations.pop(port, ()):
             service.stop()
 

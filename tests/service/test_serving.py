@@ -16,6 +16,7 @@ from framekit.blocks.device import load_devices
 from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import LineFormat
+from framekit.link import environment
 from framekit.link.observe import Seen
 from framekit.service.serving import DEFAULT_LIMITS, MOST_CONNECTIONS, ConnectionLimits, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
@@ -161,6 +162,30 @@ def test_a_connection_over_which_nothing_good_goes_is_closed() -> None:
     assert [len(master.heard) for master in masters] == [9 * 11, 0, 0]
     clock.run_for(10 * MINUTE)
     assert not serving.stations
+
+
+def test_frames_are_read_to_be_shown_only_where_a_monitor_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+
+    class Noted(Seen):
+        def __init__(self, *values: Any, **more: Any) -> None:
+            super().__init__(*values, **more)
+            shown.append(self.kind)
+
+    monkeypatch.setattr(environment, "Seen", Noted)
+    for monitor, kinds in ((None, ["open", "bad"]), (lambda *told: None, ["open", "frame", "frame", "bad"])):
+        shown.clear()
+        clock = VirtualClock()
+        devices = load_devices("modbus-rtu", HERE, DeviceSettings(initial={"40001": "100,200,300"}))
+        serving = Serving(devices, clock, None, monitor)
+        master = accepted(serving, clock, "asks")
+        clock.run_for(MINUTE)
+        for data in (ASK, b"\xff"):
+            master.port.write(data)
+            clock.run_for(MINUTE)
+        assert shown == kinds
+        assert sum(serving.line_errors.values()) == 1
+        assert (serving.stores[0].counters.done, len(master.heard)) == (1, 11)
 
 
 @pytest.mark.parametrize("limits", [{"idle": 0}, {"per_address": 0}])
