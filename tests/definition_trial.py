@@ -6,9 +6,10 @@ import re
 from random import Random
 from typing import Any
 
+from construct_oracle import ConstructCodec, compile_construct
+
 from framekit.codec.ambiguity import check_matrices
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.codec.construct_backend import ConstructCodec, compile_construct
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from framekit.codec.construct_backend import ConstructCodec, compile_construct
+from construct_oracle import ConstructCodec, compile_construct
+
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from construct_oracle import ConstructCodec, compile_construct
+from construct_oracle.names import Names
 from hypothesis import assume
 from hypothesis import strategies as st
 from strategy_records import TRIES, Maker
 from strategy_values import Draw
 
-from framekit.codec.construct_backend import ConstructCodec, compile_construct
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
-from framekit.codec.construct_backend.names import Names, known_names
 from framekit.codec.errors import EncodeError
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.model.visit import expressions_of
@@ -34,7 +34,7 @@ def base_context(protocol: Protocol) -> dict[str, Any]:
         "own": 1,
         "clock": dict.fromkeys(("second", "minute", "hour", "day", "month", "year", "weekday"), 7),
     }
-    context |= known_names(protocol)
+    context |= start_values(protocol)
     for _ in range(3):  # defaults may stand on other defaults
         items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
         for item in items:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.definition.expression.syntax import (
     Attribute,
     Call,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from construct_oracle import ConstructCodec, FrameConstruct
+from construct_oracle.filling import Circular, Filling, Plan
+from construct_oracle.names import Names
 from hypothesis import strategies as st
 from strategy_hints import Hints, hints_of, same_attributes
 from strategy_values import Draw, Values, built, flat, span_of
 
-from framekit.codec.construct_backend import ConstructCodec, FrameConstruct
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName
-from framekit.codec.construct_backend.filling import Circular, Filling, Plan
-from framekit.codec.construct_backend.names import Names, known_names
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
 from framekit.definition.expression.syntax import Expression, Name, Node, names_in
 from framekit.definition.model import segments as model
 from framekit.definition.model.protocol import Protocol
@@ -30,7 +30,7 @@ class Maker(Values):
         super().__init__(draw, small)
         self.protocol = protocol
         self.codec = codec
-        self.names = Names(context, known_names(protocol))
+        self.names = Names(context, start_values(protocol))
 
     def frame(self, name: str) -> dict[str, Any] | None:
         """Values of a frame; None if this try has failed."""

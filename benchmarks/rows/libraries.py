@@ -11,14 +11,12 @@ from benchmarks.by_hand_numbers import decode_numbers, encode_numbers
 from benchmarks.cases import CASES, REGISTERS, REPLY, Case, builder_of, codec_of
 from benchmarks.measure import compare
 from benchmarks.row import Row, Target, faster, slower
-from framekit.codec.construct_backend import compile_construct
 
 NAME = "Generated codecs against libraries"
 TARGET = "≥ 15 × faster than construct, ≥ 8 × than pymodbus's RTU framer, ≥ 5 × than Kaitai's Python"
 TARGETS = {
     "construct": Target("at least", 15),
     "construct compiled": Target("at least", 15),
-    "construct of framekit": Target("at least", 15),
     "pymodbus": Target("at least", 8),
     "Kaitai": Target("at least", 5),
 }
@@ -31,12 +29,11 @@ def run(rounds: int) -> list[Row]:
 
 
 def _measure(case: Case, rounds: int) -> list[Row]:
-    data, fields = case.checked()
+    data, _ = case.checked()
     encode, decode = case.codec.encoders[case.frame], case.codec.decoders[case.frame]
     decoders: Functions = {"framekit": lambda: decode(data)}
     encoders: Functions = {"framekit": lambda: encode(case.values)}
-    if not _add_construct(case, data, decoders, encoders):
-        _add_own_construct(case, data, fields, decoders, encoders)
+    _add_construct(case, data, decoders, encoders)
     rows = _rows(case, "decode", decoders, rounds) + _rows(case, "encode", encoders, rounds)
     return rows + _pymodbus(case, data, rounds) if case.frame == "reply_adu" else rows
 
@@ -47,24 +44,16 @@ def _rows(case: Case, direction: str, functions: Functions, rounds: int) -> list
     return [faster(f"{case.name}: {direction}", name, ours, its, TARGETS[name]) for name, its in found.items()]
 
 
-def _add_construct(case: Case, data: bytes, decoders: Functions, encoders: Functions) -> bool:
-    """Constructs written by hand, interpreted and compiled; False if there are none for this frame."""
+def _add_construct(case: Case, data: bytes, decoders: Functions, encoders: Functions) -> None:
+    """Constructs written by hand, interpreted and compiled, where there are some for this frame."""
     written = in_construct(case.frame, case.values)
     if written is None:
-        return False
+        return
     construct, values = written
     for name, one in (("construct", construct), ("construct compiled", construct.compile())):
         assert one.build(values) == data and one.parse(data).content.data == data[:-2], case.name
         decoders[name] = lambda one=one: one.parse(data)  # type: ignore[misc]
         encoders[name] = lambda one=one: one.build(values)  # type: ignore[misc]
-    return True
-
-
-def _add_own_construct(case: Case, data: bytes, fields: object, decoders: Functions, encoders: Functions) -> None:
-    reference = compile_construct(case.codec.protocol)
-    assert reference.encode(case.frame, case.values) == data and reference.decode(case.frame, data) == fields
-    decoders["construct of framekit"] = lambda: reference.decode(case.frame, data)
-    encoders["construct of framekit"] = lambda: reference.encode(case.frame, case.values)
 
 
 def _pymodbus(case: Case, data: bytes, rounds: int) -> list[Row]:

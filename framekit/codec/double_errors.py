@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from framekit.codec.codec import Codec
-from framekit.codec.construct_backend.expressions import evaluate
+from framekit.codec.evaluate import evaluate
 from framekit.codec.samples import Sample, Sampler
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol

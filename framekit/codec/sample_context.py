@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
-from framekit.codec.construct_backend.names import known_names
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 
 ANNOUNCED = 16
@@ -41,7 +40,7 @@ def sample_context(protocol: Protocol) -> dict[str, Any]:
         "buffer": b"", "role": "client", "station": station, "own": station, "clock": clock, "now": 0,
         "line": SampleLine(),
     }  # fmt: skip
-    context |= known_names(protocol)
+    context |= start_values(protocol)
     for variable in protocol.state.values():
         if variable.announced:
             context[variable.name] = ANNOUNCED

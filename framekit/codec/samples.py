@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.codec.codec import Codec
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
 from framekit.codec.errors import EncodeError, FrameError
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
 from framekit.codec.sample_hints import Hints, hints_of
 from framekit.definition.expression.syntax import Expression, Node, names_in
 from framekit.definition.model import segments as model

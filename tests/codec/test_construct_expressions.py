@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from construct_oracle.names import Names
 from hypothesis import given
 from hypothesis import strategies as st
 
 from framekit.codec import support
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, FUNCTIONS, MissingName, evaluate
-from framekit.codec.construct_backend.names import Names
+from framekit.codec.evaluate import EVALUATION_ERRORS, FUNCTIONS, MissingName, evaluate
 from framekit.definition.expression.emit import emit
 from framekit.definition.expression.functions import FUNCTIONS as KNOWN_FUNCTIONS
 from framekit.definition.expression.parse import parse_expression

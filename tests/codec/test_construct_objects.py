@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import construct
 import pytest
+from construct_oracle import FrameConstruct
 from small_protocol import small_codec
 
-from framekit.codec.construct_backend import FrameConstruct
-from framekit.codec.construct_backend.expressions import MissingName
 from framekit.codec.errors import EncodeError, FrameError
+from framekit.codec.evaluate import MissingName
 
 
 def test_frames_nest_in_constructs_of_the_users() -> None:

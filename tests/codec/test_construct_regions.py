@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from construct_oracle import ConstructCodec
 from small_protocol import small_codec
 
-from framekit.codec.construct_backend import ConstructCodec
 from framekit.codec.errors import EncodeError, FrameError
 
 

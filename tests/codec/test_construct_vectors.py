@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from construct_oracle import ConstructCodec, compile_construct
 from strategies import base_context
 
-from framekit.codec.construct_backend import ConstructCodec, compile_construct
 from framekit.codec.errors import FrameError
 from framekit.codec.plain import PlainValues
 from framekit.definition.load import load_protocol

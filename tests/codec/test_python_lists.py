@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from construct_oracle import compile_construct
 from small_protocol import small_protocol
 
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.codec.construct_backend import compile_construct
 from framekit.codec.errors import EncodeError, FrameError
 
 COUNTED = "{count: n, type: u16, of: list}, {repeat: list, times: n, of: %s}"

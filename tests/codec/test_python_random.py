@@ -6,11 +6,11 @@ from random import Random
 from typing import Any
 
 import pytest
+from construct_oracle import compile_construct
 from random_bodies import RandomBody
 from small_protocol import small_protocol
 
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.codec.construct_backend import compile_construct
 from framekit.codec.errors import EncodeError, FrameError
 
 SEEDS = range(50)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from construct_oracle import compile_construct
 from segment_cases import CASES, Case
 
 from framekit.codec.codec import compile_protocol
-from framekit.codec.construct_backend import compile_construct
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from construct_oracle import compile_construct
 from small_protocol import small_protocol
 
 from framekit.cli.check_verb import check_file
 from framekit.codec.ambiguity import ALIKE
 from framekit.codec.codec import compile_protocol
-from framekit.codec.construct_backend import compile_construct
 from framekit.codec.errors import EncodeError
 from framekit.codec.samples import MOST_ITEMS, Sampler
 from framekit.codec.support import digits, times

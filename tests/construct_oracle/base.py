@@ -10,10 +10,10 @@ from typing import Any
 
 from construct import Construct, Container
 
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import MISSING, Filling
-from framekit.codec.construct_backend.state import Reading
+from construct_oracle.faults import Place
+from construct_oracle.filling import MISSING, Filling
+from construct_oracle.state import Reading
+from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.definition.model.segments import (
     Bits,
     Choose,

@@ -7,9 +7,9 @@ from typing import Any
 
 from construct import Construct
 
-from framekit.codec.construct_backend.faults import ConstructFrameError
-from framekit.codec.construct_backend.frame import FrameConstruct
-from framekit.codec.construct_backend.names import CONTEXT_KEY
+from construct_oracle.faults import ConstructFrameError
+from construct_oracle.frame import FrameConstruct
+from construct_oracle.names import CONTEXT_KEY
 
 
 class ConstructCodec:

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 from construct import Container, stream_tell
 
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, evaluate
-from framekit.codec.construct_backend.faults import Faults, Place, Stop
-from framekit.codec.construct_backend.names import Names
-from framekit.codec.construct_backend.sizes import Evaluate, KnownSizes
+from construct_oracle.faults import Faults, Place, Stop
+from construct_oracle.names import Names
+from construct_oracle.sizes import Evaluate, KnownSizes
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import Check, Segment
 from framekit.definition.model.visit import parts_of
 
 if TYPE_CHECKING:
-    from framekit.codec.construct_backend.base import SegmentConstruct
+    from construct_oracle.base import SegmentConstruct
 
 
 @dataclass(slots=True)

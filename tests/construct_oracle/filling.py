@@ -13,10 +13,10 @@ from typing import Any, Protocol
 
 from construct import Container
 
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS, MissingName, attribute, evaluate
-from framekit.codec.construct_backend.faults import ConstructEncodeError
-from framekit.codec.construct_backend.names import Names
-from framekit.codec.construct_backend.state import Writing
+from construct_oracle.faults import ConstructEncodeError
+from construct_oracle.names import Names
+from construct_oracle.state import Writing
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, attribute, evaluate
 from framekit.codec.support import room
 from framekit.definition.expression.syntax import Expression, names_in
 

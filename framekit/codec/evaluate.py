@@ -1,7 +1,7 @@
-"""Expressions worked out directly on their tree: the second meaning of the language, beside the emitter's source text.
+"""Expressions worked out directly on their tree, where compiling them is not worth it: for samples and for the tests.
 
-It knows operators and functions, and asks a lookup for names; it knows no frames, no construct and no source code. What
-can go wrong on values from the wire is named by `EVALUATION_ERRORS`; a name that nobody gave is a `MissingName`.
+The functions ask a lookup for names. What can go wrong with values is named by `EVALUATION_ERRORS`; a name that has no
+value is a `MissingName`. `start_values` are the names that have a value before anything is received.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.codec import support
+from framekit.codec.python.runtime import RangeTable
 from framekit.definition.expression import syntax
-from framekit.definition.expression.syntax import Node
+from framekit.definition.expression.syntax import Expression, LineTime, Node, walk
+from framekit.definition.model.protocol import Protocol, StateVariable
 from framekit.definition.times import NEVER
 
 Lookup = Callable[[str], Any]
@@ -172,3 +174,43 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "only": support.only,
     "span": support.span,
 }
+
+
+# ---- names that are no fields -------------------------------------------------------------------------------
+
+
+def start_values(protocol: Protocol) -> dict[str, Any]:
+    """Tables, and the start values of parameters and state that are constant."""
+    known: dict[str, Any] = {name: RangeTable(table.entries, table.ranges) for name, table in protocol.tables.items()}
+    for parameter in protocol.params.values():
+        if parameter.is_ is None:
+            known |= _constant(parameter.name, parameter.default)
+    for variable in protocol.state.values():
+        if variable.keys is not None:
+            known[variable.name] = {}
+        elif variable.announced:
+            known[variable.name] = None
+        elif variable.initial is None:
+            known |= _empty(variable)
+        else:
+            known |= _constant(variable.name, variable.initial)
+    return known
+
+
+def _constant(name: str, expression: Expression | None) -> dict[str, Any]:
+    """`{name: value}` if the expression needs nothing but itself."""
+    if expression is None or any(isinstance(node, LineTime) for node in walk(expression.root)):
+        return {}
+    try:
+        return {name: evaluate(expression.root, _no_name)}
+    except (MissingName, *EVALUATION_ERRORS):
+        return {}
+
+
+def _no_name(name: str) -> Any:
+    raise MissingName(name)
+
+
+def _empty(variable: StateVariable) -> dict[str, Any]:
+    empty: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}, "frame": None}
+    return {variable.name: empty.get(variable.type, 0)}

@@ -7,14 +7,14 @@ from io import BytesIO
 
 from construct import Container
 
+from construct_oracle.base import SegmentConstruct
+from construct_oracle.faults import Place
+from construct_oracle.filling import Filling
+from construct_oracle.names import Names
+from construct_oracle.state import Leaf, Reading, State, Writing, is_marked, mark_of
 from framekit.codec import support
 from framekit.codec.checks import compute
-from framekit.codec.construct_backend.base import SegmentConstruct
-from framekit.codec.construct_backend.expressions import evaluate
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import Filling
-from framekit.codec.construct_backend.names import Names
-from framekit.codec.construct_backend.state import Leaf, Reading, State, Writing, is_marked, mark_of
+from framekit.codec.evaluate import evaluate
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from construct import Construct, Container
 
-from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment, named_segments, names_of
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import MISSING, Absent, Filling, Plan
-from framekit.codec.construct_backend.state import Reading, State
-from framekit.codec.construct_backend.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
+from construct_oracle.base import SegmentConstruct, ValueSegment, named_segments, names_of
+from construct_oracle.faults import Place
+from construct_oracle.filling import MISSING, Absent, Filling, Plan
+from construct_oracle.state import Reading, State
+from construct_oracle.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
+from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import Choose, FieldType, Optional, Record, Repeat
 

@@ -9,13 +9,13 @@ from typing import Any
 
 from construct import Container
 
+from construct_oracle.base import SegmentConstruct
+from construct_oracle.faults import Place, Stop
+from construct_oracle.filling import Filling
+from construct_oracle.holders import Segments
+from construct_oracle.names import Names
+from construct_oracle.state import Reading, Region, Writing
 from framekit.codec import support
-from framekit.codec.construct_backend.base import SegmentConstruct
-from framekit.codec.construct_backend.faults import Place, Stop
-from framekit.codec.construct_backend.filling import Filling
-from framekit.codec.construct_backend.holders import Segments
-from framekit.codec.construct_backend.names import Names
-from framekit.codec.construct_backend.state import Reading, Region, Writing
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import Wrap
 

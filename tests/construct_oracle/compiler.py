@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from construct import Container
 
-from framekit.codec.construct_backend.base import SegmentConstruct, named_segments, value_names
-from framekit.codec.construct_backend.check_codes import CheckConstruct
-from framekit.codec.construct_backend.codec import ConstructCodec
-from framekit.codec.construct_backend.counts import CountConstruct, LengthConstruct
-from framekit.codec.construct_backend.fields import BitsConstruct, FieldConstruct
-from framekit.codec.construct_backend.filling import Condition, Filling, Part, Plan
-from framekit.codec.construct_backend.frame import FrameConstruct
-from framekit.codec.construct_backend.holders import (
+from construct_oracle.base import SegmentConstruct, named_segments, value_names
+from construct_oracle.check_codes import CheckConstruct
+from construct_oracle.codec import ConstructCodec
+from construct_oracle.counts import CountConstruct, LengthConstruct
+from construct_oracle.fields import BitsConstruct, FieldConstruct
+from construct_oracle.filling import Condition, Filling, Part, Plan
+from construct_oracle.frame import FrameConstruct
+from construct_oracle.holders import (
     ChooseConstruct,
     Fields,
     OptionalConstruct,
@@ -19,17 +19,18 @@ from framekit.codec.construct_backend.holders import (
     RepeatConstruct,
     Segments,
 )
-from framekit.codec.construct_backend.inner import InnerConstruct
-from framekit.codec.construct_backend.names import Names, known_names
-from framekit.codec.construct_backend.pieces import (
+from construct_oracle.inner import InnerConstruct
+from construct_oracle.names import Names
+from construct_oracle.pieces import (
     ConstantConstruct,
     DataConstruct,
     DerivedConstruct,
     RequireConstruct,
     SkipConstruct,
 )
-from framekit.codec.construct_backend.regions import EscapeConstruct, HexConstruct
-from framekit.codec.construct_backend.sizes import KnownSizes
+from construct_oracle.regions import EscapeConstruct, HexConstruct
+from construct_oracle.sizes import KnownSizes
+from framekit.codec.evaluate import start_values
 from framekit.definition.model import segments as model
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
@@ -76,7 +77,7 @@ class _Compiler:
     def __init__(self, protocol: Protocol) -> None:
         self.models = protocol.frames
         self.sizes = KnownSizes(protocol.frames)
-        self.known = known_names(protocol)
+        self.known = start_values(protocol)
         self.frames: dict[str, FrameConstruct] = {}
 
     def frame(self, frame: Frame) -> FrameConstruct:

@@ -9,13 +9,13 @@ from typing import Any
 
 from construct import Container
 
-from framekit.codec.construct_backend.base import ValueSegment
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import MISSING, Absent, Filling
-from framekit.codec.construct_backend.frame import FrameConstruct, Outcome
-from framekit.codec.construct_backend.sizes import nothing_known
-from framekit.codec.construct_backend.state import Reading
-from framekit.codec.construct_backend.values import evaluated_size
+from construct_oracle.base import ValueSegment
+from construct_oracle.faults import Place
+from construct_oracle.filling import MISSING, Absent, Filling
+from construct_oracle.frame import FrameConstruct, Outcome
+from construct_oracle.sizes import nothing_known
+from construct_oracle.state import Reading
+from construct_oracle.values import evaluated_size
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Inner

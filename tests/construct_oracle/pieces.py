@@ -7,15 +7,15 @@ from typing import Any
 
 from construct import Container
 
+from construct_oracle.base import SegmentConstruct, ValueSegment
+from construct_oracle.faults import Place
+from construct_oracle.filling import MISSING, Absent, Circular, Filling
+from construct_oracle.rest import rest_size
+from construct_oracle.sizes import wire_size
+from construct_oracle.state import Reading
+from construct_oracle.values import evaluated_size
 from framekit.codec import support
-from framekit.codec.construct_backend.base import SegmentConstruct, ValueSegment
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import MISSING, Absent, Circular, Filling
-from framekit.codec.construct_backend.rest import rest_size
-from framekit.codec.construct_backend.sizes import wire_size
-from framekit.codec.construct_backend.state import Reading
-from framekit.codec.construct_backend.values import evaluated_size
+from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import Const, Data, Require, Skip, Value
 

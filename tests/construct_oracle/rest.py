@@ -6,9 +6,9 @@ from io import BytesIO
 
 from construct import Container
 
-from framekit.codec.construct_backend.base import SegmentConstruct
-from framekit.codec.construct_backend.faults import Place, Stop
-from framekit.codec.construct_backend.state import Reading
+from construct_oracle.base import SegmentConstruct
+from construct_oracle.faults import Place, Stop
+from construct_oracle.state import Reading
 from framekit.definition.model.segments import Const
 
 

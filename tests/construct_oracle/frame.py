@@ -9,19 +9,19 @@ from typing import Any
 
 from construct import Construct, Container, SizeofError, stream_read_entire, stream_write
 
-from framekit.codec.construct_backend.expressions import MissingName
-from framekit.codec.construct_backend.faults import (
+from construct_oracle.faults import (
     ConstructEncodeError,
     ConstructFrameError,
     Fault,
     Place,
     Stop,
 )
-from framekit.codec.construct_backend.filling import Circular, Filling, Plan
-from framekit.codec.construct_backend.holders import Segments, open_context
-from framekit.codec.construct_backend.names import Names
-from framekit.codec.construct_backend.sizes import KnownSizes
-from framekit.codec.construct_backend.state import Reading, Region, Writing
+from construct_oracle.filling import Circular, Filling, Plan
+from construct_oracle.holders import Segments, open_context
+from construct_oracle.names import Names
+from construct_oracle.sizes import KnownSizes
+from construct_oracle.state import Reading, Region, Writing
+from framekit.codec.evaluate import MissingName
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Const
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from construct import Construct, ConstructError, Container
 
-from framekit.codec.construct_backend.expressions import EVALUATION_ERRORS
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import Filling
-from framekit.codec.construct_backend.forms import FormError, form_of
-from framekit.codec.construct_backend.state import Reading
+from construct_oracle.faults import Place
+from construct_oracle.filling import Filling
+from construct_oracle.forms import FormError, form_of
+from construct_oracle.state import Reading
+from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import FieldType

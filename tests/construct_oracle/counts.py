@@ -7,11 +7,11 @@ from typing import Any
 
 from construct import Container
 
-from framekit.codec.construct_backend.base import ValueSegment
-from framekit.codec.construct_backend.faults import Place
-from framekit.codec.construct_backend.filling import MISSING, Absent, Circular, Filling
-from framekit.codec.construct_backend.state import Reading, is_marked, mark_of
-from framekit.codec.construct_backend.values import DAMAGED, read_wire, write_wire
+from construct_oracle.base import ValueSegment
+from construct_oracle.faults import Place
+from construct_oracle.filling import MISSING, Absent, Circular, Filling
+from construct_oracle.state import Reading, is_marked, mark_of
+from construct_oracle.values import DAMAGED, read_wire, write_wire
 from framekit.definition.model.segments import Count, Length
 
 

@@ -1,0 +1,45 @@
+"""Names that are no fields: the context a caller gives, start values of parameters and state, tables.
+
+`Names` is what expressions of a frame fall back on behind the frame's own fields. It knows no frames and no bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from framekit.codec.evaluate import MissingName
+
+CONTEXT_KEY = "_context"
+"""The context entry under which `ConstructCodec` hands a whole mapping to construct."""
+
+
+class Names:
+    """The lookup behind the fields: what the caller gave, then start values, then tables."""
+
+    def __init__(self, given: Mapping[str, Any], known: Mapping[str, Any] | Names) -> None:
+        self.given = given
+        self.known = known
+
+    def __getitem__(self, name: str) -> Any:
+        """The value of `name`. Raises MissingName."""
+        try:
+            return self.given[name]
+        except KeyError:
+            pass
+        try:
+            return self.known[name]
+        except KeyError:
+            raise MissingName(name) from None
+
+    def is_unset(self, name: str) -> bool:
+        """Whether the context has the name, but no value for it yet."""
+        try:
+            return self[name] is None
+        except MissingName:
+            return False
+
+    @classmethod
+    def of_params(cls, params: Mapping[str, Any], known: Mapping[str, Any]) -> Names:
+        """From the keyword arguments of `parse` and `build`, or from the mapping a codec put there."""
+        return cls(params.get(CONTEXT_KEY, params), known)
