@@ -165,7 +165,7 @@ class RepeatConstruct(ValueSegment):
                 inner._item = self.name, len(items)
                 items.append(inner._values)
                 self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
-                if times is None and stream.tell() == before:
+                if not isinstance(self.segment.times, int) and stream.tell() == before:
                     raise reading.stop(place, "length", "items that take room", "0 bytes")
 
     def _read_values(self, reading: Reading, stream: BytesIO, context: Container, place: Place) -> None:
@@ -216,7 +216,11 @@ class RepeatConstruct(ValueSegment):
                 raise filling.error(self.name, f"'{self.name}' has {wanted} items, not {len(items)}")
         for place, item in enumerate(items):
             if self.fields is not None:
+                before = stream.tell()
                 self.fields._build(item, stream, context, f"{path}[{place}]")
+                if stream.tell() == before and not isinstance(self.segment.times, int):
+                    name = f"{self.name}[{place}]"
+                    raise filling.error(name, f"'{name}' takes no bytes, so nothing shows that it is there")
             else:
                 assert isinstance(self.segment.of, FieldType)
                 write_wire(self.segment.of, item, f"{self.name}[{place}]", filling, stream, context)

@@ -12,7 +12,7 @@ from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter, is_needed
-from framekit.codec.python.shape import flat, named, names_read, value_names
+from framekit.codec.python.shape import flat, may_be_empty, named, names_read, value_names
 from framekit.codec.python.source import Code, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.frames import Frame
@@ -114,11 +114,18 @@ class EncodeWriter(PieceWriter):
         place = self.names.fresh("place")
         path = (*given.path, f"{repeat.name}[", Code(place), "].")
         inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
+        before = self.names.fresh("before") if may_be_empty(self.shapes, repeat) else ""
         with self.out.block(f"for {place}, {item} in enumerate({items}):"):
+            if before:
+                self.add(f"{before} = len({wire})")
             self.values(repeat.of, inside, inner)
             self.flush()
             self.check_names(inner)
             self.add(f"{wire} += {self.region(repeat.of, inside, self.names.fresh('part'))}")
+            if before:
+                where = (*path[:-1], "]")
+                message = text_source("'", *where, "' takes no bytes, so nothing shows that it is there")
+                self.complain(f"len({wire}) == {before}", text_source(*where), message)
             if whole:
                 names = {name for one in flat(repeat.of) for name in value_names(one)}
                 fields = ", ".join(

@@ -245,7 +245,7 @@ class ExaminationState:
             self.scopes.pop()
             self.path = outer
             index += 1
-            if self.at == before and (count is None or index > len(self.data)):
+            if self.at == before and not isinstance(times, int):
                 raise self.stop("length", name, "items with bytes", "an empty one")
         self.end = whole
         self.bounds[name] = (self.data, start, self.at)

@@ -16,7 +16,7 @@ from framekit.codec.python.measure_wraps import WrapMeasurer
 from framekit.codec.python.measuring import Finished, Pairs
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place
-from framekit.codec.python.shape import Fill, leading, names_read, of_type, value_names, without_when
+from framekit.codec.python.shape import Fill, leading, may_be_empty, names_read, of_type, value_names, without_when
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
@@ -257,7 +257,8 @@ class MeasureWriter(WrapMeasurer):
 
     def _records(self, repeat: Repeat, of: tuple[Segment, ...], scope: Scope, times: str, after: Pairs) -> None:
         """Items of different size are walked through; what the others take at least is wanted at once."""
-        least, behind = self.shapes.all(of).least, self.least(after)
+        empty, behind = may_be_empty(self.shapes, repeat), self.least(after)
+        least = 1 if empty else self.shapes.all(of).least
         if not times.isdigit():
             with self.out.block(f"if {times} > {self.most}:"):
                 self.add("return LOST")
@@ -265,26 +266,32 @@ class MeasureWriter(WrapMeasurer):
         inside = Scope(scope)
         found = self.set_value(repeat.name, scope, "[]") if repeat.name in self.needed else None
         left = self.names.fresh("left")
-        before = self.needed
+        needed = self.needed
         if found is not None:
             inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
-            self.needed = before | names_read(of) | {name for one in of for name in value_names(one)}
+            self.needed = needed | names_read(of) | {name for one in of for name in value_names(one)}
         with self.out.block(f"for {left} in range({times}, 0, -1):"):
             total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
             if least:
                 with self.out.block(f"if end < at + {least}:"):
                     self.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
+            before = self.names.fresh("before")
+            if empty:
+                self.add(f"{before} = at")
             outside, self.in_list = self.in_list, True
             finished = self._branch(self.pairs(of, inside), ())
             self.in_list = outside
             if finished:
                 raise Finished
+            if empty:
+                with self.out.block(f"if at == {before}:"):
+                    self.add("return LOST")
             if found is not None:
                 fields = ", ".join(
                     f"{quoted(name)}: {entry.text}" for name, entry in inside.entries.items() if entry.text != found
                 )
                 self.add(f"{found}.append({{{fields}}})")
-        self.needed = before
+        self.needed = needed
         if found is not None:
             scope.entries[repeat.name] = Entry(found, "list", inside)
 

@@ -143,8 +143,10 @@ class Measuring:
     def want_until(self, local: str, after: Pairs) -> None:
         """Goes on only if the bytes up to the place `local` are there."""
         least = self.least(after)
+        behind = f" + {least}" if least else ""
         with self.out.block(f"if end < {local}:"):
-            self.add(f"return end - {local}{f' - {least}' if least else ''}")
+            back = f" - {least}" if least else ""
+            self.add(f"return end - {local}{back} if {local} - start{behind} <= {self.most} else LOST")
 
     def advance(self, text: str) -> None:
         if text != "at":

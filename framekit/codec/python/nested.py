@@ -12,6 +12,7 @@ from framekit.codec.python.function import MISFIT, leaves
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, without_end
 from framekit.codec.python.runs import shown_name
+from framekit.codec.python.shape import may_be_empty
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
@@ -92,6 +93,9 @@ class Reader(BranchReader):
         else:
             count = self._count(item, repeat.times)
             first, last = self.take(item, count if size == 1 else f"{size} * {count}")
+            if forms.is_slice(of):  # a struct compares the size itself, before it makes anything
+                self.function.misfit_if(f"{last.text(self.buffer)} > len({self.buffer})")
+                self.function.flush()
         self.function.add(f"{local} = {self._list_text(of, size, first, last, count)}")
         item.scope.entries[repeat.name] = Entry(local, "list", None)
         self.function.names_of_values[repeat.name] = local
@@ -163,7 +167,7 @@ class Reader(BranchReader):
         function.in_branch += 1
         with function.out.block(header):
             begin = None
-            if end is not None and least == 0:
+            if may_be_empty(self.shapes, repeat):
                 begin = function.names.fresh("item_start")
                 function.add(f"{begin} = {self.at}")
             outside, self.deferred = self.deferred, []

@@ -190,6 +190,11 @@ def of_type(type_: FieldType) -> Sizes:
     )
 
 
+def may_be_empty(shapes: Shapes, repeat: Repeat) -> bool:
+    """Whether an item may come out without bytes: a fault where only what is read tells how many there are."""
+    return isinstance(repeat.of, tuple) and not isinstance(repeat.times, int) and shapes.all(repeat.of).least == 0
+
+
 def on_wire(data: Data, size: int) -> int:
     """Bytes on the wire for so many in memory."""
     return size * 2 if data.convert == "hex_to_ascii" else size // 2 if data.convert == "ascii_to_hex" else size
