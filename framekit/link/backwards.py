@@ -70,7 +70,9 @@ class BackwardRow:
         self.grammar = shared.grammar
         self._request = leaves.match(row.request)
         self._buffer = None if row.buffer is None else leaves.match(row.buffer, padded=isinstance(row.buffer, LayoutOf))
-        self._back = {name: _word_or_value(name, value, areas) for name, value in row.back.items()}
+        back = {**row.back, **row.back_each}
+        self._back = {name: _word_or_value(name, value, areas) for name, value in back.items()}
+        self._of_items = row.back_each.keys()
         self._when: Evaluate | None = self._back.pop("when", facts.when)
         self._arguments = {argument.name for argument in row.takes}
 
@@ -138,18 +140,20 @@ class BackwardRow:
         if "text" in self._back:
             names["unit"] = unit
         if "memory" in self._back:
-            names["own_bytes"] = self.areas.own_bytes(str(self._evaluated(self._back["memory"], names)))
-        for name, evaluate in self._back.items():
+            names["own_bytes"] = self.areas.own_bytes(str(self._read_back("memory", binding, names)))
+        for name in self._back:
             if name not in ("area", "memory", "text"):
-                names[name] = self._evaluated(evaluate, names)
+                names[name] = self._read_back(name, binding, names)
         self._bind(binding, names)
         if "unit" in names:
             unit = names["unit"]
         return self._completed(binding, names, area, unit)
 
-    def _evaluated(self, evaluate: Evaluate, names: Names) -> Any:
+    def _read_back(self, name: str, binding: Binding, names: Names) -> Any:
+        """What `back` says; where it says it of each item, the item's fields are names."""
+        seen = Names(binding.item, names) if name in self._of_items else names
         try:
-            return evaluate(names)
+            return self._back[name](seen)
         except EVALUATION_ERRORS as error:
             raise MismatchError(explain(error)) from None
 
@@ -171,12 +175,12 @@ class BackwardRow:
         """Area and unit that the request names: by `back`, by text, by code, or because the row is for one area."""
         row, values = self.facts.row, binding.values
         if "text" in self._back:
-            binding.values["text"] = self._evaluated(self._back["text"], Names(values, names))
+            binding.values["text"] = self._read_back("text", binding, Names(values, names))
             return self._by_text(binding)
         if "text" in values and "text" not in self._arguments:
             return self._by_text(binding)
         if "area" in self._back:
-            area = self._evaluated(self._back["area"], names)
+            area = self._read_back("area", binding, names)
             if area not in self.areas.areas:
                 raise UnknownAreaError(f"there is no area '{area}'")
             return str(area), None
@@ -218,7 +222,7 @@ class BackwardRow:
     def _completed(self, binding: Binding, names: Names, area: str | None, unit: str | None) -> Target:
         start = int(names["start"]) if "start" in names else 0
         if area is None or "memory" in self._back:
-            span = self.areas.memory_span(str(self._evaluated(self._back["memory"], names)), unit, start, 1)
+            span = self.areas.memory_span(str(self._read_back("memory", binding, names)), unit, start, 1)
         else:
             span = self.areas.span(area, unit, start, 1)
         packer = self.facts.packer(span.unit)

@@ -38,11 +38,15 @@ class DamagedBufferError(Exception):
 
 @dataclass(slots=True)
 class Binding:
-    """What was read: names with values, results whose names are still to be worked out, one binding a variable."""
+    """What was read: names with values, results whose names are still to be worked out, one binding a variable.
+
+    `item`: the fields of the item that a variable is, of all lists that have one for each.
+    """
 
     values: dict[str, Any] = field(default_factory=dict)
     pending: list[tuple[Inverse, int]] = field(default_factory=list)
     variables: list[Binding] | None = None
+    item: dict[str, Any] = field(default_factory=dict)
     padded: bool = False
 
     def bind(self, name: str, value: Any) -> None:
@@ -188,10 +192,13 @@ def _each(fields: Match) -> Match:
     def match(actual: Any, binding: Binding, names: Names) -> None:
         if not isinstance(actual, list):
             raise MismatchError("list")
-        binding.variables = []
-        for part in actual:
-            one = Binding()
+        if binding.variables is None:
+            binding.variables = [Binding() for _ in actual]
+        elif len(binding.variables) != len(actual):
+            raise MismatchError("list")  # several lists speak of the same variables
+        for part, one in zip(actual, binding.variables, strict=True):
+            if isinstance(part, dict):
+                one.item = {**one.item, **part} if one.item else part
             fields(part, one, names)
-            binding.variables.append(one)
 
     return match

@@ -308,6 +308,66 @@ def test_a_row_counts_in_its_own_unit_when_it_is_served() -> None:
     )
 
 
+HIDDEN_PLACES = LIST_OF_PLACES.replace("units: [UNIT]", "units: [word]").replace("SIZE", "2")
+HIDDEN_PLACES = HIDDEN_PLACES.replace("at: PLACE}}}}", "at: start ^ 0x55}}}}\n      back: {each: {start: at ^ 0x55}}")
+
+
+def test_what_back_says_of_each_item_is_worked_out_from_its_own_fields() -> None:
+    loop = Loop(HIDDEN_PLACES)
+    loop.memory.write("D", "word", 60, [0x1234])
+    loop.memory.write("C", "word", 3, [7])
+    assert loop.do("read_variables", ["D60", "C3", "D60"]).values == [0x1234, 7, 0x1234]
+    assert loop.log[0][0] == bytes.fromhex("02 03 07 0069 08 0056 07 0069")
+    assert loop.troubles == []
+
+
+def test_the_fields_of_an_item_go_before_the_names_of_its_place() -> None:
+    text = HIDDEN_PLACES.replace("{area: code, at:", "{area: area.name, at:").replace("area: code", "area: request.n")
+    text = text.replace("D: {unit: word, size: 100, code: 7}", "D: {unit: word, size: 100, name: 7}")
+    text = text.replace("C: {unit: word, size: 100, code: 8}", "C: {unit: word, size: 100, name: 8}")
+    text = text.replace("back: {each: {", "back: {each: {area: \"'D' if area == 7 else 'C'\", ")
+    loop = Loop(text)
+    loop.memory.write("D", "word", 60, [0x1234])
+    loop.memory.write("C", "word", 60, [7])
+    assert loop.do("read_variables", ["D60", "C60"]).values == [0x1234, 7]
+
+
+TWO_LISTS = """\
+protocol: two_lists
+extends: standard
+groups: {request: {from: client}}
+frames:
+  ask:
+    group: request
+    body:
+      - const: STX
+      - {count: n, type: u8, of: places}
+      - {repeat: places, times: n, of: [{field: at, type: u16}]}
+      - {count: m, type: u8, of: values}
+      - {repeat: values, times: m, of: [{data: data, size: 2}]}
+  done: {from: server, body: [{const: ACK}]}
+  no: {from: server, body: [{const: NAK}, {field: code, type: u8}]}
+areas: {D: {unit: word, size: 100}}
+addresses: [{form: "{area}{start:dec}"}]
+errors: {frame: no, code: code, answer: {no: {code: code}}, memory: {unknown: 1, range: 2, access: 3, no_service: 4}}
+services:
+  write:
+    - areas: [D]
+      variables: {max: 8}
+      limit: {count: 1}
+      request: {ask: {places: {each: {at: start}}, values: {each: {data: data}}}}
+      reply: {done: {}}
+"""
+
+
+def test_two_lists_of_a_request_speak_of_the_same_variables() -> None:
+    loop = Loop(TWO_LISTS)
+    loop.do("write_variables", ["D5", "D9"], [0x1111, 0x2222])
+    assert loop.log[0][0] == bytes.fromhex("02 02 0005 0009 02 1111 2222")
+    assert loop.memory.read("D", "word", 5, 1) == [0x1111] and loop.memory.read("D", "word", 9, 1) == [0x2222]
+    assert loop.answer(bytes.fromhex("02 02 0005 0009 01 1111")) == bytes.fromhex("15 04"), "a value is missing"
+
+
 RANGES = """\
 protocol: ranges
 extends: standard

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any
 
+from framekit.definition.check.backwards import item_names
 from framekit.definition.check.known_names import (
     BUILT_IN,
     EXCHANGE,
@@ -215,7 +216,9 @@ class NameChecker:
             hint = did_you_mean(run.name, self.protocol.sequences)
             self._note(run.at, f"there is no sequence '{run.name}' to run", hint)
             row = replace(row, run=None)
-        self._expressions(row, local)
+        self._expressions(replace(row, back_each={}), local)
+        items = item_names(self.protocol, row)
+        self._expressions(dict(row.back_each) if items else {}, local | items)
         self._fields_of_frames(row)
         if row.serve is not None:
             block = row.serve.block

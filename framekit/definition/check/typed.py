@@ -272,7 +272,7 @@ class _Kinds:
     def _service(self, row: ServiceRow) -> None:
         local = dict(_OFFERED) if row.service in ("read", "write") else {}
         local |= {argument.name: kind_of_variable(argument.type) for argument in row.takes}
-        local |= dict.fromkeys(row.back, "any")
+        local |= dict.fromkeys((*row.back, *row.back_each), "any")
         checker = self._checker(local)
         for argument in row.takes:
             checker.wants(argument.default, kind_of_variable(argument.type) if argument.type != "list" else "any")

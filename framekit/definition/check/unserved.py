@@ -69,7 +69,8 @@ def _when(row: ServiceRow) -> Expression | None:
 
 def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
     """Whether `back` of the earlier row can be worked out whenever that of the later one can."""
-    read = ((later.back.get(name), value) for name, value in earlier.back.items() if name != "when")
+    read = [(later.back.get(name), value) for name, value in earlier.back.items() if name != "when"]
+    read += [(later.back_each.get(name), value) for name, value in earlier.back_each.items()]
     return all(
         not names_in(value.root) or isinstance(value.root, Name) or fingerprint(value) == fingerprint(other)
         for other, value in read
@@ -88,13 +89,14 @@ def _areas_fit(earlier: ServiceRow, later: ServiceRow) -> bool:
 
 def _area_source(row: ServiceRow) -> str:
     """What a server takes the area from: `text`, `code`, `area` of back, or '' for the row itself."""
-    if "text" in row.back:
+    back = {*row.back, *row.back_each}
+    if "text" in back:
         return "text"
     leaves = {leaf.root.name for leaf in expressions_of([row.request, row.buffer]) if isinstance(leaf.root, Name)}
     named = leaves - {argument.name for argument in row.takes}
     if "text" in named:
         return "text"
-    if "area" in row.back:
+    if "area" in back:
         return "area"
     return "code" if "code" in named else ""
 
@@ -104,7 +106,7 @@ def _told(row: ServiceRow) -> str:
     places = () if _area_source(row) else (row.areas, row.units)
     transfer = row.service if row.service in ("read", "write") else ""
     back = {name: value for name, value in row.back.items() if name != "when"}
-    return fingerprint((transfer, places, back, row.reply, row.refuse, row.serve, row.packing))
+    return fingerprint((transfer, places, back, row.back_each, row.reply, row.refuse, row.serve, row.packing))
 
 
 @dataclass

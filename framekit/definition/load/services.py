@@ -100,7 +100,8 @@ class ServiceLoader:
     def _row(self, service: str, number: int, keys: Mapping) -> ServiceRow:
         reader, values = self.reader, self.values
         request, buffer, serve = keys.get("request"), keys.get("buffer"), keys.get("serve")
-        variables = keys.get("variables")
+        variables, back = keys.get("variables"), keys.get("back")
+        each = None if back is None else reader.mapping(back).get("each")
         variables = None if variables is None else reader.mapping(variables)
         most = None if variables is None else variables.get("max")
         align = keys.get("align")
@@ -122,7 +123,8 @@ class ServiceLoader:
             packing=self._packing(keys.get("packing")),
             gives=values.fields(keys.get("gives")),
             run=self._run(keys.get("run")),
-            back=values.expressions(keys.get("back")),
+            back=values.expressions(back, besides="each"),
+            back_each=values.expressions(each),
             refuse=tuple(self.refusal(item) for item in reader.items(keys.get("refuse"))),
             serve=None if serve is None else self._work(serve),
             client_only=reader.flag(keys.get("client_only")),

@@ -99,5 +99,7 @@ class ValueLoader:
             match["field"],
         )
 
-    def expressions(self, node: Node | None) -> dict[str, Expression]:
-        return {entry.key.text: self.reader.expression(entry.value) for entry in self.reader.entries(node)}
+    def expressions(self, node: Node | None, besides: str = "") -> dict[str, Expression]:
+        """The expressions of a mapping by name; what stands at the key `besides` is read elsewhere."""
+        entries = (entry for entry in self.reader.entries(node) if entry.key.text != besides)
+        return {entry.key.text: self.reader.expression(entry.value) for entry in entries}

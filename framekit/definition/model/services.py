@@ -160,7 +160,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceRow:
-    """One row of a service. Empty `areas` and `units` mean: any."""
+    """One row of a service. Empty `areas` and `units` mean: any. `back_each` reads the items of a request's list."""
 
     service: str
     name: str
@@ -180,6 +180,7 @@ class ServiceRow:
     gives: Mapping[str, Value]
     run: Expression | None
     back: Mapping[str, Expression]
+    back_each: Mapping[str, Expression]
     refuse: tuple[Refusal, ...]
     serve: ServeWork | None
     client_only: bool
