@@ -22,8 +22,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock
-from framekit.transport.line_faults import Faults
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import Faults, SimulatedLine
 
 PATIENCE = 3600 * 1_000_000_000
 

@@ -16,7 +16,7 @@ from framekit.codec.errors import FrameError
 from framekit.service.capture import CaptureReader
 from framekit.service.capture_cut import cut_of_capture
 from framekit.service.pcap import PcapRecords, global_header
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent
 
 NAME = "Decode of a capture of 1 million frames"
 TARGET = "≥ 5 × faster by batch than one by one, same values"

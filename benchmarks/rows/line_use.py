@@ -16,7 +16,7 @@ from framekit.link.transfer import TransferResult
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 NAME = "Line use: one channel at 115200, READs back to back"
 TARGET = "≥ 98 % of the limit that bits and mandatory gaps set"

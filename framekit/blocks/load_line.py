@@ -10,12 +10,12 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.times import NEVER, LineFormat
+from framekit.transport.schemes import scheme_of
 
 WIRES = ("type", "duplex", "direction", "echo", "handshake")
 """Keys that make sense only where there are wires."""
 
 
-NETWORK = ("tcp:", "tcp-listen:", "udp:", "udp-listen:")
 LONGEST_KEY = 1_000_000_000
 
 
@@ -130,7 +130,8 @@ class LineLoader:
 
     def _without_wires(self) -> None:
         stream = self.protocol.line.kind == "stream" and not self.port.startswith("sim:")
-        if not stream and not self.port.startswith(NETWORK):
+        kind = scheme_of(self.port)
+        if not stream and (kind is None or kind.wires):
             return
         for key in WIRES:
             if self.keys.get(key) is not None:

@@ -22,6 +22,7 @@ from framekit.definition.problems import Position, Problem
 from framekit.definition.times import LineFormat
 from framekit.link.addresses import Address
 from framekit.memory.profile import MemoryProfile
+from framekit.transport.schemes import scheme_of
 
 STATIONED = ("read", "write", "call")
 """Instructions of blocks that talk to one station; the others have none."""
@@ -254,8 +255,8 @@ class Channel:
     @property
     def listens(self) -> bool:
         """Whether others make connections to it, each of which is answered by itself."""
-        scheme = self.port.partition("://")[0].lower()
-        return scheme == "tcp-listen" or (scheme in ("tcp", "udp-listen") and not self.asks)
+        kind = scheme_of(self.port)
+        return kind is not None and kind.listen is not None and (kind.open is None or not self.asks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -56,7 +56,7 @@ def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
     from framekit.service.loopback import Loopback
     from framekit.transport.clock import VirtualClock
     from framekit.transport.port import Port
-    from framekit.transport.simulated import SimulatedLine
+    from framekit.transport.simulated_line import SimulatedLine
 
     clock = VirtualClock()
     found: list[LoopbackResult] = []
@@ -72,7 +72,7 @@ def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
 async def _real(url: str, lines: list[LineFormat]) -> list[LoopbackResult]:
     from framekit.service.loopback import Loopback
     from framekit.transport.clock import AsyncioClock
-    from framekit.transport.open_port import open_port
+    from framekit.transport.schemes import open_port
 
     loop = asyncio.get_running_loop()
     clock = AsyncioClock(loop)

@@ -13,6 +13,7 @@ from framekit.cli.line_options import add_filter, add_line, add_params, filter_o
 from framekit.cli.main import Failure, NoPort, WrongWords
 from framekit.cli.seen_output import seen_data, seen_text
 from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log
+from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_protocol(parser)
-    parser.add_argument("--port", required=True, metavar="PORT", help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT")
+    parser.add_argument("--port", required=True, metavar="PORT", help=help_on_ports())
     add_line(parser)
     add_params(parser)
     add_filter(parser)
@@ -110,7 +111,7 @@ def monitor_of(
     from framekit.link.parameters import ParameterError
     from framekit.service.capture import Capture
     from framekit.service.line_monitor import LineMonitor
-    from framekit.transport.open_port import open_port
+    from framekit.transport.schemes import open_port
 
     try:
         port = open_port(protocol.line.port_of(arguments.port), line_of(protocol, arguments), clock, listen_only=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import add_json, add_protocol, assignment, load, print_json
 from framekit.cli.main import WrongWords
+from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
@@ -28,9 +29,7 @@ TIMEOUT, RETRIES = "reply_timeout", "retries"
 def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> None:
     """PROTOCOL and the options that name a line and a device on it."""
     add_protocol(parser)
-    parser.add_argument(
-        "--port", required=port_required, help="/dev/ttyUSB0, COM3, tcp://HOST:PORT, a pyserial URL, or sim:FILE"
-    )
+    parser.add_argument("--port", required=port_required, help=help_on_ports("sim:FILE"))
     parser.add_argument("--station", metavar="N", help="the device's station")
     parser.add_argument("--speed", type=int, metavar="BITS", help="bits a second; default: the protocol's")
     parser.add_argument("--format", metavar="8E1", help="data bits, parity, stop bits; default: the protocol's")

@@ -14,21 +14,19 @@ from typing import TYPE_CHECKING
 
 from framekit.cli.common import add_json, existing, print_json, why_not
 from framekit.cli.main import Failure, NoPort, WrongWords
+from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
     from framekit.transport.clock import AsyncioClock
-    from framekit.transport.port import Port
-    from framekit.transport.tapped_port import LineEvent
-
-LISTENING = "tcp-listen://"
+    from framekit.transport.port import LineEvent, Port
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, help="a capture: pcap or JSON lines")
     parser.add_argument(
         "--port", required=True, metavar="PORT",
-        help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT, or tcp-listen://HOST:PORT for whoever connects first",
+        help=help_on_ports("tcp-listen://HOST:PORT for the first that connects"),
     )  # fmt: skip
     parser.add_argument(
         "--direction", choices=("in", "out"), default="out", help="which bytes to send; default: those once sent"
@@ -105,15 +103,9 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
 
 async def _port(arguments: argparse.Namespace, line: LineFormat, clock: AsyncioClock) -> Port:
     """The port, not yet opened; where it is to be a listener, the first connection. Raises WrongWords, NoPort."""
-    from framekit.transport.open_port import host_and_port, open_port
-    from framekit.transport.tcp_listener import AcceptedPort, TcpListener
+    from framekit.transport.port import AcceptedPort
+    from framekit.transport.schemes import make_listener, open_port, scheme_of
 
-    try:
-        if not arguments.port.startswith(LISTENING):
-            return open_port(arguments.port, line, clock)
-        host, number = host_and_port(arguments.port.removeprefix(LISTENING))
-    except ValueError as error:
-        raise WrongWords(str(error)) from None
     first: asyncio.Future[AcceptedPort] = clock.loop.create_future()
 
     def accepted(port: AcceptedPort) -> None:
@@ -122,12 +114,18 @@ async def _port(arguments: argparse.Namespace, line: LineFormat, clock: AsyncioC
         else:
             first.set_result(port)
 
-    listener = TcpListener(host, number, clock, accepted)
+    kind = scheme_of(arguments.port)
     try:
-        found = await listener.start()
+        if kind is None or kind.open is not None:
+            return open_port(arguments.port, line, clock)
+        listener = make_listener(arguments.port, clock, accepted)
+    except ValueError as error:
+        raise WrongWords(str(error)) from None
+    try:
+        await listener.start()
     except OSError as error:
         raise NoPort(f"{arguments.port}: {why_not(error)}") from None
-    print(f"waiting for a connection to {host}:{found}", file=sys.stderr, flush=True)
+    print(f"waiting for a connection to {listener.reached.partition('://')[2]}", file=sys.stderr, flush=True)
     try:
         return await first
     finally:

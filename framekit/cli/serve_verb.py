@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from framekit.cli.common import add_json, duration_of, told, why_not
 from framekit.cli.main import Failure, NoPort, WrongWords
 from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log, period_of
+from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -33,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--port", required=True, metavar="PORT",
-        help="/dev/ttyUSB0, any pyserial URL, tcp://HOST:PORT or udp-listen://HOST:PORT to listen there, "
-        "or pty: for a new pseudo-terminal",
+        help=f"{help_on_ports(serves=True)}: listens there, or makes a new pseudo-terminal",
     )  # fmt: skip
     parser.add_argument(
         "--station", metavar="N[,N…]", help="own station; several are so many devices, each with its own memory"

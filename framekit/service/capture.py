@@ -16,8 +16,7 @@ from typing import BinaryIO
 from framekit.service.json_capture import JsonCaptureError, JsonReader, event_line, header_line
 from framekit.service.pcap import PcapFormatError, PcapReader, PcapRecords, global_header
 from framekit.transport.clock import AsyncioClock, Clock
-from framekit.transport.port import Port
-from framekit.transport.tapped_port import LineEvent, Tap, TappedPort
+from framekit.transport.port import LineEvent, Port, Tap, TappedPort
 
 JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 

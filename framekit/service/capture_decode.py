@@ -15,7 +15,7 @@ from framekit.definition.times import LineFormat
 from framekit.link.listener import Listener
 from framekit.link.observe import Seen
 from framekit.service.capture import CaptureReader
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent
 
 
 class CaptureDecoder:

@@ -12,8 +12,7 @@ from random import Random
 from framekit.blocks.fault_plan import LINE_KINDS, FaultPlan, FaultRule, Side
 from framekit.link.frame_faults import FrameFaults
 from framekit.transport.clock import Clock
-from framekit.transport.line_faults import hits
-from framekit.transport.transmission import Transmission
+from framekit.transport.simulated_line import Transmission, hits
 
 AWAY = 1_000_000_000
 """How long a disconnection lasts that does not say (ns)."""

@@ -15,8 +15,7 @@ from framekit.link.events import CharacterFault
 from framekit.service.fault_injector import FaultInjector, RuleAtWork
 from framekit.transport.clock import Handle
 from framekit.transport.port import Port, PortEvents
-from framekit.transport.simulated import SimulatedPort
-from framekit.transport.transmission import Transmission, in_order
+from framekit.transport.simulated_line import SimulatedPort, Transmission, in_order
 
 GONE = "disconnected by the fault plan"
 

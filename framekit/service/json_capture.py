@@ -11,7 +11,7 @@ from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.link.events import CharacterFault, LineFault
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent
 
 HEADER = {"capture": "framekit", "version": 1}
 

@@ -15,26 +15,20 @@ from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory
 from framekit.service.service_counters import ServiceCounters
 from framekit.service.serving import Serving
-from framekit.service.serving_ports import DATAGRAMS
-from framekit.transport.clock import AsyncioClock, Clock
-from framekit.transport.open_port import host_and_port
-from framekit.transport.port import Port, PortEvents
-from framekit.transport.tcp_port import bracketed
+from framekit.transport.clock import Clock
+from framekit.transport.port import AcceptedPort, Port, PortEvents
+from framekit.transport.schemes import make_listener
 
 
 class ListeningPort(Port):
     """Listens where `channel` says. Raises ValueError for what is no address, and on a clock that is not real."""
 
     def __init__(self, channel: Channel, clock: Clock) -> None:
-        if not isinstance(clock, AsyncioClock):
-            raise ValueError(f"'{channel.port}' is a real port and needs real time – use sim: on a virtual clock")
+        self.listener = make_listener(channel.port, clock, self._accept)
         self.channel = channel
         self.clock = clock
         self.name = channel.port
         self.settings = None
-        scheme, _, place = channel.port.partition("://")
-        self._datagrams = scheme.lower() == DATAGRAMS
-        self.host, self.number = host_and_port(place)
         self.serving: Serving | None = None
 
     def answer(
@@ -53,23 +47,26 @@ class ListeningPort(Port):
         watch = None if monitor is None else lambda port, number, seen: monitor(seen)
         self.serving = Serving([store], self.clock, channel.line, watch)
 
+    def _accept(self, port: AcceptedPort) -> None:
+        assert self.serving is not None
+        self.serving.accept(port)
+
     def open(self, events: PortEvents) -> None:
         now = self.clock.now()
-        assert self.serving is not None
         try:
-            self.number = self.serving.listen_now(self.host, self.number, datagrams=self._datagrams)
+            self.listener.listen()
         except OSError as error:
             reason = f"{self.channel.port}: {error.strerror or error}"
             self.clock.call_soon(lambda: events.closed(now, reason))
             return
-        scheme = DATAGRAMS if self._datagrams else "tcp-listen"
-        self.name = f"{scheme}://{bracketed(self.host)}:{self.number}"
+        self.name = self.listener.name
         self.clock.call_soon(lambda: events.opened(now))
 
     def write(self, data: bytes) -> None:
         """The port itself has no sender."""
 
     def close(self) -> None:
+        self.listener.stop()
         if self.serving is not None:
             self.serving.stop()
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import BinaryIO
 
 from framekit.link.events import CharacterFault, LineFault
-from framekit.transport.tapped_port import Direction, LineEvent
+from framekit.transport.port import LineEvent, Way
 
 LINK_TYPE = 250
 MAGIC_MICROSECONDS, MAGIC_NANOSECONDS = 0xA1B2C3D4, 0xA1B23C4D
@@ -48,7 +48,7 @@ _FAULTS = {
     LineFault.OVERRUN: EventType.SERIAL_OVERFLOW_EVENT,
 }
 _FAULT_OF = {kind: fault for fault, kind in _FAULTS.items()}
-_DIRECTIONS: dict[EventType, Direction] = {
+_DIRECTIONS: dict[EventType, Way] = {
     EventType.DATA_TX_START: "out",
     EventType.DATA_TX_END: "out",
     EventType.DATA_RX_START: "in",
@@ -60,7 +60,7 @@ _DIRECTIONS: dict[EventType, Direction] = {
 _TYPES = {int(kind): kind for kind in EventType}
 
 
-def kinds_of(direction: Direction) -> list[int]:
+def kinds_of(direction: Way) -> list[int]:
     """The numbers of the event types that carry bytes of this direction, damaged ones too."""
     return [int(kind) for kind, its in _DIRECTIONS.items() if its == direction]
 

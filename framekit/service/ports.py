@@ -16,10 +16,10 @@ from framekit.service.device import DeviceService, stores_of
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.transport.clock import Clock
-from framekit.transport.open_port import open_port, wired
 from framekit.transport.port import Port
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.transmission import Transmission
+from framekit.transport.schemes import open_port
+from framekit.transport.simulated_line import SimulatedLine, Transmission
+from framekit.transport.wiring import wired
 
 SIMULATED = "sim:"
 
@@ -79,7 +79,7 @@ def _too_many(devices: list[Device], channel: Channel) -> list[Problem]:
 def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Port, list[DeviceService]]:
     """The port of a channel and the simulated devices on its line. Raises ValueError for a port of no known kind."""
     if not devices:
-        return open_port(channel.port, channel.line, clock, wiring=channel.wiring), []
+        return open_port(channel.port, channel.line, clock, channel.wiring), []
     line = SimulatedLine(clock, channel.line, full_duplex=not channel.wiring.half_duplex)
     faults = None if channel.faults is None else channel.faults.of_line()
     services = [

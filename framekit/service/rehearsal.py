@@ -23,8 +23,7 @@ from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.transmission import Transmission
+from framekit.transport.simulated_line import SimulatedLine, Transmission
 
 LONGEST = 3_600_000_000_000
 """An exchange that has not ended after an hour never will."""

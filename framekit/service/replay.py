@@ -10,8 +10,7 @@ from typing import Literal
 
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import Clock
-from framekit.transport.port import Port
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent, Port
 
 
 class Replay:

@@ -17,11 +17,9 @@ from framekit.blocks.device import Device
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
 from framekit.service.device import DeviceService, DeviceStore, stores_of
-from framekit.transport.clock import AsyncioClock, Clock
-from framekit.transport.port import Port
-from framekit.transport.shared_port import SharedPort
-from framekit.transport.tcp_listener import AcceptedPort, TcpListener
-from framekit.transport.udp_listener import SenderPort, UdpListener
+from framekit.transport.clock import Clock
+from framekit.transport.port import AcceptedPort, Listener, Port, SharedPort
+from framekit.transport.schemes import make_listener
 
 ServingMonitor = Callable[[str, int, Seen], None]
 """Gets everything seen: the port's name, which of the devices saw it, and what it saw."""
@@ -80,7 +78,7 @@ class Serving:
         self.line_errors: Counter[str] = Counter()
         self.connections = 0
         self.limits = limits
-        self.listener: TcpListener | UdpListener | None = None
+        self.listener: Listener | None = None
         self._hosts: dict[Port, str] = {}
         self._idle_alarm = clock.alarm(self._close_idle)
 
@@ -90,25 +88,13 @@ class Serving:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
         self._begin(port, lambda state: self.on_state(port.name, state))
 
-    async def listen(self, host: str, number: int, *, datagrams: bool = False) -> int:
-        """Answers on every connection made to `host:number`, with `datagrams` every sender of them by itself.
-
-        Tells the number, where 0 asks for any. Raises OSError.
-        """
-        return await self._listener(host, number, datagrams).start()
-
-    def listen_now(self, host: str, number: int, *, datagrams: bool = False) -> int:
-        """As `listen`; connections are accepted as soon as the loop goes on. Raises OSError."""
-        return self._listener(host, number, datagrams).listen()
-
-    def _listener(self, host: str, number: int, datagrams: bool) -> TcpListener | UdpListener:
-        if not isinstance(self.clock, AsyncioClock):
-            raise ValueError("a listener needs real time")
-        kind = UdpListener if datagrams else TcpListener
-        self.listener = listener = kind(host, number, self.clock, self.accept)
+    async def listen(self, url: str) -> Listener:
+        """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
+        self.listener = listener = make_listener(url, self.clock, self.accept)
+        await listener.start()
         return listener
 
-    def accept(self, port: AcceptedPort | SenderPort) -> None:
+    def accept(self, port: AcceptedPort) -> None:
         """Answers on a connection, or closes it where there are too many."""
         if not self._has_room(port):
             self.line_errors["connections refused"] += 1
@@ -125,7 +111,7 @@ class Serving:
         self._begin(port, state)
         self._set_idle_alarm()
 
-    def _has_room(self, port: AcceptedPort | SenderPort) -> bool:
+    def _has_room(self, port: AcceptedPort) -> bool:
         """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
         in_the_way = [one for one, host in self._hosts.items() if host == port.host]
         if len(in_the_way) < self.limits.per_address:

@@ -1,4 +1,4 @@
-"""Where devices are served: a listener for `tcp://` or `udp-listen://`, a new pseudo-terminal for `pty:`, any port."""
+"""Where devices are served: a listener where the port's kind has one, else the port itself."""
 
 from __future__ import annotations
 
@@ -10,12 +10,7 @@ from framekit.blocks.device import Device
 from framekit.definition.times import LineFormat, parse_format
 from framekit.service.serving import Serving
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.open_port import host_and_port, open_port
-from framekit.transport.tcp_port import bracketed
-
-LISTENING = ("tcp", "tcp-listen")
-DATAGRAMS = "udp-listen"
-PSEUDO_TERMINAL = "pty:"
+from framekit.transport.schemes import open_port, scheme_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,27 +53,14 @@ async def begin_serving(
     What has to be closed at the end goes on the stack. Raises ValueError for what is no port, OSError.
     """
     url = serving.stores[0].device.protocol.line.port_of(url)
-    scheme, _, rest = url.partition("://")
-    if rest and scheme.lower() in LISTENING:
-        host, number = host_and_port(rest)
-        number = await serving.listen(host, number)
-        name = f"tcp://{bracketed(host)}:{number}"
-        return Served(name, name)
-    if rest and scheme.lower() == DATAGRAMS:
-        host, number = host_and_port(rest)
-        number = await serving.listen(host, number, datagrams=True)
-        name = f"{DATAGRAMS}://{bracketed(host)}:{number}"
-        return Served(name, name)
-    if url == PSEUDO_TERMINAL:
-        from framekit.transport.pty_pair import PtyPair
-
-        pair = stack.enter_context(PtyPair())
-        port, name = open_port(pair.first, serving.line, clock), pair.second
-    else:
-        port = open_port(url, serving.line, clock)
-        name = port.name
+    kind = scheme_of(url)
+    if kind is not None and kind.listen is not None:
+        listener = await serving.listen(url)
+        return Served(listener.reached, listener.reached)
+    port = open_port(url, serving.line, clock, serves=True)
+    stack.callback(port.release)
     serving.serve(port)
     reached = await first_state
     if reached != "open":
         raise OSError(reached if url in reached else f"{url}: {reached}")
-    return Served(name, port.describes().replace(port.name, name))
+    return Served(port.name, port.describes())

@@ -1,17 +1,19 @@
 """What a port is: bytes out, events in. One interface for real, simulated and network lines.
 
-A port never raises what happens on its line; it tells its owner, who gives `PortEvents` when opening it. What the
-bytes mean, and who wants them, is not known here.
+A port never raises what happens on its line; it tells its owner, who gives `PortEvents` when opening it. Then three
+ports around other ports: one that passes on, one shared by several stations, one that shows what goes through it.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
 
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
+from framekit.transport.clock import Clock
 
 
 class PortEvents(Protocol):
@@ -83,6 +85,343 @@ class Port(ABC):
     def flush_input(self) -> None:  # noqa: B027 - a port that keeps nothing back has nothing to do
         """Drops what has come and has not been told yet."""
 
+    def release(self) -> None:  # noqa: B027 - most hold nothing while they are closed
+        """It will not be opened any more: gives back what it holds even while it is closed."""
+
     def describes(self) -> str:
         """What the port is, for people: its name and, where it has a baud rate, speed and format."""
         return self.name if self.settings is None else f"{self.name} at {self.settings}"
+
+
+class AcceptedPort(Port):
+    """The port of one connection that came to a listener; it can't be opened again. What comes before waits for that.
+
+    `host`: the address of the other side. `ends_itself`: whether the other side tells when it has finished.
+    """
+
+    opens_again = False
+    host = ""
+    ends_itself = True
+
+
+Accepted = Callable[[AcceptedPort], None]
+"""Gets the port, not yet opened, of each connection that comes."""
+
+
+class Listener(ABC):
+    """Listens somewhere and makes a port of everything that connects. It can listen again after it was stopped.
+
+    `name`: where it listens; `reached`: how others name it. Both are exact once it listens.
+    """
+
+    name: str
+    reached: str
+
+    @abstractmethod
+    def listen(self) -> None:
+        """Begins to listen; connections are accepted as soon as the loop goes on. Raises OSError."""
+
+    @abstractmethod
+    async def start(self) -> None:
+        """As `listen`; connections are accepted when it returns. Raises OSError."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Accepts no more; ports that have been accepted stay open where each has a connection of its own."""
+
+
+class PassingPort(Port):
+    """Passes on what its owner does, and what the port behind it tells."""
+
+    def __init__(self, inner: Port) -> None:
+        self.inner = inner
+        self.name = inner.name
+        self.settings = inner.settings
+        self.opens_again = inner.opens_again
+        self.events: PortEvents | None = None
+
+    def forget(self) -> None:
+        """The use of the port is over."""
+        self.events = None
+
+    # ---- what its owner does ------------------------------------------------------------------------------
+
+    def open(self, events: PortEvents) -> None:
+        if self.events is not None:
+            self.close()
+        self.events = events
+        self.inner.open(self)
+
+    def write(self, data: bytes) -> None:
+        self.inner.write(data)
+
+    def close(self) -> None:
+        self.forget()
+        self.inner.close()
+
+    def send_break(self, duration: int) -> None:
+        self.inner.send_break(duration)
+
+    def set_rts(self, on: bool) -> None:
+        self.inner.set_rts(on)
+
+    def flush_input(self) -> None:
+        self.inner.flush_input()
+
+    def release(self) -> None:
+        self.inner.release()
+
+    # ---- what the port behind it tells --------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        if self.events is not None:
+            self.events.opened(now)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        if self.events is not None:
+            self.events.received(data, now, faults)
+
+    def other_sender(self, now: int) -> None:
+        if self.events is not None:
+            self.events.other_sender(now)
+
+    def line_break(self, now: int) -> None:
+        if self.events is not None:
+            self.events.line_break(now)
+
+    def sent(self, now: int) -> None:
+        if self.events is not None:
+            self.events.sent(now)
+
+    def closed(self, now: int, reason: str) -> None:
+        events = self.events
+        self.forget()
+        if events is not None:
+            events.closed(now, reason)
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        if self.events is not None:
+            self.events.control(lines, now)
+
+
+class SharedPort:
+    """Opened by the first user that opens, closed by the first that closes; the others are told."""
+
+    def __init__(self, port: Port, clock: Clock) -> None:
+        self.port = port
+        self.clock = clock
+        self.is_open = False
+        self.is_opening = False
+        self.users: dict[UserPort, PortEvents] = {}
+        self.sending: set[UserPort] = set()
+
+    def user(self) -> UserPort:
+        """A port for one more user, not yet opened."""
+        return UserPort(self)
+
+    # ---- what users do ------------------------------------------------------------------------------------
+
+    def open(self, user: UserPort, events: PortEvents) -> None:
+        self.users[user] = events
+        if self.is_open:
+            self.clock.call_soon(lambda: self._tell_open(user, events))
+        elif not self.is_opening:
+            self.is_opening = True
+            self.port.open(self)
+
+    def _tell_open(self, user: UserPort, events: PortEvents) -> None:
+        if self.is_open and self.users.get(user) is events:
+            events.opened(self.clock.now())
+
+    def close(self, user: UserPort) -> None:
+        """The port is closed for everybody; the others are told, and may open it again."""
+        if self.users.pop(user, None) is None:
+            return
+        self.sending.discard(user)
+        others, self.users = self.users, {}
+        self.sending.clear()
+        self.is_open = self.is_opening = False
+        self.port.close()
+        self.clock.call_soon(lambda: self._tell_closed(others.values()))
+
+    def _tell_closed(self, others: Iterable[PortEvents]) -> None:
+        for events in others:
+            events.closed(self.clock.now(), "another station has closed it")
+
+    # ---- events of the port -------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self.is_open, self.is_opening = True, False
+        for events in list(self.users.values()):
+            events.opened(now)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        for events in list(self.users.values()):
+            events.received(data, now, faults)
+
+    def other_sender(self, now: int) -> None:
+        for events in list(self.users.values()):
+            events.other_sender(now)
+
+    def line_break(self, now: int) -> None:
+        for events in list(self.users.values()):
+            events.line_break(now)
+
+    def sent(self, now: int) -> None:
+        """Everything has left: whoever has sent something since the last time is told."""
+        sending, self.sending = self.sending, set()
+        for user, events in list(self.users.items()):
+            if user in sending:
+                events.sent(now)
+
+    def closed(self, now: int, reason: str) -> None:
+        users, self.users = self.users, {}
+        self.sending.clear()
+        self.is_open = self.is_opening = False
+        for events in users.values():
+            events.closed(now, reason)
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        for events in list(self.users.values()):
+            events.control(lines, now)
+
+
+class UserPort(Port):
+    """The port as one of its users sees it."""
+
+    def __init__(self, shared: SharedPort) -> None:
+        self.shared = shared
+        self.name = shared.port.name
+        self.settings = shared.port.settings
+        self.opens_again = shared.port.opens_again
+
+    def open(self, events: PortEvents) -> None:
+        self.shared.open(self, events)
+
+    def write(self, data: bytes) -> None:
+        if self in self.shared.users:
+            self.shared.sending.add(self)
+            self.shared.port.write(data)
+
+    def close(self) -> None:
+        self.shared.close(self)
+
+    def send_break(self, duration: int) -> None:
+        if self in self.shared.users:
+            self.shared.sending.add(self)
+            self.shared.port.send_break(duration)
+
+    def set_rts(self, on: bool) -> None:
+        self.shared.port.set_rts(on)
+
+    def flush_input(self) -> None:
+        self.shared.port.flush_input()
+
+
+LineEventKind = Literal["data", "break", "control", "open", "closed"]
+Way = Literal["in", "out", ""]
+
+
+@dataclass(frozen=True, slots=True)
+class LineEvent:
+    """Something on a line. `at` (ns): when the last byte was complete, or when it was handed over for sending.
+
+    `faults`: the damaged characters of `data`; `lines`: control lines by name; `reason`: why it was closed.
+    """
+
+    kind: LineEventKind
+    at: int
+    direction: Way = ""
+    data: bytes = b""
+    faults: tuple[CharacterFault, ...] = ()
+    lines: Mapping[str, bool] = field(default_factory=dict)
+    reason: str = ""
+
+
+Tap = Callable[[LineEvent], None]
+
+
+class TappedPort(Port):
+    """The port `inner`, with `tap` told of everything before whoever uses the port."""
+
+    def __init__(self, inner: Port, clock: Clock, tap: Tap) -> None:
+        self.inner = inner
+        self.clock = clock
+        self.tap = tap
+        self.name = inner.name
+        self.settings = inner.settings
+        self.opens_again = inner.opens_again
+        self.is_open = False
+
+    def open(self, events: PortEvents) -> None:
+        self.inner.open(_Tapped(self, events))
+
+    def write(self, data: bytes) -> None:
+        self._show(data)
+        self.inner.write(data)
+
+    def write_through(self, data: bytes) -> bool:
+        self._show(data)
+        return self.inner.write_through(data)
+
+    def _show(self, data: bytes) -> None:
+        if self.is_open and data:
+            self.tap(LineEvent("data", self.clock.now(), "out", data))
+
+    def close(self) -> None:
+        if self.is_open:
+            self.is_open = False
+            self.tap(LineEvent("closed", self.clock.now()))
+        self.inner.close()
+
+    def send_break(self, duration: int) -> None:
+        if self.is_open:
+            self.tap(LineEvent("break", self.clock.now(), "out"))
+        self.inner.send_break(duration)
+
+    def set_rts(self, on: bool) -> None:
+        if self.is_open:
+            self.tap(LineEvent("control", self.clock.now(), "out", lines={"rts": on}))
+        self.inner.set_rts(on)
+
+    def flush_input(self) -> None:
+        self.inner.flush_input()
+
+    def describes(self) -> str:
+        return self.inner.describes()
+
+
+class _Tapped:
+    """The events of a tapped port on their way to its owner."""
+
+    def __init__(self, port: TappedPort, events: PortEvents) -> None:
+        self._port = port
+        self._events = events
+
+    def opened(self, now: int) -> None:
+        self._port.is_open = True
+        self._port.tap(LineEvent("open", now))
+        self._events.opened(now)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self._port.tap(LineEvent("data", now, "in", data, tuple(faults)))
+        self._events.received(data, now, faults)
+
+    def other_sender(self, now: int) -> None:
+        self._events.other_sender(now)
+
+    def line_break(self, now: int) -> None:
+        self._port.tap(LineEvent("break", now, "in"))
+        self._events.line_break(now)
+
+    def sent(self, now: int) -> None:
+        self._events.sent(now)
+
+    def closed(self, now: int, reason: str) -> None:
+        self._port.is_open = False
+        self._port.tap(LineEvent("closed", now, reason=reason))
+        self._events.closed(now, reason)
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        self._port.tap(LineEvent("control", now, "in", lines=dict(lines)))
+        self._events.control(lines, now)

@@ -1,6 +1,6 @@
 """Pseudo-terminals, for tests, demos and real peers: two wired to each other, or one whose other end is a file.
 
-A pseudo-terminal has no baud rate, no parity and no break. What goes through it is not known here.
+A pseudo-terminal has no baud rate, no parity and no break.
 """
 
 from __future__ import annotations
@@ -12,6 +12,12 @@ import pty
 import select
 import threading
 import tty
+
+from framekit.definition.line_settings import LineSettings
+from framekit.definition.times import LineFormat
+from framekit.transport.clock import AsyncioClock
+from framekit.transport.port import PassingPort
+from framekit.transport.serial_port import SerialPort
 
 READ_SIZE = 4096
 
@@ -83,6 +89,18 @@ class PtyPair:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class PtyPort(PassingPort):
+    """A port on a new pair of terminals; its name is the path of the other one, which stays until `release`."""
+
+    def __init__(self, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> None:
+        self._pair = PtyPair()
+        super().__init__(SerialPort(self._pair.first, settings, clock, wiring))
+        self.name = self._pair.second
+
+    def release(self) -> None:
+        self._pair.close()
 
 
 def _raw_pty() -> tuple[int, int]:

@@ -17,8 +17,8 @@ import pytest
 from framekit.cli.main import main
 from framekit.service.capture import Capture, CaptureReader
 from framekit.transport.clock import VirtualClock
+from framekit.transport.port import LineEvent
 from framekit.transport.pty_pair import PtyPair
-from framekit.transport.tapped_port import LineEvent
 
 MS = 1_000_000
 ASK = bytes.fromhex("11 03 00 6B 00 03 76 87")

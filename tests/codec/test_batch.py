@@ -18,7 +18,7 @@ from framekit.definition.load import load_protocol
 from framekit.service.capture import Capture, CaptureError
 from framekit.service.capture_cut import cut_of_capture
 from framekit.transport.clock import VirtualClock
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent
 
 Make = Callable[[random.Random], dict[str, Any]]
 

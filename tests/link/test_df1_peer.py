@@ -19,7 +19,7 @@ from framekit.link.evaluate import Names
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import PortEvents
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 pytest.importorskip("df1", reason="df1py3 is not installed")
 

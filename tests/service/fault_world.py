@@ -23,7 +23,7 @@ from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 MS = 1_000_000
 SECOND = 1000 * MS

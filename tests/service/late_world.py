@@ -24,7 +24,7 @@ from framekit.link.transfer import Done, TransferResult
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 MS = 1_000_000
 SECOND = 1000 * MS

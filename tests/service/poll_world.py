@@ -22,7 +22,7 @@ from framekit.service.device import DeviceService
 from framekit.service.polling import Polling
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port, PortEvents
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -14,7 +14,7 @@ from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.service.driver import Driver
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 MILLISECOND = 1_000_000
 

@@ -13,8 +13,8 @@ import pytest
 from framekit.link.events import CharacterFault, LineFault
 from framekit.service.capture import Capture, CaptureError, CaptureReader
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent
+from framekit.transport.simulated_line import SimulatedLine
 
 PARITY, FRAMING, OVERRUN = LineFault.PARITY, LineFault.FRAMING, LineFault.OVERRUN
 EVENTS = [

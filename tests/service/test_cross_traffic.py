@@ -30,8 +30,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.transmission import Transmission
+from framekit.transport.simulated_line import SimulatedLine, Transmission
 
 EXCHANGES = int(os.environ.get("FRAMEKIT_EXCHANGES", "2000"))
 PROTOCOL = load_protocol("df1")

@@ -28,11 +28,12 @@ from framekit.service.device import DeviceService
 from framekit.service.run import RunService
 from framekit.transport import clock as clock_module
 from framekit.transport.clock import AsyncioClock, VirtualClock
-from framekit.transport.echo_port import EchoFreePort
-from framekit.transport.open_port import open_port
+from framekit.transport.port import AcceptedPort
 from framekit.transport.pty_pair import PtyPair
-from framekit.transport.tcp_listener import AcceptedPort, listen
-from framekit.transport.udp_port import UdpPort
+from framekit.transport.schemes import open_port
+from framekit.transport.tcp import TcpListener
+from framekit.transport.udp import UdpPort
+from framekit.transport.wiring import EchoFreePort
 
 SECOND = 1_000_000_000
 
@@ -337,7 +338,8 @@ def test_an_accepted_connection_is_not_opened_again() -> None:
     async def check() -> None:
         clock = AsyncioClock(asyncio.get_running_loop())
         accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
-        listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+        listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
+        listener.listen()
         client = socket.create_connection(("127.0.0.1", listener.number))
         port = await accepted.get()
         over = asyncio.Event()

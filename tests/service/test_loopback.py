@@ -10,8 +10,7 @@ from framekit.definition.times import LineFormat
 from framekit.service.loopback import Loopback, LoopbackResult, pattern_of
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.transmission import Fault, Transmission
+from framekit.transport.simulated_line import Fault, SimulatedLine, Transmission
 
 LINE = LineFormat(9600, 8, "E")
 

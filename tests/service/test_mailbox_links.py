@@ -8,7 +8,7 @@ import pytest
 from transfer_world import TransferWorld
 
 from framekit.link.transfer import TransferResult
-from framekit.transport.line_faults import Faults
+from framekit.transport.simulated_line import Faults
 
 PLACES = {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}
 STATIONS = {"snp": "33101A", "snp-x": b"ABCDEF\0\0"}

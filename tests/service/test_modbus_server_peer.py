@@ -42,7 +42,7 @@ async def tcp_device(folder: Path) -> AsyncIterator[int]:
         load_devices(device_file(folder, "modbus-tcp"), folder), AsyncioClock(asyncio.get_running_loop()), None
     )
     try:
-        yield await serving.listen("127.0.0.1", 0)
+        yield (await serving.listen("tcp://127.0.0.1:0")).number
     finally:
         serving.stop()
 

@@ -10,8 +10,8 @@ from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.service.replay import Replay
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.tapped_port import LineEvent
+from framekit.transport.port import LineEvent
+from framekit.transport.simulated_line import SimulatedLine
 
 MS = 1_000_000
 LINE = LineFormat(9600)

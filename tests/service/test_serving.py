@@ -20,7 +20,7 @@ from framekit.link import environment
 from framekit.link.observe import Seen
 from framekit.service.serving import DEFAULT_LIMITS, MOST_CONNECTIONS, ConnectionLimits, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
-from framekit.transport.simulated import SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 LONGEST = 30
 MOST_FLOOD = 50_000_000
@@ -43,7 +43,7 @@ async def served(
     devices = load_devices(name, HERE, DeviceSettings(**settings))
     serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None, limits=limits)
     try:
-        yield serving, await serving.listen("127.0.0.1", 0)
+        yield serving, (await serving.listen("tcp://127.0.0.1:0")).number
     finally:
         serving.stop()
 
@@ -221,7 +221,7 @@ async def served_by_datagrams(limits: ConnectionLimits = DEFAULT_LIMITS) -> Asyn
     devices = load_devices("modbus-rtu", HERE, DeviceSettings(initial={"40001": "100,200,300"}))
     serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None, limits=limits)
     try:
-        yield serving, await serving.listen("127.0.0.1", 0, datagrams=True)
+        yield serving, (await serving.listen("udp-listen://127.0.0.1:0")).number
     finally:
         serving.stop()
 

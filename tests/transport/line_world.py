@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from framekit.definition.times import LineFormat, parse_format
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated import SimulatedLine, SimulatedPort
+from framekit.transport.simulated_line import SimulatedLine, SimulatedPort
 
 SECOND = 1_000_000_000
 

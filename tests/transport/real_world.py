@@ -11,11 +11,11 @@ from typing import Any
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.open_port import open_port
-from framekit.transport.port import Port
+from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_pair import PtyMaster, PtyPair
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.tcp_listener import AcceptedPort, listen
+from framekit.transport.schemes import open_port
+from framekit.transport.simulated_line import SimulatedLine
+from framekit.transport.tcp import TcpListener
 
 LONGEST = 20
 """Seconds after which a test that waits for an event is broken off."""
@@ -153,7 +153,8 @@ async def network(client: str) -> AsyncIterator[Pair]:
     """A client port of that URL scheme, and the port of its connection on the other side."""
     clock = AsyncioClock(asyncio.get_running_loop())
     accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
-    listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+    listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
+    listener.listen()
     left = open_port(f"{client}://127.0.0.1:{listener.number}", LineFormat(1_000_000), clock)
 
     async def connected() -> tuple[Waiting, Port, Waiting]:

@@ -11,8 +11,7 @@ from transport.line_world import SECOND, World
 
 from framekit.definition.times import parse_format
 from framekit.link.events import LineFault
-from framekit.transport.line_faults import Faults
-from framekit.transport.transmission import Transmission, in_order
+from framekit.transport.simulated_line import Faults, Transmission, in_order
 
 
 def transmission(data: bytes = b"\x00\x01\x02\x03\x04", text: str = "8E1", step: int = 10) -> Transmission:

@@ -16,7 +16,7 @@ from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport import serial_descriptor
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.marked_bytes import DamageCounts, Marks, damage_counts, mark_damage
+from framekit.transport.serial_descriptor import DamageCounts, Marks, damage_counts, mark_damage
 from framekit.transport.serial_port import SerialPort
 
 

@@ -11,16 +11,13 @@ from transport.real_world import LONGEST, Waiting, open_pty, opened, run
 from framekit.definition.line_settings import LineSettings
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
-from framekit.transport import serial_port, tcp_port
-from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
-from framekit.transport.open_port import host_and_port, open_port
-from framekit.transport.port import Port
+from framekit.transport import serial_port, tcp
+from framekit.transport.clock import AsyncioClock, VirtualClock
+from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_pair import PtyPair
-from framekit.transport.serial_connection import open_device
-from framekit.transport.serial_port import SerialPort
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.tcp_listener import AcceptedPort, TcpListener, listen
-from framekit.transport.tcp_port import TcpPort
+from framekit.transport.schemes import host_and_port, open_port
+from framekit.transport.serial_port import SerialPort, open_device
+from framekit.transport.tcp import TcpListener, TcpPort
 
 
 def real_clock() -> AsyncioClock:
@@ -207,8 +204,8 @@ def test_bytes_that_come_before_an_accepted_port_is_opened_wait_for_it() -> None
         clock = real_clock()
         accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
         listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
-        number = await listener.start()
-        _, writer = await asyncio.open_connection("127.0.0.1", number)
+        await listener.start()
+        _, writer = await asyncio.open_connection("127.0.0.1", listener.number)
         writer.write(b"early")
         await writer.drain()
         port = await accepted.get()
@@ -227,7 +224,8 @@ def test_bytes_that_come_before_an_accepted_port_is_opened_wait_for_it() -> None
 def test_a_listener_can_be_asked_for_its_port_at_once_and_stops() -> None:
     async def check() -> None:
         clock = real_clock()
-        listener = listen("localhost", 0, clock, lambda port: None)
+        listener = TcpListener("localhost", 0, clock, lambda port: None)
+        listener.listen()
         assert listener.number > 0
         listener.stop()
         events = Waiting()
@@ -235,7 +233,7 @@ def test_a_listener_can_be_asked_for_its_port_at_once_and_stops() -> None:
         reason = await events.until("closed")
         assert reason == f"no connection to 127.0.0.1:{listener.number}: Connection refused"
         with pytest.raises(OSError, match=r"\w"):
-            listen("256.0.0.1", 0, clock, lambda port: None)
+            TcpListener("256.0.0.1", 0, clock, lambda port: None).listen()
 
     run(check())
 
@@ -254,7 +252,8 @@ async def flooded(size: int) -> tuple[list[bytes], list[str]]:
     """The pieces in which a connection tells `size` bytes, and who was told what; another one asks after the first."""
     clock = real_clock()
     accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
-    listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+    listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
+    listener.listen()
     _, flood = await asyncio.open_connection("127.0.0.1", listener.number)
     flooding = await accepted.get()
     _, other = await asyncio.open_connection("127.0.0.1", listener.number)
@@ -292,7 +291,7 @@ async def flooded(size: int) -> tuple[list[bytes], list[str]]:
 def test_a_flood_is_taken_in_turns_and_nothing_of_it_is_lost() -> None:
     pieces, order = asyncio.run(flooded(200_000))
     assert b"".join(pieces) == bytes(number % 251 for number in range(200_000))
-    assert max(map(len, pieces)) <= tcp_port.MOST
+    assert max(map(len, pieces)) <= tcp.MOST
     assert order.index("other") < 10, "the other one had a turn in between"
     assert order[-1] == "closed"
 
@@ -301,7 +300,8 @@ def test_connections_share_a_turn_of_the_loop() -> None:
     async def check() -> None:
         clock = real_clock()
         accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
-        listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+        listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
+        listener.listen()
         writers = [(await asyncio.open_connection("127.0.0.1", listener.number))[1] for _ in range(8)]
         ports = [await accepted.get() for _ in writers]
         turns: list[int] = []
@@ -324,7 +324,7 @@ def test_connections_share_a_turn_of_the_loop() -> None:
         for writer in writers:
             writer.close()
         listener.stop()
-        assert max(turns) <= tcp_port.MOST + tcp_port.FEWEST * len(writers)
+        assert max(turns) <= tcp.MOST + tcp.FEWEST * len(writers)
 
     asyncio.run(check())
 
@@ -333,7 +333,8 @@ def test_sent_waits_until_the_system_has_taken_everything() -> None:
     async def check() -> None:
         clock = real_clock()
         accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
-        listener = listen("127.0.0.1", 0, clock, accepted.put_nowait)
+        listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
+        listener.listen()
         client = TcpPort("127.0.0.1", listener.number, clock)
         events = await opened(client)
         server = await accepted.get()
@@ -371,16 +372,6 @@ def test_kinds_of_ports_by_url() -> None:
     run(check())
 
 
-def test_other_schemes_are_handed_in() -> None:
-    clock = VirtualClock()
-
-    def simulated(url: str, settings: LineFormat | None, clock: Clock) -> Port:
-        return SimulatedLine(clock, settings).port(url)
-
-    port = open_port("sim:pump.device.yaml", LineFormat(9600), clock, {"sim": simulated})
-    assert port.describes() == "sim:pump.device.yaml at 9600 8N1"
-
-
 @pytest.mark.parametrize(
     ("url", "message"),
     [
@@ -410,13 +401,13 @@ def test_a_real_port_needs_real_time() -> None:
     [("localhost:502", ("localhost", 502)), ("[::1]:5", ("::1", 5)), (":7", ("127.0.0.1", 7)), ("a:1/", ("a", 1))],
 )
 def test_hosts_and_ports(text: str, expected: tuple[str, int]) -> None:
-    assert host_and_port(text) == expected
+    assert host_and_port(f"tcp://{text}") == expected
 
 
 @pytest.mark.parametrize("text", ["localhost", "x:99999", "x:y", ""])
 def test_wrong_hosts_and_ports(text: str) -> None:
     with pytest.raises(ValueError, match="HOST:PORT"):
-        host_and_port(text)
+        host_and_port(f"tcp://{text}")
 
 
 def test_a_port_that_only_listens_leaves_the_control_lines_off() -> None:

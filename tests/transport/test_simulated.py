@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from transport.line_world import SECOND, World
 
 from framekit.link.events import LineFault
-from framekit.transport.line_faults import Faults
-from framekit.transport.transmission import Transmission
+from framekit.transport.simulated_line import Faults, Transmission
 
 # ---- times --------------------------------------------------------------------------------------------------
 

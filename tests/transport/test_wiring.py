@@ -11,13 +11,9 @@ from framekit.definition.line_settings import Direction, LineSettings, Modem
 from framekit.definition.times import parse_format
 from framekit.link.events import LineFault
 from framekit.transport.clock import VirtualClock
-from framekit.transport.direction_port import DirectionPort
-from framekit.transport.echo_port import EchoFreePort
-from framekit.transport.modem_port import HUNG_UP, ModemPort
-from framekit.transport.open_port import wired
 from framekit.transport.port import Port
-from framekit.transport.simulated import SimulatedLine
-from framekit.transport.transmission import Transmission
+from framekit.transport.simulated_line import SimulatedLine, Transmission
+from framekit.transport.wiring import HUNG_UP, DirectionPort, EchoFreePort, ModemPort, wired
 
 MS = 1_000_000
 SECOND = 1000 * MS

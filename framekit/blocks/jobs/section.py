@@ -6,19 +6,17 @@ Names that the run does not know are left to whoever can ask the system.
 from __future__ import annotations
 
 import ipaddress
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from framekit.blocks.jobs.profile import JobProfile
 from framekit.definition.problems import Position
+from framekit.transport.schemes import host_of as port_host
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Channel, Place
     from framekit.definition.model.protocol import Protocol
-
-_HOST = re.compile(r"(?:tcp|udp)://(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?")
 
 HOST = "{host}"
 """Stands for a host's address in the port of channels that are opened when they are wanted."""
@@ -64,10 +62,7 @@ class JobsSection:
 
 def host_of(channel: Channel) -> str:
     """How jobs call the other side of a channel; empty where nothing says it."""
-    if channel.host:
-        return channel.host
-    match = _HOST.match(channel.port)
-    return "" if match is None else match[1] or match[2]
+    return channel.host or port_host(channel.port)
 
 
 def channel_to(host: str, channels: Mapping[int, Channel]) -> int | None:

@@ -1,7 +1,4 @@
-"""TCP: a port that connects, and what ports of connections have in common (see `tcp_listener`).
-
-A stream has no bit times: what the operating system has taken counts as sent. What the bytes mean is not known here.
-"""
+"""TCP: a port that connects to a host, and a listener that makes a port of every connection it accepts."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ import os
 import socket
 
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.port import Port, PortEvents
+from framekit.transport.port import Accepted, AcceptedPort, Listener, Port, PortEvents
 
 CONNECT_WITHIN = 10.0
 """How long making a connection may take (s); some networks never refuse one."""
@@ -188,3 +185,110 @@ class TcpPort(StreamPort):
 def bracketed(host: str) -> str:
     """A host as it stands before a port number."""
     return f"[{host}]" if ":" in host else host
+
+
+class TcpAcceptedPort(StreamPort, AcceptedPort):
+    """A connection that the other side has made. Bytes that come before it is opened wait.
+
+    So do those that come while something is still to be sent: a client that takes no replies cannot heap up requests.
+    """
+
+    def connected(self) -> None:
+        transport = self.connection.transport if self.connection is not None else None
+        if transport is not None:
+            transport.pause_reading()
+
+    def open(self, events: PortEvents) -> None:
+        self.events = events
+        connection = self.connection
+        self.clock.call_soon(lambda: self._begin(events, connection))
+
+    def hear(self, data: bytes) -> None:
+        super().hear(data)
+        self._pace()
+
+    def left(self) -> None:
+        super().left()
+        self._pace()
+
+    def _pace(self) -> None:
+        transport = self._transport
+        if transport is not None and self._sent_due:
+            transport.pause_reading()
+        elif transport is not None:
+            transport.resume_reading()
+
+    def _begin(self, events: PortEvents, connection: Connection | None) -> None:
+        if self.events is not events or self.connection is not connection:
+            return
+        if connection is None or connection.transport is None:
+            self.lost("the connection is over")
+            return
+        events.opened(self.clock.now())
+        if self.connection is connection and connection.transport is not None:
+            connection.transport.resume_reading()
+
+
+class TcpListener(Listener):
+    """Accepts connections; `accepted` gets a port, not yet opened, for each. `number` 0 asks for any that is free."""
+
+    def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
+        self.host, self.number = host, number
+        self.clock = clock
+        self.accepted = accepted
+        self._socket: socket.socket | None = None
+        self._serving: asyncio.Task[None] | None = None
+        self._server: asyncio.Server | None = None
+
+    @property
+    def name(self) -> str:  # type: ignore[override]  # the number is known when it listens
+        return f"tcp-listen://{bracketed(self.host)}:{self.number}"
+
+    @property
+    def reached(self) -> str:  # type: ignore[override]
+        return f"tcp://{bracketed(self.host)}:{self.number}"
+
+    def listen(self) -> None:
+        found = socket.getaddrinfo(self.host or None, self.number, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        self._socket = listening = socket.create_server((str(address[0]), int(address[1])), family=family)
+        self.number = int(listening.getsockname()[1])
+        self._serving = self.clock.loop.create_task(self._serve(listening))
+
+    async def start(self) -> None:
+        self.listen()
+        if self._serving is not None:
+            await self._serving
+
+    async def _serve(self, listening: socket.socket) -> None:
+        self._server = await self.clock.loop.create_server(self._protocol, sock=listening)
+
+    def _protocol(self) -> asyncio.BufferedProtocol:
+        return _AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted)
+
+    def stop(self) -> None:
+        serving, self._serving = self._serving, None
+        server, self._server = self._server, None
+        if serving is not None:
+            serving.cancel()
+        if server is not None:
+            server.close()
+        elif self._socket is not None:
+            self._socket.close()
+
+
+class _AcceptedConnection(Connection):
+    """Is its port's connection from the start, and offers the port when it is made."""
+
+    def __init__(self, port: TcpAcceptedPort, accepted: Accepted) -> None:
+        super().__init__(port)
+        self.accepted_port = port
+        self.accepted = accepted
+        port.connection = self
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        host, number, *_ = transport.get_extra_info("peername") or (self.port.name, 0)
+        self.port.name = f"tcp://{bracketed(host)}:{number}"
+        self.accepted_port.host = str(host)
+        super().connection_made(transport)
+        self.accepted(self.accepted_port)

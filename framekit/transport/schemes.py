@@ -1,0 +1,233 @@
+"""The kinds of ports: one table by scheme, the word before the colon of what a run file or a command line calls a port.
+
+A new kind is one module and one row: `SCHEMES["can"] = Scheme(form="can:NAME", open=…, listen=…)`, or an entry point
+of the group `framekit.ports` whose name is the scheme and whose value is the row. A device of this machine has no
+scheme. Simulated lines (`sim:`) are made above this layer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+from framekit.definition.line_settings import PLAIN, LineSettings
+
+if TYPE_CHECKING:
+    from framekit.definition.times import LineFormat
+    from framekit.transport.clock import AsyncioClock, Clock
+    from framekit.transport.port import Accepted, Listener, Port
+
+ENTRY_POINTS = "framekit.ports"
+SIMULATED = "sim"
+"""The scheme of simulated lines."""
+
+Open = Callable[[str, "LineFormat | None", "AsyncioClock", LineSettings], "Port"]
+"""Makes a port of a whole URL, not yet opened. Raises ValueError, with a sentence, for what is no such URL."""
+
+Listen = Callable[[str, "AsyncioClock", "Accepted"], "Listener"]
+"""Makes a listener of a whole URL, not yet listening. Raises ValueError, with a sentence, for what is no such URL."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scheme:
+    """A kind of port. `form`: how it is written, for messages and help.
+
+    `open`: what opens one; None where it only listens. `listen`: what makes a port of each connection that comes; None
+    where there are no connections. `wires`: whether there is a line with wires, so that its type, duplex, direction,
+    echo and handshake can be said. `names_host`: whether the URL names the host that it connects to. `served`: whether
+    only servers can open it, since others learn from them where it is.
+    """
+
+    form: str
+    open: Open | None = None
+    listen: Listen | None = None
+    wires: bool = False
+    names_host: bool = False
+    served: bool = False
+
+
+# ---- the kinds that are here ----------------------------------------------------------------------------------
+
+
+def _open_serial(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    from framekit.transport.serial_port import SerialPort
+
+    return SerialPort(url, settings, clock, wiring)
+
+
+def _open_tcp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    from framekit.transport.tcp import TcpPort
+
+    return TcpPort(*host_and_port(url), clock, wiring.connect_within)
+
+
+def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> Listener:
+    from framekit.transport.tcp import TcpListener
+
+    return TcpListener(*host_and_port(url), clock, accepted)
+
+
+def _open_udp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    from framekit.transport.udp import UdpPort
+
+    return UdpPort(*host_and_port(url), clock, listens=scheme_name(url) == "udp-listen")
+
+
+def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> Listener:
+    from framekit.transport.udp import UdpListener
+
+    return UdpListener(*host_and_port(url), clock, accepted)
+
+
+def _open_pty(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    from framekit.transport.pty_pair import PtyPort
+
+    return PtyPort(settings, clock, wiring)
+
+
+SCHEMES: dict[str, Scheme] = {
+    "": Scheme(form="a device such as /dev/ttyUSB0", open=_open_serial, wires=True),
+    "tcp": Scheme(form="tcp://HOST:PORT", open=_open_tcp, listen=_listen_tcp, names_host=True),
+    "tcp-listen": Scheme(form="tcp-listen://HOST:PORT", listen=_listen_tcp),
+    "udp": Scheme(form="udp://HOST:PORT", open=_open_udp, names_host=True),
+    "udp-listen": Scheme(form="udp-listen://HOST:PORT", open=_open_udp, listen=_listen_udp),
+    "pty": Scheme(form="pty:", open=_open_pty, wires=True, served=True),
+}
+PYSERIAL = ("loop", "socket", "rfc2217", "spy", "hwgrep", "alt")
+for _name in PYSERIAL:
+    SCHEMES[_name] = Scheme(form=f"{_name}://", open=_open_serial, wires=True)
+
+
+# ---- finding and using them -----------------------------------------------------------------------------------
+
+
+def scheme_name(url: str) -> str:
+    """The word before the colon, in small letters; empty for a device of this machine."""
+    found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*):", url)
+    return found[1].lower() if found else ""
+
+
+def scheme_of(url: str) -> Scheme | None:
+    """The kind of a port; None where no kind has that scheme."""
+    name = scheme_name(url)
+    return None if name == SIMULATED else SCHEMES.get(name) or _installed(name)
+
+
+@cache
+def _installed(name: str) -> Scheme | None:
+    """The kind that an installed package registers under that name, kept in the table from then on."""
+    from importlib.metadata import entry_points
+
+    for point in entry_points(group=ENTRY_POINTS, name=name):
+        try:
+            found = point.load()
+            if not isinstance(found, Scheme):
+                raise TypeError(f"it is no Scheme but {type(found).__name__}")
+        except Exception as error:  # another package's code: whatever is wrong there, its ports alone do not work
+            return _unusable(name, f"the ports '{name}:' of {point.value} can't be used: {error}")
+        SCHEMES[name] = found
+        return found
+    return None
+
+
+def _unusable(name: str, why: str) -> Scheme:
+    def open_one(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+        raise ValueError(why)
+
+    return Scheme(form=f"{name}:…", open=open_one)
+
+
+def forms(*, opened: bool = False, listening: bool = False, served: bool = False) -> list[str]:
+    """How ports are written: those that can be opened, those that listen, those that servers open."""
+    return [kind.form for name, kind in SCHEMES.items() if name and _is_one(kind, opened, listening, served)]
+
+
+def _is_one(kind: Scheme, opened: bool, listening: bool, served: bool) -> bool:
+    if kind.served:
+        return served
+    return (opened and kind.open is not None) or (listening and kind.listen is not None)
+
+
+def help_on_ports(*others: str, serves: bool = False) -> str:
+    """What a command line says of `--port`."""
+    hidden = {SCHEMES[name].form for name in PYSERIAL}
+    known = [form for form in forms(opened=not serves, listening=serves, served=serves) if form not in hidden]
+    listed = ["/dev/ttyUSB0, any pyserial URL", *known, *others]
+    return f"{', '.join(listed[:-1])} or {listed[-1]}"
+
+
+def open_port(
+    url: str,
+    settings: LineFormat | None,
+    clock: Clock,
+    wiring: LineSettings = PLAIN,
+    *,
+    listen_only: bool = False,
+    serves: bool = False,
+) -> Port:
+    """A port, not yet opened, with its wiring carried out around it. `serves`: it is a server that asks for it.
+
+    `listen_only`: a serial port is opened with RTS and DTR off.
+
+    Raises ValueError, with a sentence, for what is no port and for a real port on a clock that is not real.
+    """
+    kind = scheme_of(url) if url.strip() else None
+    if kind is None or kind.open is None or (kind.served and not serves) or not _is_written_so(url, kind):
+        raise ValueError(_unknown(url, serves))
+    clock = real(url, clock)
+    if listen_only:
+        wiring = replace(wiring, listen_only=True)
+    port = kind.open(url, settings, clock, wiring)
+    if wiring.direction is None and wiring.modem is None and not wiring.echo:
+        return port
+    from framekit.transport.wiring import wired
+
+    return wired(port, wiring, clock)
+
+
+def make_listener(url: str, clock: Clock, accepted: Accepted) -> Listener:
+    """A listener, not yet listening. Raises ValueError as `open_port`."""
+    kind = scheme_of(url)
+    if kind is None or kind.listen is None:
+        raise ValueError(f"'{url}' does not listen – known are {', '.join(forms(listening=True))}")
+    return kind.listen(url, real(url, clock), accepted)
+
+
+def real(url: str, clock: Clock) -> AsyncioClock:
+    """The clock, for a real port. Raises ValueError for one that is not real."""
+    from framekit.transport.clock import AsyncioClock
+
+    if not isinstance(clock, AsyncioClock):
+        raise ValueError(f"'{url}' is a real port and needs real time – use sim: on a virtual clock")
+    return clock
+
+
+def host_of(url: str) -> str:
+    """The host that a port connects to; empty where it names none."""
+    kind = scheme_of(url)
+    found = re.match(r"(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?", url.partition("://")[2])
+    return "" if kind is None or not kind.names_host or found is None else found[1] or found[2]
+
+
+def host_and_port(url: str) -> tuple[str, int]:
+    """`HOST:PORT` behind a scheme, with brackets around an IPv6 address. Raises ValueError."""
+    text = url.partition("://")[2]
+    host, colon, number = text.rstrip("/").rpartition(":")
+    if not colon or not number.isdigit() or not 0 <= int(number) <= 65535:
+        raise ValueError(f"'{text}' is not HOST:PORT")
+    return host.strip("[]") or "127.0.0.1", int(number)
+
+
+def _is_written_so(url: str, kind: Scheme) -> bool:
+    """Whether a URL has what its form has behind the scheme."""
+    return url == kind.form if kind.form.endswith(":") else "://" not in kind.form or "://" in url
+
+
+def _unknown(url: str, serves: bool) -> str:
+    if re.fullmatch(r"[A-Za-z0-9.-]+:\d+", url):
+        return f"'{url}' is no port – write tcp://{url} for a connection to that host"
+    known = [SCHEMES[""].form, *forms(opened=True, served=serves)]
+    return f"'{url}' is no port – known are {', '.join(known)}"

@@ -1,0 +1,648 @@
+"""A simulated line: any number of ports on one pair of wires, exact to the bit time, on any clock.
+
+Each character takes its bit times behind the one before it. On a stream (`settings` None) bytes only take `latency`,
+and ports are connected as by TCP.
+
+Coalescing, `cut_through=True` (the default): bytes are not told one by one. What is complete of a transmission is
+told, at the time of its last character, before anything else on the clock happens and wherever a virtual clock stops;
+when nothing happens meanwhile, that is once, at the end of the transmission. So no timer can run out that a character
+should have stopped, and `received` always stands for characters without a pause between them. The one difference to
+an event a character: what follows from the bytes themselves (an answer to a frame with noise behind it in the same
+transmission) follows when they are told. `granularity` bounds how many characters that may be; with 1 there is no
+difference. Of two who talk at once on a full-duplex line a third one hears pieces, not single characters.
+
+`cut_through=False`: a transmission is told when it is complete (or every `granularity`
+characters); time limits for the begin of a frame have to last until its end. The cheapest for many lines at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from random import Random
+
+from framekit.definition.times import LineFormat
+from framekit.link.events import CharacterFault, LineFault
+from framekit.transport.clock import Clock
+from framekit.transport.port import Port, PortEvents
+
+
+class Transmission:
+    """The bytes of one `write`, as the others hear them.
+
+    `sender` is the name of the port that sends, `number` counts the transmissions of the line from 0, `start` is when
+    the first start bit begins (ns), `step` what a character takes (0 on a stream). `told` characters have been told
+    to the others, or never will be. An empty transmission is not heard at all. `echo`: its sender hears it as well;
+    `connection` is the one it belongs to, on a stream.
+    """
+
+    __slots__ = (
+        "_pauses", "connection", "data", "echo", "faults", "flips",
+        "number", "sender", "settings", "start", "step", "told",
+    )  # fmt: skip
+
+    def __init__(
+        self, sender: str, number: int, data: bytes, start: int, settings: LineFormat | None, step: int
+    ) -> None:
+        self.sender = sender
+        self.number = number
+        self.data = bytearray(data)
+        self.start = start
+        self.settings = settings
+        self.step = step
+        self.faults: dict[int, LineFault] = {}
+        self.flips: dict[int, int] = {}
+        self.echo = False
+        self.connection = 0
+        self.told = 0
+        self._pauses: dict[int, int] = {}
+
+    # ---- when ---------------------------------------------------------------------------------------------
+
+    @property
+    def end(self) -> int:
+        """When the last stop bit ends."""
+        return self.complete_at(len(self.data))
+
+    def begins_at(self, index: int) -> int:
+        """When the start bit of a character begins."""
+        return self.complete_at(index + 1) - self.step
+
+    def complete_at(self, count: int) -> int:
+        """When the first `count` characters are complete."""
+        time = self.start + count * self.step
+        if self._pauses:
+            time += sum(pause for index, pause in self._pauses.items() if index < count)
+        return time
+
+    def complete_by(self, time: int) -> int:
+        """How many characters are complete at `time`."""
+        elapsed, first = time - self.start, 0
+        for index, pause in sorted(self._pauses.items()) if self._pauses else ():
+            run = (index - first) * self.step
+            if elapsed < run + pause:
+                return first + self._characters(elapsed, index - first)
+            elapsed -= run + pause
+            first = index
+        return first + self._characters(elapsed, len(self.data) - first)
+
+    def _characters(self, elapsed: int, most: int) -> int:
+        """How many characters of a run without a pause are complete so long after its begin."""
+        if elapsed < 0:
+            return 0
+        count = elapsed // self.step if self.step else most
+        return count if count < most else most
+
+    def runs(self) -> list[int]:
+        """The counts of characters at which a run without a pause ends; the last is the whole."""
+        return [*sorted(index for index in self._pauses if index), len(self.data)]
+
+    def overlapped_by(self, other: Transmission) -> list[int]:
+        """Which characters are on the wire at the same time as characters of `other`."""
+        return [
+            index
+            for index in range(self.told, len(self.data))
+            if other.is_busy(self.begins_at(index), self.complete_at(index + 1))
+        ]
+
+    def within(self, start: int, end: int) -> list[int]:
+        """Which characters, of those not told, are on the wire between these times."""
+        places = range(max(self.told, self.complete_by(start)), len(self.data))
+        return [index for index in places if self.begins_at(index) < end]
+
+    def is_busy(self, start: int, end: int) -> bool:
+        """Whether one of its characters is on the wire between these times."""
+        next_one = self.complete_by(start)
+        return next_one < len(self.data) and self.begins_at(next_one) < end
+
+    # ---- what is done to it -------------------------------------------------------------------------------
+
+    @property
+    def wire_bits(self) -> int:
+        """Bits of a character that can be flipped: data from bit 0, parity if there is one, the stop bit."""
+        if self.settings is None:
+            return 8
+        return self.settings.data_bits + (self.settings.parity != "N") + 1
+
+    def flip(self, index: int, mask: int) -> None:
+        """Flips bits of a character as they go over the wire (`wire_bits`), and flags it as a receiver would.
+
+        Even and odd parity notice an odd number of flipped bits, mark and space parity only their own bit; a flipped
+        stop bit is a framing fault. Flipping again undoes it.
+        """
+        flips = self.flips[index] = self.flips.get(index, 0) ^ mask
+        data_bits = 8 if self.settings is None else self.settings.data_bits
+        self.data[index] ^= mask & ((1 << data_bits) - 1)
+        fault = self._fault_of(flips, data_bits)
+        if fault is not None:
+            self.faults[index] = fault
+        else:
+            self.faults.pop(index, None)
+
+    def _fault_of(self, flips: int, data_bits: int) -> LineFault | None:
+        if self.settings is None:
+            return None
+        parity = self.settings.parity
+        checked = data_bits + (parity != "N")
+        if flips >> checked & 1:
+            return LineFault.FRAMING
+        if parity in "EO":
+            return LineFault.PARITY if (flips & ((1 << checked) - 1)).bit_count() & 1 else None
+        return LineFault.PARITY if parity != "N" and flips >> data_bits & 1 else None
+
+    def drop(self) -> None:
+        """Nobody hears it."""
+        self.truncate(0)
+
+    def truncate(self, count: int) -> None:
+        """Only the first `count` characters are heard."""
+        del self.data[count:]
+        for places in (self.faults, self.flips, self._pauses):
+            for index in [index for index in places if index >= count]:
+                del places[index]
+
+    def pause(self, index: int, duration: int) -> None:
+        """Holds up the characters from `index` on; from 0: the whole."""
+        if index == 0:
+            self.start += duration
+        elif duration > 0:
+            self._pauses[index] = self._pauses.get(index, 0) + duration
+
+    def lose(self, index: int) -> None:
+        """A character is not heard; the others keep their times."""
+        self._shift(index + 1, -1)
+        del self.data[index]
+        if index < len(self.data):
+            self.pause(index, self.step)
+        else:
+            self._pauses.pop(index, None)
+
+    def insert(self, index: int, data: bytes) -> None:
+        """Adds characters before `index` (`len(data)`: behind the last); what follows comes later."""
+        self._shift(index, len(data))
+        self.data[index:index] = data
+
+    def _shift(self, start: int, by: int) -> None:
+        """What stands at `start` and behind moves by `by` characters; of what is moved over, only pauses remain."""
+        gone = range(start + by, start)
+        self.faults = {i + by * (i >= start): fault for i, fault in self.faults.items() if i not in gone}
+        self.flips = {i + by * (i >= start): flips for i, flips in self.flips.items() if i not in gone}
+        pauses, self._pauses = self._pauses, {}
+        for index, duration in pauses.items():
+            self.pause(index + by * (index >= start), duration)
+
+
+Fault = Callable[[Transmission], None]
+"""Changes a transmission when it goes on the line, before anybody has heard of it."""
+
+
+def in_order(*faults: Fault) -> Fault:
+    """One fault after the other."""
+
+    def all_of_them(transmission: Transmission) -> None:
+        for fault in faults:
+            fault(transmission)
+
+    return all_of_them
+
+
+@dataclass(slots=True)
+class Faults:
+    """A fault for `SimulatedLine.fault`. Rates are probabilities from 0 to 1.
+
+    `bit_errors` is for each bit on the wire (data, parity, stop), `byte_errors` for each character (another one comes
+    out); `drop`, `truncate` and `extra` are for each transmission: nobody hears it, its end is missing, up to
+    `longest_extra` characters of noise follow it. `delay` is the longest time (ns) by which one is held up; `echo`
+    lets the sender hear what it sends. `injected` counts what has been done, by the name of the field.
+    """
+
+    bit_errors: float = 0.0
+    byte_errors: float = 0.0
+    drop: float = 0.0
+    truncate: float = 0.0
+    extra: float = 0.0
+    longest_extra: int = 4
+    delay: int = 0
+    echo: bool = False
+    seed: int = 0
+    injected: Counter[str] = field(default_factory=Counter)
+    _random: dict[str, Random] = field(default_factory=dict, repr=False)
+
+    def __call__(self, transmission: Transmission) -> None:
+        transmission.echo = transmission.echo or self.echo
+        if self._happens("drop", self.drop):
+            transmission.drop()
+            return
+        if self._happens("truncate", self.truncate):
+            transmission.truncate(self._of("truncate").randrange(len(transmission.data) or 1))
+        if self.bit_errors > 0:
+            self._damage_bits(transmission)
+        if self.byte_errors > 0:
+            self._damage_bytes(transmission)
+        if self._happens("extra", self.extra):
+            noise = self._of("extra").randbytes(self._of("extra").randint(1, max(1, self.longest_extra)))
+            transmission.insert(len(transmission.data), noise)
+        if self.delay > 0:
+            self.injected["delay"] += 1
+            transmission.pause(0, self._of("delay").randint(0, self.delay))
+
+    def _of(self, kind: str) -> Random:
+        """Chance, apart for each kind of fault."""
+        if kind not in self._random:
+            self._random[kind] = Random(f"{self.seed}/{kind}")
+        return self._random[kind]
+
+    def _happens(self, kind: str, rate: float) -> bool:
+        happens = rate > 0 and self._of(kind).random() < rate
+        self.injected[kind] += happens
+        return happens
+
+    def _damage_bits(self, transmission: Transmission) -> None:
+        bits = transmission.wire_bits
+        for place in hits(self._of("bit_errors"), self.bit_errors, len(transmission.data) * bits):
+            transmission.flip(place // bits, 1 << place % bits)
+            self.injected["bit_errors"] += 1
+
+    def _damage_bytes(self, transmission: Transmission) -> None:
+        random = self._of("byte_errors")
+        data_bits = 8 if transmission.settings is None else transmission.settings.data_bits
+        others = (1 << (transmission.wire_bits - data_bits)) - 1
+        for index in hits(random, self.byte_errors, len(transmission.data)):
+            mask = random.randrange(1, 1 << data_bits)
+            transmission.flip(index, mask | (random.randint(0, others) << data_bits))
+            self.injected["byte_errors"] += 1
+
+
+def hits(random: Random, rate: float, count: int) -> Iterator[int]:
+    """Which of `count` are hit when each is with the probability `rate`; the cost grows with the hits only."""
+    if rate >= 1:
+        yield from range(count)
+        return
+    scale, index = math.log1p(-rate), -1
+    while True:
+        index += 1 + int(math.log(1.0 - random.random()) / scale)
+        if index >= count:
+            return
+        yield index
+
+
+FAR_END_CLOSED = "the other side has closed the connection"
+
+
+class SimulatedPort(Port):
+    """A port made by `SimulatedLine.port`.
+
+    While not `present` (an adapter that is unplugged) it cannot be opened. `rts` is how its owner has set the line.
+    `wanted`: it is open or waits for a connection, `joined`: it takes part in `connection`. `fault` is done to what
+    this port sends, before that of the line.
+    """
+
+    def __init__(self, line: SimulatedLine, name: str) -> None:
+        self.line = line
+        self.name = name
+        self.settings = line.settings
+        self.present = True
+        self.rts = False
+        self.fault: Fault | None = None
+        self.is_open = False
+        self.joined = False
+        self.connection = line.connection
+        self.heard_until = 0
+        self._events: PortEvents | None = None
+        self._clock = line.clock
+        self._opening = 0
+        self._deaf_until = 0
+        self._free = 0
+        self._sent_due = False
+
+    @property
+    def wanted(self) -> bool:
+        return self._events is not None
+
+    def _later(self, when: int, action: Callable[[], None]) -> None:
+        """Does something then, unless the port has been closed meanwhile."""
+        opening = self._opening
+
+        def call() -> None:
+            if opening == self._opening:
+                action()
+
+        self._clock.call_at(when, call)
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def open(self, events: PortEvents) -> None:
+        self.close()
+        self._events = events
+        if self.present:
+            self.line.join(self)
+        else:
+            self._later(self._clock.now(), lambda: self.pull(f"{self.name} is not there"))
+
+    def connect(self, connection: int) -> None:
+        """The line is there, or the connection: the port is open from now on."""
+        self.joined = True
+        self.connection = connection
+        self._later(self._clock.now(), self._opened)
+
+    def _opened(self) -> None:
+        self.is_open = True
+        self._deaf_until = now = self._clock.now()
+        if self._events is not None:
+            self._events.opened(now)
+
+    def close(self) -> None:
+        if self.wanted:
+            self._forget()
+
+    def _forget(self) -> None:
+        """What has not begun to leave never will."""
+        self._events = None
+        self.is_open = False
+        self._opening += 1
+        self._free = 0
+        self._sent_due = False
+        self.line.cut_off(self)
+        self.line.leave(self)
+        self.joined = False
+
+    def pull(self, reason: str = "pulled out") -> None:
+        """The port goes away, as an adapter does that is unplugged; its owner is told at once."""
+        events = self._events
+        if events is not None:
+            self._forget()
+            events.closed(self._clock.now(), reason)
+
+    def lose_at(self, when: int) -> None:
+        """The other side of a connection has gone; that is known here then."""
+        self._later(when, lambda: self.pull(FAR_END_CLOSED))
+
+    # ---- out ----------------------------------------------------------------------------------------------
+
+    def write(self, data: bytes) -> None:
+        if not self.is_open:
+            return
+        start = max(self._free, self._clock.now())
+        self._free = self.line.transmit(self, data, start) if data else start
+        self._tell_when_sent()
+
+    def send_break(self, duration: int) -> None:
+        if not self.is_open:
+            return
+        start = max(self._free, self._clock.now())
+        self._free = start + duration
+        self._later(start, lambda: self.line.break_from(self, start, duration))
+        self._tell_when_sent()
+
+    def _tell_when_sent(self) -> None:
+        if not self._sent_due:
+            self._sent_due = True
+            self._later(self._free, self._left)
+
+    def _left(self) -> None:
+        """The last bit has left, unless something else has been handed over meanwhile."""
+        self._sent_due = False
+        if self._free > self._clock.now():
+            self._tell_when_sent()
+        elif self._events is not None:
+            self._events.sent(self._free)
+
+    def set_rts(self, on: bool) -> None:
+        self.rts = on
+
+    # ---- in -----------------------------------------------------------------------------------------------
+
+    def flush_input(self) -> None:
+        """Drops characters that are complete by now and have not been told; one on its way is heard."""
+        self._deaf_until = max(self._deaf_until, self._clock.now() - self.line.character_time + 1)
+
+    def hear(self, data: bytes, now: int, faults: tuple[CharacterFault, ...], begin: int) -> None:
+        """Characters without a pause between them, the first of which begins at `begin`."""
+        if self._events is None or not self.is_open:
+            return
+        if begin < self._deaf_until:
+            step = self.line.character_time
+            missed = -((begin - self._deaf_until) // step) if step else len(data)
+            data = data[missed:]
+            faults = tuple(CharacterFault(at.index - missed, at.fault) for at in faults if at.index >= missed)
+        if data:
+            self._events.received(data, now, faults)
+
+    def hear_break(self, now: int) -> None:
+        """The line has been in break state for more than a character."""
+        if self._events is not None and self.is_open:
+            self._events.line_break(now)
+
+    def signal(self, lines: Mapping[str, bool]) -> None:
+        """What is connected to the port switches control lines (cts, dsr, dcd, ri)."""
+        if self._events is not None and self.is_open:
+            self._events.control(lines, self._clock.now())
+
+
+class SimulatedLine:
+    """A line that its ports share: every other port hears what one sends.
+
+    Without `full_duplex` two who talk at once damage each other: characters of the one that began first that overlap
+    the other are garbled (`seed`), sometimes with a framing fault; the other one's are lost until the first has
+    ended. `fault` may change every transmission; `echo` lets ports hear themselves, as many RS-485 adapters do;
+    `latency` (ns) is added to everything that is heard.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        settings: LineFormat | None,
+        *,
+        full_duplex: bool = True,
+        cut_through: bool = True,
+        granularity: int = 0,
+        latency: int = 0,
+        fault: Fault | None = None,
+        echo: bool = False,
+        seed: int = 0,
+    ) -> None:
+        self.clock = clock
+        self.settings = settings
+        self.full_duplex = full_duplex or settings is None
+        self.granularity = granularity
+        self.latency = latency
+        self.fault = fault
+        self.echo = echo
+        self.character_time = 0 if settings is None else settings.character_time
+        self.ports: tuple[SimulatedPort, ...] = ()
+        self.transmissions = 0
+        self.bytes_carried = 0
+        self.connection = 0
+        self._under_way: list[tuple[SimulatedPort, Transmission]] = []
+        self._lag_on = clock if cut_through else None
+        self._break: tuple[SimulatedPort | None, int, int] = (None, 0, 0)
+        self._random = Random(seed)
+        bits = 8 if settings is None else settings.data_bits
+        self._lacking = bytes(range(256))[: 1 << bits] * (256 >> bits) if bits < 8 else None
+
+    def port(self, name: str) -> SimulatedPort:
+        """A new port on this line."""
+        port = SimulatedPort(self, name)
+        self.ports += (port,)
+        return port
+
+    # ---- sending ------------------------------------------------------------------------------------------
+
+    def transmit(self, sender: SimulatedPort, data: bytes, start: int) -> int:
+        """Puts characters on the line from `start` on; when the last of them will have left the sender (ns)."""
+        if self._lacking is not None:
+            data = data.translate(self._lacking)
+        heard_from = max(start + self.latency, sender.heard_until)
+        transmission = Transmission(
+            sender.name, self.transmissions, data, heard_from, self.settings, self.character_time
+        )
+        transmission.echo = self.echo
+        transmission.connection = sender.connection
+        self.transmissions += 1
+        self.bytes_carried += len(data)
+        for fault in (sender.fault, self.fault):
+            if fault is not None:
+                fault(transmission)
+        if transmission.data:
+            sender.heard_until = transmission.end
+            if not self.full_duplex:
+                self._collide(sender, transmission)
+            self._put(sender, transmission)
+        return start + len(data) * self.character_time
+
+    def _put(self, sender: SimulatedPort, transmission: Transmission) -> None:
+        if self._lag_on is not None and not self._under_way:
+            self._lag_on.lag(self)
+        self._under_way.append((sender, transmission))
+        for count in self._stops(transmission):
+            self.clock.call_at(transmission.complete_at(count), partial(self._reached, sender, transmission, count))
+
+    def _stops(self, transmission: Transmission) -> list[int]:
+        """After how many characters it is told at the latest."""
+        runs, step = transmission.runs(), self.granularity
+        return runs if not step else sorted({*runs, *range(step, len(transmission.data), step)})
+
+    def _collide(self, sender: SimulatedPort, new: Transmission) -> None:
+        breaking, begin, end = self._break
+        if breaking is not sender and end > new.start:
+            self._garble(new, new.within(begin, end))
+        for other_sender, other in self._under_way:
+            if other_sender is not sender and other.end > new.start and new.end > other.start:
+                first, second = (other, new) if other.start <= new.start else (new, other)
+                lost = second.overlapped_by(first)
+                self._garble(first, first.overlapped_by(second))
+                while lost and lost[0] == second.told:
+                    second.told = lost.pop(0) + 1
+                self._garble(second, lost)
+
+    def _garble(self, transmission: Transmission, places: Iterable[int]) -> None:
+        """Damages characters that something else on the wire overlaps; half of them have no stop bit any more."""
+        bits = transmission.wire_bits - 1
+        for index in places:
+            transmission.flip(index, self._random.randrange(1, 1 << bits) | self._random.randrange(2) << bits)
+
+    # ---- hearing ------------------------------------------------------------------------------------------
+
+    def behind(self, until: int) -> int | None:
+        """See `Lagging`: when the first transmission with complete characters that nobody knows of can be told."""
+        first: int | None = None
+        for _, transmission in self._under_way:
+            count = transmission.complete_by(until)
+            if count > transmission.told:
+                time = transmission.complete_at(count)
+                first = time if first is None or time < first else first
+        return first
+
+    def catch_up(self, until: int) -> None:
+        """See `Lagging`. Those who are further on tell of it when it is their turn."""
+        for sender, transmission in list(self._under_way):
+            count = transmission.complete_by(until)
+            if count > transmission.told and transmission.complete_at(count) == until:
+                self._tell(sender, transmission, count)
+
+    def _reached(self, sender: SimulatedPort, transmission: Transmission, count: int) -> None:
+        self._tell(sender, transmission, min(count, len(transmission.data)))
+        if count >= len(transmission.data):
+            self._over(sender, transmission)
+
+    def _over(self, sender: SimulatedPort, transmission: Transmission) -> None:
+        if (sender, transmission) in self._under_way:
+            self._under_way.remove((sender, transmission))
+        if self._lag_on is not None and not self._under_way:
+            self._lag_on.end_lag(self)
+
+    def _tell(self, sender: SimulatedPort, transmission: Transmission, count: int) -> None:
+        """Tells the others of the first `count` characters, as far as they do not know of them."""
+        first = transmission.told
+        if count <= first:
+            return
+        transmission.told = count
+        data = bytes(transmission.data[first:count])
+        faults: tuple[CharacterFault, ...] = ()
+        if transmission.faults:
+            flagged = sorted(index for index in transmission.faults if first <= index < count)
+            faults = tuple(CharacterFault(index - first, transmission.faults[index]) for index in flagged)
+        now, begin = transmission.complete_at(count), transmission.begins_at(first)
+        for port in self.ports:
+            if (port is not sender or transmission.echo) and port.connection == transmission.connection:
+                port.hear(data, now, faults, begin)
+
+    # ---- breaks, connections ------------------------------------------------------------------------------
+
+    def break_from(self, sender: SimulatedPort, start: int, duration: int) -> None:
+        """The line is held in break state from `start`, now; the others notice when that has lasted a character."""
+        if self.settings is None:
+            return
+        begin = start + self.latency
+        if not self.full_duplex:
+            for other_sender, other in self._under_way:
+                if other_sender is not sender:
+                    self._garble(other, other.within(begin, begin + duration))
+            self._break = sender, begin, begin + duration
+        if duration > self.character_time:
+            noticed = begin + self.character_time
+            self.clock.call_at(noticed, lambda: self._tell_break(sender, noticed))
+
+    def _tell_break(self, sender: SimulatedPort, now: int) -> None:
+        for port in self.ports:
+            if port is not sender or self.echo:
+                port.hear_break(now)
+
+    def cut_off(self, sender: SimulatedPort) -> None:
+        """A port stops sending in the middle: of what is under way, only complete characters are heard.
+
+        A stream delivers everything that has been handed over.
+        """
+        if self.settings is None:
+            return
+        sent_by = self.clock.now() + self.latency
+        for other, transmission in list(self._under_way):
+            if other is sender and transmission.end > sent_by:
+                transmission.truncate(transmission.complete_by(sent_by))
+                end = transmission.end if transmission.data else sent_by
+                self.clock.call_at(end, partial(self._reached, sender, transmission, len(transmission.data)))
+        sender.heard_until = min(sender.heard_until, sent_by)
+
+    def join(self, port: SimulatedPort) -> None:
+        """A port is opened: at once on a line; on a stream, when there is another one to connect to."""
+        if self.settings is not None:
+            port.connect(self.connection)
+            return
+        there = [it for it in self.ports if it.wanted and (not it.joined or it.connection == self.connection)]
+        if len(there) > 1:
+            for it in there:
+                if not it.joined:
+                    it.connect(self.connection)
+
+    def leave(self, port: SimulatedPort) -> None:
+        """A port is closed. On a stream that ends the connection for all, behind what has been sent before."""
+        if self.settings is not None or not port.joined or port.connection != self.connection:
+            return
+        self.connection += 1
+        when = max(self.clock.now() + self.latency, port.heard_until)
+        for other in self.ports:
+            if other is not port and other.joined and other.connection == port.connection:
+                other.lose_at(when)

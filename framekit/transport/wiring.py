@@ -1,0 +1,289 @@
+"""How a line is wired, carried out around a port: the direction of RS-485, the local echo, a modem."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from functools import partial
+
+from framekit.definition.line_settings import Direction, LineSettings, Modem
+from framekit.link.events import CharacterFault
+from framekit.transport.clock import Clock, Handle
+from framekit.transport.port import PassingPort, Port, PortEvents
+
+
+def wired(port: Port, wiring: LineSettings, clock: Clock) -> Port:
+    """What a port's wiring needs around it: direction, echo, modem; the port itself where it needs nothing."""
+    if wiring.direction is not None and wiring.direction.by == "rts":
+        port = DirectionPort(port, wiring.direction, clock)
+    if wiring.echo:
+        port = EchoFreePort(port, clock)
+    if wiring.modem is not None:
+        port = ModemPort(port, wiring.modem, clock)
+    return port
+
+
+class DirectionPort(PassingPort):
+    """A port whose RTS is at the sending level from `before` the first bit until `after` the last one."""
+
+    def __init__(self, inner: Port, direction: Direction, clock: Clock) -> None:
+        super().__init__(inner)
+        self.direction = direction
+        self.clock = clock
+        self._waiting: deque[bytes | int] = deque()
+        self._sending = self._ready = False
+        self._timer: Handle | None = None
+
+    def _switch(self, sending: bool) -> None:
+        self._sending = sending
+        self._ready = False
+        self.inner.set_rts(sending == self.direction.high)
+
+    def _after(self, time: int) -> None:
+        """`_go_on` so much later; only the last one asked for comes."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self.clock.call_at(self.clock.now() + time, self._go_on)
+
+    def forget(self) -> None:
+        super().forget()
+        self._waiting.clear()
+        self._sending = self._ready = False
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def opened(self, now: int) -> None:
+        self._switch(False)
+        super().opened(now)
+
+    def write(self, data: bytes) -> None:
+        self._put(data)
+
+    def send_break(self, duration: int) -> None:
+        self._put(duration)
+
+    def set_rts(self, on: bool) -> None:
+        """RTS belongs to the direction; a protocol that keys it by itself has nothing to say here."""
+
+    def _put(self, what: bytes | int) -> None:
+        if self.events is None:
+            return
+        self._waiting.append(what)
+        if self._sending and self._ready:
+            self._hand_over()
+        elif not self._sending:
+            self._switch(True)
+            self._after(self.direction.before)
+
+    def _go_on(self) -> None:
+        """The level has been there long enough: sending begins, or the line is given back."""
+        if self._waiting:
+            self._ready = True
+            self._hand_over()
+        elif self._sending:
+            self._switch(False)
+            super().sent(self.clock.now())
+
+    def _hand_over(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        while self._waiting:
+            what = self._waiting.popleft()
+            if isinstance(what, bytes):
+                self.inner.write(what)
+            else:
+                self.inner.send_break(what)
+
+    def sent(self, now: int) -> None:
+        if self.direction.after:
+            self._after(self.direction.after)
+        else:
+            self._go_on()
+
+
+LATEST = 100_000_000
+"""An echo that has not come so long after the last bit left does not come any more (ns); adapters hold bytes back."""
+
+
+class EchoFreePort(PassingPort):
+    """A port without its echo. `removed` counts characters taken away, `damaged` those that came back wrong.
+
+    `missing` counts transmissions that did not come back: their first character was another one, or nothing came.
+    """
+
+    def __init__(self, inner: Port, clock: Clock, latest: int = LATEST) -> None:
+        super().__init__(inner)
+        self.clock = clock
+        self.latest = latest
+        self.removed = self.damaged = self.missing = 0
+        self._expected = bytearray()
+        self._begun = False
+        self._until: int | None = None
+
+    def open(self, events: PortEvents) -> None:
+        self._expect_nothing()
+        super().open(events)
+
+    def _expect_nothing(self) -> None:
+        self._expected.clear()
+        self._begun = False
+        self._until = None
+
+    def write(self, data: bytes) -> None:
+        self._expected += data
+        self._until = None
+        super().write(data)
+
+    def sent(self, now: int) -> None:
+        self._until = now + self.latest
+        super().sent(now)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        if self._expected and self._until is not None and now > self._until:
+            self.missing += 1
+            self._expect_nothing()
+        flagged = {fault.index for fault in faults}
+        taken = 0
+        while taken < len(data) and self._expected:
+            wrong = data[taken] != self._expected[0] or taken in flagged
+            if wrong and not self._begun and taken not in flagged:
+                self.missing += 1
+                self._expect_nothing()
+                break
+            self.damaged += wrong
+            self._begun = True
+            del self._expected[0]
+            taken += 1
+        self.removed += taken
+        if not self._expected:
+            self._begun = False
+        if taken < len(data):
+            rest = tuple(CharacterFault(one.index - taken, one.fault) for one in faults if one.index >= taken)
+            super().received(data[taken:], now, rest)
+
+
+TRIES = 3
+LONGEST_LINE = 256
+HUNG_UP = "the caller has hung up"
+
+
+class ModemPort(PassingPort):
+    """A port that opens when the modem is connected, and closes when the connection ends."""
+
+    def __init__(self, inner: Port, modem: Modem, clock: Clock) -> None:
+        super().__init__(inner)
+        self.modem = modem
+        self.clock = clock
+        self.connected = False
+        self._text = b""
+        self._commands: list[str] = []
+        self._tries = 0
+        self._rings = 0
+        self._timer: Handle | None = None
+
+    def forget(self) -> None:
+        super().forget()
+        self.connected = False
+        self._text = b""
+        self._stop_timer()
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    # ---- setting up ---------------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self._commands = [command.strip() for command in self.modem.init.split(";") if command.strip()]
+        self._rings = self._tries = 0
+        self._next_command(now)
+
+    def _next_command(self, now: int) -> None:
+        self._stop_timer()
+        if self._commands:
+            self._tries += 1
+            self.inner.write(self._commands[0].encode("ascii", "replace") + b"\r")
+            self._timer = self.clock.call_at(now + self.modem.reply_within, self._no_answer)
+        elif self.modem.answer is None:
+            self._connect(now)
+
+    def _no_answer(self) -> None:
+        if self._tries < TRIES:
+            self._next_command(self.clock.now())
+        else:
+            self._give_up("the modem does not answer")
+
+    def _give_up(self, reason: str) -> None:
+        self.inner.close()
+        super().closed(self.clock.now(), f"{self.name}: {reason}")
+
+    def _connect(self, now: int) -> None:
+        self._stop_timer()
+        self.connected = True
+        super().opened(now)
+
+    # ---- what comes ---------------------------------------------------------------------------------------
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        if self.connected:
+            self._data(data, now, faults)
+            return
+        self._text = (self._text + data)[-LONGEST_LINE:]
+        while not self.connected and self.events is not None:
+            line, end, rest = self._text.partition(b"\n") if b"\n" in self._text else self._text.partition(b"\r")
+            if not end:
+                return
+            self._text = rest
+            self._line(line.strip().decode("ascii", "replace"), now)
+        rest, self._text = self._text.lstrip(b"\r\n"), b""
+        if rest and self.connected:
+            super().received(rest, now)
+
+    def _line(self, line: str, now: int) -> None:
+        """A result code of the modem, or the echo of a command."""
+        if line == "OK" and self._commands:
+            self._commands.pop(0)
+            self._tries = 0
+            self._next_command(now)
+        elif line.startswith("ERROR") and self._commands:
+            self._give_up(f"the modem refuses '{self._commands[0]}'")
+        elif line.startswith("CONNECT"):
+            self._connect(now)
+        elif line == "RING" and self.modem.answer:
+            self._rings += 1
+            if self._rings >= self.modem.answer:
+                self._rings = 0
+                self.inner.write(b"ATA\r")
+        elif line in ("NO CARRIER", "BUSY", "NO ANSWER"):
+            self._rings = 0
+
+    def _data(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:
+        """Data of the connection; the words with which a modem ends it, alone, are its own."""
+        if self.modem.answer is not None and data.strip() == b"NO CARRIER":
+            self._hang_up()
+        else:
+            super().received(data, now, faults)
+
+    def _hang_up(self) -> None:
+        self.clock.call_soon(partial(self._give_up, HUNG_UP))
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        if self.connected and self.modem.answer is not None and lines.get("dcd") is False:
+            self._hang_up()
+        else:
+            super().control(lines, now)
+
+    # ---- out ----------------------------------------------------------------------------------------------
+
+    def sent(self, now: int) -> None:
+        if self.connected:
+            super().sent(now)
+
+    def write(self, data: bytes) -> None:
+        if self.connected:
+            super().write(data)
+
+    def send_break(self, duration: int) -> None:
+        if self.connected:
+            super().send_break(duration)
