@@ -15,7 +15,7 @@ from framekit.blocks.model import Place
 from framekit.blocks.own_memory import addresses_of
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
-from framekit.memory.load import load_profile
+from framekit.memory.profile import load_profile
 
 MS = 1_000_000
 SECOND = 1_000_000_000

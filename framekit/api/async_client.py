@@ -23,8 +23,7 @@ from framekit.link.addresses import Address, AddressError
 from framekit.link.observe import Seen
 from framekit.link.ready import MOST_KEPT
 from framekit.link.transfer import TransferResult
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.service.client import Begin
 
 

@@ -113,7 +113,7 @@ class AsyncServer:
 
     def _memory(self, number: int, do: Do) -> Memory:
         store = self._opened().stores[number]
-        return Memory(store.memory, store.device.grammar, do, store.refresh)
+        return Memory(store.memory, store.device.grammar, do, self._opened().clock.call_soon, store.refresh)
 
     def _opened(self) -> Serving:
         if self._serving is None:

@@ -6,27 +6,31 @@ Whoever owns the memory says how something is done in the right thread. What is 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from framekit.api.errors import ReplyError, RequestError
 from framekit.api.typed import Order, Typed, Value, typed, values_given
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryError, Watch, unit_bits
 
 Do = Callable[[Callable[[], Any]], Any]
 """Carries a function out where the memory is at home, and gives its result."""
+
+Soon = Callable[[Callable[[], None]], object]
+"""Carries a function out where the memory is at home, after what happens there now."""
 
 
 class Memory:
     """`memory["M100"]` is one value of the address's own unit; `read` and `write` take counts and types."""
 
     def __init__(
-        self, memory: DeviceMemory, grammar: AddressGrammar, do: Do, refresh: Callable[[], None] = lambda: None
+        self, memory: DeviceMemory, grammar: AddressGrammar, do: Do, soon: Soon, refresh: Callable[[], None]
     ) -> None:
         self._memory = memory
+        self._soon = soon
         self._grammar = grammar
         self._do = do
         self._refresh = refresh
@@ -75,6 +79,23 @@ class Memory:
 
         self._carry_out(write)
 
+    def watch(
+        self, address: str, callback: Callable[[list[Any]], None], count: int = 1, *, type: str | None = None,
+        order: Order | None = None,
+    ) -> MemoryWatch:  # fmt: skip
+        """Calls `callback(values)` when the values from an address on have changed, until `cancel`. RequestError.
+
+        They are those that `read` gives. The call comes where the memory is at home, after the event that changed
+        them: changes until then are one call, with the last values, and what was changed back is none.
+        """
+        how = typed(self._grammar, address, type, order, count)
+        first, bits, _ = self._place(how, address)
+        read = partial(self.read, address, count, type=type, order=order)
+        watch = MemoryWatch(read, callback, self._do, self._soon)
+        area = self._memory.area(self._grammar.parse(address).area)
+        self._carry_out(partial(watch.begin, area, first, bits))
+        return watch
+
     def __getitem__(self, address: str) -> Any:
         return self.read(address)[0]
 
@@ -94,3 +115,43 @@ class Memory:
             return self._do(action)
         except DeviceMemoryError as error:
             raise RequestError(str(error)) from None
+
+
+class MemoryWatch:
+    """A place whose changes are told; made by `Memory.watch`."""
+
+    def __init__(
+        self, read: Callable[[], list[Any]], callback: Callable[[list[Any]], None], do: Do, soon: Soon
+    ) -> None:  # fmt: skip
+        self._read = read
+        self._callback = callback
+        self._do = do
+        self._soon = soon
+        self._told: list[Any] = []
+        self._due = False
+        self._watch: Watch | None = None
+
+    def begin(self, area: Area, first: int, bits: int) -> None:
+        """Watches so many bits from `first` on; what stands there now is known."""
+        self._told = self._read()
+        word, words = first // 16, (first + bits + 15) // 16 - first // 16
+        mask = ((1 << bits) - 1) << first % 16 if words == 1 else ALL_BITS
+        self._watch = area.watch(word, words, self._changed, mask)
+
+    def cancel(self) -> None:
+        """Tells nothing more. Twice does no harm."""
+        if self._watch is not None:
+            self._do(self._watch.cancel)
+
+    def _changed(self, area: Area, word: int, words: int) -> None:
+        if not self._due:
+            self._due = True
+            with suppress(RuntimeError):  # the loop has ended: nothing happens there any more
+                self._soon(self._tell)
+
+    def _tell(self) -> None:
+        self._due = False
+        values = self._read()
+        if values != self._told and self._watch is not None and self._watch.active:
+            self._told = values
+            self._callback(values)

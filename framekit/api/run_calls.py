@@ -189,13 +189,15 @@ class RunCalls:
     @property
     def memory(self) -> Memory:
         """The own memory; what is written there triggers see."""
-        return Memory(self._service.memory, self._service.grammar, self._do, self._service.refresh)
+        service = self._service
+        return Memory(service.memory, service.grammar, self._do, self._clock.call_soon, service.refresh)
 
     def device(self, name: str) -> Memory:
         """The memory of a simulated device of the run, by its name. Raises RequestError."""
         for service in self._service.devices:
             if service.device.name == name:
-                return Memory(service.memory, service.device.grammar, self._do, service.store.refresh)
+                store, grammar = service.store, service.device.grammar
+                return Memory(service.memory, grammar, self._do, self._clock.call_soon, store.refresh)
         known = ", ".join(service.device.name for service in self._service.devices) or "none"
         raise RequestError(f"there is no simulated device '{name}' – known: {known}")
 

@@ -10,9 +10,8 @@ from framekit.api.errors import ReplyError, RequestError
 from framekit.definition.model.services import COUNTED_STRING, UNIT_BITS
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import as_signed, unit_bits
-from framekit.memory.views import CountedTextView, NumberView, Order, TextView, view_of
+from framekit.memory.memory import MemoryValueError, unit_bits
+from framekit.memory.views import CountedTextView, NumberView, Order, TextView, as_signed, view_of
 
 IntType = Literal[
     "bit", "byte", "word", "dword", "lword",

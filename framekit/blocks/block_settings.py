@@ -18,9 +18,7 @@ from framekit.blocks.status_words import Key, get_item, put_item, words_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import Area, DeviceMemory, unit_bits
 from framekit.memory.profile import BlockItem, BlockWords
 
 SLOTS = 4

@@ -22,8 +22,7 @@ from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.places import address_of, codes_of
 from framekit.link.serving import RefusedError
 from framekit.link.values import plain
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemoryError, unit_bits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

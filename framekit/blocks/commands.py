@@ -30,9 +30,7 @@ from framekit.link.places import span_of
 from framekit.link.scope import Scope
 from framekit.link.serving import MemoryServer
 from framekit.link.work import Work, assign
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 SUCCESS = 1
 """The status word of success where an application does not say one."""

@@ -31,10 +31,8 @@ from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import kind_of
 from framekit.link.addresses import AddressGrammar
-from framekit.memory.area import Area
-from framekit.memory.load import load_profile, load_profile_node
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.profile import MemoryProfile
+from framekit.memory.memory import Area, DeviceMemory
+from framekit.memory.profile import MemoryProfile, load_profile, load_profile_node
 
 NO_PROFILE = ("set", "map", "sizes", "about", "source")
 """Keys of `memory:` that do not make a memory of its own."""

@@ -23,7 +23,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.sizes import bounds_of, flat
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.numbers import as_float, as_signed, from_float
+from framekit.memory.views import as_float, as_signed, from_float
 
 FramePart = Data | Field | BitsPart | Length | Count | Value
 """What has a name and a value that memory can hold."""

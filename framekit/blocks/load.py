@@ -30,8 +30,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, Scalar, without
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.addresses import AddressGrammar
-from framekit.memory.load import load_profile, load_profile_node
-from framekit.memory.profile import MemoryProfile
+from framekit.memory.profile import MemoryProfile, load_profile, load_profile_node
 
 
 def load_run(path: Path) -> Run:

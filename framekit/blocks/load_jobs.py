@@ -16,7 +16,7 @@ from framekit.definition.nodes import Entry, Node
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 COMMANDS: tuple[CommandKind, ...] = ("job", "abort", "inspect")
 ALL = "all"

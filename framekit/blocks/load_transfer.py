@@ -15,7 +15,7 @@ from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import is_nearly
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 
 class TransferLoader:

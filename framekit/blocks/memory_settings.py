@@ -17,8 +17,7 @@ from framekit.definition.model.visit import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Node
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory
 
 
 def put_values(memory: DeviceMemory, initial: tuple[tuple[Place, tuple[int, ...]], ...]) -> None:

@@ -15,7 +15,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area
 from framekit.definition.nodes import Entry, Node
 from framekit.link.addresses import Address, AddressError
-from framekit.memory.area import Area as MemoryArea
+from framekit.memory.memory import Area as MemoryArea
 
 MOST_ELEMENTS = 1 << 20
 

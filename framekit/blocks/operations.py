@@ -23,8 +23,7 @@ from framekit.link.packing import cut_memory, values_of
 from framekit.link.parameters import ParameterError
 from framekit.link.places import address_of, codes_of
 from framekit.link.values import FrameValue
-from framekit.memory.errors import DeviceMemoryError, UnknownAreaError
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemoryError, UnknownAreaError, unit_bits
 
 NO_PLACE, NO_OWN_PLACE = "no_such_place", "no_own_place"
 """Outcomes of places that the other side's protocol, or the own memory, does not have."""

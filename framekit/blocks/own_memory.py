@@ -16,8 +16,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.memory.errors import AccessError, MemoryRangeError
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError
 from framekit.memory.profile import MemoryProfile
 
 Piece = tuple[Place, int, bytes]

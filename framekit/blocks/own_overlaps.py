@@ -13,7 +13,7 @@ from framekit.blocks.fields import fixed_bytes, parts_of, takes_bytes
 from framekit.blocks.model import Block, Channel, Every, Place
 from framekit.blocks.status_words import status_sections, words_of
 from framekit.definition.problems import Problem
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 from framekit.memory.profile import BlockWords
 
 

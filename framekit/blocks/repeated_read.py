@@ -15,9 +15,7 @@ from framekit.link.client import Client, TransferResult
 from framekit.link.direct_lane import DirectLane
 from framekit.link.direct_read import DirectRead
 from framekit.link.events import Command
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 if TYPE_CHECKING:
     from framekit.blocks.transfer import Ended

@@ -33,8 +33,8 @@ from framekit.definition.problems import did_you_mean
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.packing import Packer, join_memory, memory_of, values_of
 from framekit.link.transfer import TransferResult
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import as_signed, from_float, unit_bits
+from framekit.memory.memory import DeviceMemory, unit_bits
+from framekit.memory.views import as_signed, from_float
 
 MILLISECOND = 1_000_000
 LONGEST = 65536

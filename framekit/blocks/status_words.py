@@ -14,8 +14,7 @@ from struct import Struct
 from framekit.blocks.block_status import ITEMS, PULSES, Countable
 from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.times import NEVER
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import BlockItem, BlockWords
 
 Key = tuple[int, int]

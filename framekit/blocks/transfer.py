@@ -32,9 +32,7 @@ from framekit.link.events import Command
 from framekit.link.frame_sender import FrameSender
 from framekit.link.packing import cut_memory, values_of
 from framekit.link.values import FrameValue
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 Ended = Callable[[Failure | None], None]
 """Told once how a block's exchange ended; None when all is well."""

@@ -12,8 +12,7 @@ from framekit.blocks.conditions import Condition, Resolve
 from framekit.blocks.model import Block, Changed, Rising, While
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.watch import ALL_BITS, Watch
+from framekit.memory.memory import ALL_BITS, DeviceMemory, Watch
 
 Call = Callable[[], object]
 

@@ -12,7 +12,7 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.model.services import COUNTED_STRING
 from framekit.definition.nodes import Node
 from framekit.link.addresses import Address
-from framekit.memory.errors import MemoryValueError
+from framekit.memory.memory import MemoryValueError
 from framekit.memory.views import CountedTextView, NumberView, view_of
 
 _FRACTION = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")

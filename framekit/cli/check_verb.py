@@ -176,7 +176,7 @@ def _memory(path: Path) -> Checked:
     from framekit.blocks.block_settings import check_items
     from framekit.blocks.profile_places import check_profile
     from framekit.link.address_check import check_addresses
-    from framekit.memory.load import load_profile
+    from framekit.memory.profile import load_profile
 
     profile = load_profile(path)
     problems = check_addresses(profile.addresses, profile.areas, profile.tables)

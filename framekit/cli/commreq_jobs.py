@@ -140,7 +140,7 @@ class JobCommands:
     async def _command(self, line: JobLine, output: CommandOutput, data: bytes) -> int:
         """Gives one command, and shows it when it has its status word; the exit status."""
         from framekit.blocks.command_words import CommandFaultError
-        from framekit.memory.errors import DeviceMemoryError
+        from framekit.memory.memory import DeviceMemoryError
 
         ended: list[Failure | None] = []
 

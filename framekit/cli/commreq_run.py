@@ -41,7 +41,7 @@ class CommandOutput:
     def _put(self, text: str) -> None:
         """A start value of the own memory. Raises WrongWords."""
         from framekit.definition.load.scalars import parse_number
-        from framekit.memory.errors import DeviceMemoryError
+        from framekit.memory.memory import DeviceMemoryError
 
         address, values = assignment(text)
         try:
@@ -97,7 +97,7 @@ class CommandOutput:
         The status word is a run by itself.
         """
         from framekit.link.packing import values_of
-        from framekit.memory.numbers import unit_bits
+        from framekit.memory.memory import unit_bits
 
         found: dict[str, list[int]] = {}
         word = {} if status is None else {status.memory: (status.start, status.start + status.count)}
@@ -138,7 +138,7 @@ class CommandRun:
     def carry_out(self, data: bytes) -> int:
         """Carries a command out and prints what came of it; the exit status."""
         from framekit.blocks.command_words import CommandFaultError
-        from framekit.memory.errors import DeviceMemoryError
+        from framekit.memory.memory import DeviceMemoryError
 
         try:
             meaning, place = self.output.meaning(data)

@@ -12,7 +12,7 @@ from framekit.cli.load_output import percent, what_of
 from framekit.cli.main import Failure
 from framekit.cli.seen_output import seen_data, seen_text
 from framekit.definition.problems import plural
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 if TYPE_CHECKING:
     from framekit.blocks.block_state import BlockState

@@ -72,7 +72,7 @@ def value_at(place: Address, text: str) -> Value:
     """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
     from framekit.definition.model.services import NUMBER_BITS
     from framekit.link.packing import PackingError, memory_of
-    from framekit.memory.errors import MemoryValueError
+    from framekit.memory.memory import MemoryValueError
     from framekit.memory.views import NumberView, view_of
 
     view = None if place.type not in NUMBER_BITS or "x" not in text.lower() else view_of(str(place.type))

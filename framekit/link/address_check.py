@@ -11,7 +11,7 @@ from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
 from framekit.definition.problems import Problem
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 STARTS = (0, 1, 2, 7, 8, 9, 10, 11, 15, 16, 17, 31, 99, 100, 101, 255, 256, 999, 1000, 4095, 9999)
 """Places that are tried, and the last one of the area."""

@@ -19,7 +19,7 @@ from framekit.link.address_forms import FormMatcher
 from framekit.link.area_view import AreaView, area_views
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.variables import table_values
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 MOST_EXAMPLES, MOST_AREAS = 4, 12
 """How many forms and areas a message names."""

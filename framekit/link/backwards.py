@@ -23,7 +23,7 @@ from framekit.link.leaves import Binding, LeafCompiler, MismatchError
 from framekit.link.packing import PackingError, memory_of, values_of
 from framekit.link.service_rows import RowFacts
 from framekit.link.values import FrameValue
-from framekit.memory.errors import DeviceMemoryError, MemoryRangeError, UnknownAreaError
+from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 Codes = dict[Any, list[tuple[str, str]]]
 """What stands for areas on the wire: code → areas with the unit it counts in."""

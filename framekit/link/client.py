@@ -22,7 +22,7 @@ from framekit.link.requests import Piece, Plan, ServiceError
 from framekit.link.service_arguments import arguments_of
 from framekit.link.service_rows import RowFacts
 from framekit.link.transfer import Done, TransferResult
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 __all__ = ["Client", "ServiceError", "TransferResult"]
 

@@ -15,10 +15,8 @@ from framekit.definition.model.services import Area
 from framekit.link.evaluate import Names
 from framekit.link.frame_table import Codec
 from framekit.link.packing import cut_memory
-from framekit.memory.area import Area as MemoryArea
-from framekit.memory.errors import AccessError, MemoryRangeError, UnknownAreaError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, UnknownAreaError, unit_bits
+from framekit.memory.memory import Area as MemoryArea
 
 OWN = "own"
 """The unit that stands for the memory area's own."""

@@ -11,8 +11,7 @@ from struct import Struct
 
 from framekit.codec.support import span, swap
 from framekit.definition.model.services import Packing
-from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import UNSIGNED_CODES, pack_bits, unit_bits, unpack_bits
+from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, pack_bits, unit_bits, unpack_bits
 
 
 class PackingError(ValueError):

@@ -13,8 +13,7 @@ from framekit.link.addresses import Address, AddressGrammar
 from framekit.link.area_view import code_of
 from framekit.link.backwards import Codes
 from framekit.link.device_areas import DeviceAreas, Span
-from framekit.memory.errors import UnknownAreaError
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import UnknownAreaError, unit_bits
 
 
 def codes_of(protocol: Protocol) -> Codes:

@@ -21,7 +21,7 @@ from framekit.link.requests import Piece, Plan
 from framekit.link.scope import Scope
 from framekit.link.service_rows import RowFacts
 from framekit.link.values import FrameValue
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 MakeDirect = Callable[[Exchange], DirectRequest | None]
 

@@ -27,8 +27,7 @@ from framekit.link.scope import Scope
 from framekit.link.service_rows import RowFacts, ServiceRows
 from framekit.link.values import FrameValue
 from framekit.link.work import BlockRefusedError, StartBlock, Work
-from framekit.memory.errors import AccessError, DeviceMemoryError, MemoryRangeError, UnknownAreaError
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 NOTHING_SAID = 1
 """The code of a refusal for which the definition has none."""

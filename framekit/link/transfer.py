@@ -14,7 +14,7 @@ from framekit.link.exchange import Exchange, Outcome
 from framekit.link.packing import cut_memory, join_memory, values_of
 from framekit.link.requests import Piece, Plan
 from framekit.link.values import FrameValue
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 
 @dataclass(slots=True)

@@ -22,7 +22,7 @@ from framekit.link.packing import memory_of, values_of
 from framekit.link.places import span_of
 from framekit.link.scope import Scope
 from framekit.link.service_rows import RowFacts
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 StartBlock = Callable[[CompiledBlock, Names], "int | None"]
 """Takes the exchange that a request asks for, with the request's names; a number refuses it with that code."""

@@ -13,23 +13,8 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
 from framekit.definition.times import NEVER
-from framekit.memory.area import Area
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.profile import FixedBit, MemoryProfile
-
-CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
-    "second": lambda date: date.second,
-    "minute": lambda date: date.minute,
-    "hour": lambda date: date.hour,
-    "day": lambda date: date.day,
-    "month": lambda date: date.month,
-    "year": lambda date: date.year % 100,
-    "century": lambda date: date.year // 100,
-    "weekday": lambda date: date.isoweekday() % 7,
-    "days": lambda date: (date - datetime(1984, 1, 1)).days,
-}
-"""What a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on."""
+from framekit.memory.memory import Area, DeviceMemory, DeviceMemoryError
+from framekit.memory.profile import CALENDAR_PARTS, FixedBit, MemoryProfile
 
 SECOND = 1_000_000_000
 

@@ -1,19 +1,440 @@
-"""The memory of one device: its areas by name, watches over them, and snapshots of the whole.
+"""Device memory: areas of bytes under their names, little-endian, with watches that tell of changes, and snapshots.
 
-Used by one thread. It knows nothing of addresses as users write them, of protocols or of time.
+An area is seen as bits, bytes, words, double words or long words. Every view counts from 0 in its own unit over the
+whole area: byte 3 is the high byte of word 1, bit 17 is bit 1 of word 1, dword 2 is words 4 and 5. Memory knows no
+addresses and no clock; it is used by one thread.
 """
 
 from __future__ import annotations
 
+import itertools
+import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import secrets
+import struct
+import zlib
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, partial, reduce
+from operator import or_
 from pathlib import Path
+from typing import Literal
 
+from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.problems import did_you_mean
-from framekit.memory.area import Area
-from framekit.memory.errors import SnapshotError, UnknownAreaError
-from framekit.memory.snapshot import Shape, read_snapshot, write_snapshot
-from framekit.memory.watch import ALL_BITS, Changed, Watch
+
+
+class DeviceMemoryError(Exception):
+    """Any refusal of the device memory."""
+
+
+class UnknownAreaError(DeviceMemoryError, LookupError):
+    """There is no area of that name."""
+
+
+class MemoryRangeError(DeviceMemoryError, IndexError):
+    """A place beyond the area."""
+
+
+class AccessError(DeviceMemoryError):
+    """A write to an area that is read-only for others."""
+
+
+class MemoryValueError(DeviceMemoryError, ValueError):
+    """A value that does not fit its place."""
+
+
+class SnapshotError(DeviceMemoryError, ValueError):
+    """A snapshot of another shape, or a damaged one."""
+
+
+UNSIGNED_CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
+"""What `struct` calls unsigned numbers of so many bits."""
+
+
+@cache
+def unit_bits(unit: str | int) -> int:
+    """Width in bits of `bit`, `byte`, `word`, `dword`, `lword`, `6 bytes`, or of N bytes. ValueError else."""
+    if isinstance(unit, str):
+        known = UNIT_BITS.get(unit)
+        if known is not None:
+            return known
+        number, _, kind = unit.partition(" ")
+        if kind not in ("byte", "bytes") or not number.isdecimal():
+            known_units = ", ".join(UNIT_BITS)
+            raise ValueError(f"'{unit}' is not a unit – write {known_units}, or a size such as 6 bytes")
+        unit = int(number)
+    if unit < 1:
+        raise ValueError("a unit has at least one byte")
+    return 8 * unit
+
+
+def pack_bits(bits: Sequence[int]) -> bytes:
+    """Bits in bytes, the first in bit 0 of the first byte, padded with 0. Raises MemoryValueError."""
+    if not bits:
+        return b""
+    for bit in bits:
+        if bit != 0 and bit != 1:
+            raise MemoryValueError(f"{bit} is not a bit – only 0 and 1 are")
+    number = int("".join(["1" if bit else "0" for bit in reversed(bits)]), 2)
+    return number.to_bytes((len(bits) + 7) // 8, "little")
+
+
+def unpack_bits(data: bytes, count: int) -> list[int]:
+    """The first `count` bits of `data`, bit 0 of the first byte first; bits after the data are 0."""
+    if not count:
+        return []
+    number = int.from_bytes(data, "little") & ((1 << count) - 1)
+    return [int(digit) for digit in reversed(f"{number:0{count}b}")]
+
+
+_PACK_WORD = struct.Struct("<H").pack
+_SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in UNSIGNED_CODES.items()}
+
+Changed = Callable[["Area", int, int], None]
+"""Called with the area, the first changed word and the number of words from it to the last changed one."""
+
+ALL_BITS = 0xFFFF
+
+
+class Area:
+    """`size` elements of `unit`: bit, byte, word, dword, lword, `6 bytes`, or a number of bytes.
+
+    `access` is `rw`, or `read` when only the owner, who says `force=True`, may write. Values are unsigned.
+    Methods raise MemoryRangeError for a place beyond the area, AccessError for a write that is not allowed,
+    MemoryValueError for a value that does not fit, ValueError for an unknown unit.
+    """
+
+    __slots__ = (
+        "_data",
+        "_spare",
+        "_watches",
+        "access",
+        "aliases",
+        "element_bits",
+        "name",
+        "size",
+        "size_bits",
+        "unit",
+    )
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        size: int,
+        unit: str | int = "word",
+        access: Literal["rw", "read"] = "rw",
+        aliases: Iterable[str] = (),
+    ) -> None:
+        if size < 1:
+            raise ValueError(f"area {name} has no size")
+        self.element_bits = unit_bits(unit)
+        self.name = name
+        self.unit = unit if isinstance(unit, str) else f"{unit} bytes"
+        self.size = size
+        self.access = access
+        self.aliases = tuple(aliases)
+        self.size_bits = size * self.element_bits
+        self._data = bytearray((self.size_bits + 7) // 8)
+        self._spare = -self.size_bits % 8
+        self._watches: WatchTable | None = None
+
+    def __repr__(self) -> str:
+        return f"<area {self.name}: {self.size} × {self.unit}, {self.access}>"
+
+    @property
+    def size_bytes(self) -> int:
+        return len(self._data)
+
+    @property
+    def size_words(self) -> int:
+        """Words of 16 bits, the last of which may be cut short."""
+        return (len(self._data) + 1) // 2
+
+    # --- bytes
+
+    def read_bytes(self, offset: int, count: int) -> bytes:
+        """`count` bytes from byte `offset` on."""
+        if offset < 0 or count < 0 or offset + count > len(self._data):
+            raise self._beyond("byte", offset, count, len(self._data))
+        return bytes(self._data[offset : offset + count])
+
+    def bytes_reader(self, offset: int, count: int) -> Callable[[], bytes]:
+        """`read_bytes`, to be called again and again, without a call of Python in between."""
+        if offset < 0 or count < 0 or offset + count > len(self._data):
+            return partial(self.read_bytes, offset, count)
+        return partial(bytes, memoryview(self._data)[offset : offset + count])
+
+    def byte_reader(self, offset: int) -> Callable[[], int]:
+        """Reads byte `offset` as a number at every call."""
+        return partial(self._data.__getitem__, offset)
+
+    def holds(self, offset: int, data: bytes) -> bool:
+        """Whether these bytes stand at byte `offset`."""
+        return self._data.startswith(data, offset)
+
+    def holder(self, offset: int, data: bytes) -> Callable[[], bool]:
+        """`holds`, to be asked again and again."""
+        return partial(self._data.startswith, data, offset)
+
+    def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
+        """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
+        end = offset + len(data)
+        if offset < 0 or end > len(self._data):
+            raise self._beyond("byte", offset, len(data), len(self._data))
+        self._allow(force)
+        if self._spare and data and end == len(self._data):
+            data = data[:-1] + bytes([data[-1] & (0xFF >> self._spare)])
+        self._store(offset, data)
+
+    # --- numbers of any unit
+
+    def read(self, unit: str | int, start: int, count: int = 1) -> list[int]:
+        """`count` unsigned values of `unit`, from number `start` on."""
+        bits = unit_bits(unit)
+        self._within(unit, bits, start, count)
+        if bits == 1:
+            return unpack_bits(self.read_bits(start, count), count)
+        size = bits // 8
+        code = UNSIGNED_CODES.get(bits)
+        if code is not None:
+            return list(struct.unpack_from(f"<{count}{code}", self._data, start * size))
+        data = self._data[start * size : (start + count) * size]
+        return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
+
+    def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
+        """Puts unsigned `values` of `unit` at number `start` on. Either all are written or none."""
+        may = force or self.access != "read"
+        if may and unit == "word" and len(values) == 1 and 0 <= start < self.size_bits >> 4:
+            try:  # the usual write, without detours
+                data = _PACK_WORD(values[0])
+            except struct.error:
+                pass
+            else:  # as `_put_word`, since nothing stands between a write and what it triggers
+                memory, watches, at = self._data, self._watches, 2 * start
+                mask = 0 if watches is None else watches.masks[start]
+                changed = mask and mask & (memory[at] ^ data[0] | (memory[at + 1] ^ data[1]) << 8)
+                memory[at : at + 2] = data
+                if changed and watches is not None:
+                    for watch in watches.by_word[start]:
+                        if changed & watch.mask and watch.active:
+                            watch.callback(self, start, 1)
+                return
+        bits = unit_bits(unit)
+        if start < 0 or (start + len(values)) * bits > self.size_bits:
+            raise self._beyond(unit, start, len(values), self.size_bits // bits)
+        if not may:
+            raise self._read_only()
+        if bits == 1:
+            self._put_bits(start, len(values), pack_bits(values))
+            return
+        self._store(start * bits // 8, _encode(values, bits))
+
+    # --- bits, packed
+
+    def read_bit(self, start: int) -> bool:
+        """One bit."""
+        if not 0 <= start < self.size_bits:
+            raise self._beyond("bit", start, 1, self.size_bits)
+        return bool(self._data[start >> 3] >> (start & 7) & 1)
+
+    def read_bits(self, start: int, count: int) -> bytes:
+        """`count` bits packed into bytes, the first in bit 0 of the first byte, unused ones 0."""
+        self._within("bit", 1, start, count)
+        if not count:
+            return b""
+        number = int.from_bytes(self._data[start >> 3 : (start + count + 7) >> 3], "little") >> (start & 7)
+        return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
+
+    def write_bits(self, start: int, count: int, data: bytes, *, force: bool = False) -> None:
+        """Puts the first `count` bits of `data`, packed as `read_bits` gives them; no fewer may be there."""
+        self._within("bit", 1, start, count)
+        self._allow(force)
+        if len(data) * 8 < count:
+            raise MemoryValueError(f"{len(data)} bytes do not hold {count} bits")
+        self._put_bits(start, count, data)
+
+    # --- change
+
+    def watch(self, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
+        """Calls `callback(area, word, words)` once for every write that changes one of these words.
+
+        `mask`: of each of these words only the bits that are 1 there count. The calls come in order of registration,
+        after the data are in, with the first changed word of these and the number of words up to the last. A callback
+        should note the change and return: when it writes to a watched word itself, watches called after it hear of
+        that second write first.
+        """
+        if first_word < 0 or count < 1 or first_word + count > self.size_words:
+            raise self._beyond("word", first_word, count, self.size_words)
+        if self._watches is None:
+            self._watches = WatchTable(self.size_words)
+        watch = Watch(self._watches, self, first_word, count, callback, mask)
+        self._watches.add(watch)
+        return watch
+
+    def _store(self, offset: int, data: bytes) -> None:
+        end = offset + len(data)
+        watches = self._watches
+        if watches is None or not data:
+            self._data[offset:end] = data
+        elif offset >> 1 == (end - 1) >> 1:
+            if len(data) == 2:
+                self._put_word(offset >> 1, data)
+            else:
+                self._put_byte(watches, offset, data)
+        elif watches.marks.find(1, offset >> 1, (end + 1) >> 1) < 0:
+            self._data[offset:end] = data
+        else:
+            first, stop = offset >> 1, (end + 1) >> 1
+            before = bytes(self._data[2 * first : 2 * stop])
+            self._data[offset:end] = data
+            after = bytes(self._data[2 * first : 2 * stop])
+            if before != after:
+                for watch, word, count in watches.changed(first, before, after):
+                    if watch.active:
+                        watch.callback(self, word, count)
+
+    def _put_word(self, word: int, data: bytes) -> None:
+        memory, watches, at = self._data, self._watches, 2 * word
+        mask = 0 if watches is None else watches.masks[word]
+        changed = mask and mask & (memory[at] ^ data[0] | (memory[at + 1] ^ data[1]) << 8)
+        memory[at : at + 2] = data
+        if changed and watches is not None:
+            self._tell(watches, word, changed)
+
+    def _put_byte(self, watches: WatchTable, offset: int, data: bytes) -> None:
+        changed = (self._data[offset] ^ data[0]) << 8 * (offset & 1) & watches.masks[offset >> 1]
+        self._data[offset] = data[0]
+        if changed:
+            self._tell(watches, offset >> 1, changed)
+
+    def _tell(self, watches: WatchTable, word: int, changed: int) -> None:
+        """Those who watch one of the bits that have changed in a word hear of it."""
+        for watch in watches.by_word[word]:
+            if changed & watch.mask and watch.active:
+                watch.callback(self, word, 1)
+
+    def _put_bits(self, start: int, count: int, data: bytes) -> None:
+        if not count:
+            return
+        first, stop = start >> 3, (start + count + 7) >> 3
+        shift = start & 7
+        mask = ((1 << count) - 1) << shift
+        old = int.from_bytes(self._data[first:stop], "little")
+        new = (old & ~mask) | (int.from_bytes(data, "little") << shift & mask)
+        self._store(first, new.to_bytes(stop - first, "little"))
+
+    # --- refusals
+
+    def _allow(self, force: bool) -> None:
+        if self.access == "read" and not force:
+            raise self._read_only()
+
+    def _read_only(self) -> AccessError:
+        return AccessError(f"area {self.name} can only be read")
+
+    def _within(self, unit: str | int, bits: int, start: int, count: int) -> None:
+        if start < 0 or count < 0 or (start + count) * bits > self.size_bits:
+            raise self._beyond(unit, start, count, self.size_bits // bits)
+
+    def _beyond(self, unit: str | int, start: int, count: int, there: int) -> MemoryRangeError:
+        asked = f"{unit} {start}" if count == 1 else f"{count} × {unit} from {start} on"
+        has = f"{unit} 0 to {there - 1}" if there else f"no whole {unit}"
+        return MemoryRangeError(f"{asked} is not in area {self.name}, which has {has}")
+
+
+def _encode(values: Sequence[int], bits: int) -> bytes:
+    code = UNSIGNED_CODES.get(bits)
+    try:
+        if code is not None and len(values) == 1:
+            return _SINGLE[bits].pack(values[0])
+        if code is not None:
+            return struct.pack(f"<{len(values)}{code}", *values)
+        return b"".join([value.to_bytes(bits // 8, "little") for value in values])
+    except (struct.error, OverflowError) as problem:
+        wrong = next(value for value in values if not isinstance(value, int) or not 0 <= value < 1 << bits)
+        raise MemoryValueError(f"{wrong} does not fit into {bits} bits: 0 to {(1 << bits) - 1}") from problem
+
+
+class Watch:
+    """Interest in `count` words from `first_word` on, of each in the bits of `mask`, until `cancel`."""
+
+    __slots__ = ("_table", "active", "area", "callback", "count", "first_word", "mask", "number")
+
+    def __init__(
+        self, table: WatchTable, area: Area, first_word: int, count: int, callback: Changed, mask: int
+    ) -> None:
+        self._table = table
+        self.area = area
+        self.first_word = first_word
+        self.count = count
+        self.callback = callback
+        self.mask = mask
+        self.number = table.next_number()
+        self.active = True
+
+    def cancel(self) -> None:
+        """No further calls, not even for the write that is being reported now. Twice does no harm."""
+        if self.active:
+            self.active = False
+            self._table.remove(self)
+
+
+class WatchTable:
+    """The watches of an area of `words` words.
+
+    `marks`: 1 for a word that is watched, else 0; `masks`: which bits of each word count for anybody; `by_word`: those
+    that watch a word, in order of registration.
+    """
+
+    __slots__ = ("by_word", "marks", "masks", "next_number")
+
+    def __init__(self, words: int) -> None:
+        self.next_number = itertools.count().__next__
+        self.marks = bytearray(words)
+        self.masks = array("H", bytes(2 * words))
+        self.by_word: dict[int, tuple[Watch, ...]] = {}
+
+    def add(self, watch: Watch) -> None:
+        for word in range(watch.first_word, watch.first_word + watch.count):
+            self._listen(word, (*self.by_word.get(word, ()), watch))
+
+    def remove(self, watch: Watch) -> None:
+        for word in range(watch.first_word, watch.first_word + watch.count):
+            self._listen(word, tuple(other for other in self.by_word[word] if other is not watch))
+
+    def _listen(self, word: int, watches: tuple[Watch, ...]) -> None:
+        """From now on these watch the word."""
+        self.marks[word] = bool(watches)
+        self.masks[word] = reduce(or_, (watch.mask for watch in watches), 0)
+        if watches:
+            self.by_word[word] = watches
+        else:
+            del self.by_word[word]
+
+    def changed(self, first: int, before: bytes, after: bytes) -> list[tuple[Watch, int, int]]:
+        """In order of registration: watch, its first changed word, words from it to the last changed one.
+
+        `before` and `after` are the bytes from word `first` on, and differ; the last word may be half a word.
+        """
+        found: dict[Watch, tuple[int, int]] = {}
+        for word in self._watched(first, first + (len(after) + 1) // 2):
+            at = 2 * (word - first)
+            changed = int.from_bytes(before[at : at + 2], "little") ^ int.from_bytes(after[at : at + 2], "little")
+            if changed & self.masks[word]:
+                for watch in self.by_word[word]:
+                    if changed & watch.mask:
+                        start = found[watch][0] if watch in found else word
+                        found[watch] = (start, word)
+        in_order = sorted(found.items(), key=lambda item: item[0].number)
+        return [(watch, start, last - start + 1) for watch, (start, last) in in_order]
+
+    def _watched(self, first: int, end: int) -> Iterator[int]:
+        word = self.marks.find(1, first, end)
+        while word >= 0:
+            yield word
+            word = self.marks.find(1, word + 1, end)
 
 
 class DeviceMemory:
@@ -105,3 +526,67 @@ class DeviceMemory:
     def load(self, path: str | os.PathLike[str]) -> None:
         """Restores a snapshot file. Raises SnapshotError when it is damaged or of another shape, OSError."""
         self.restore(read_snapshot(Path(path), self.shape))
+
+
+Shape = tuple[tuple[str, str, int], ...]
+"""Name, unit and size of every area."""
+
+_TITLE = b"framekit memory 1\n"
+
+
+def write_snapshot(path: Path, shape: Shape, contents: Mapping[str, bytes]) -> None:
+    """Writes beside `path`, then puts it in place in one step. Raises OSError."""
+    whole = b"".join(contents[name] for name, _, _ in shape)
+    header = json.dumps(shape, ensure_ascii=True, separators=(",", ":")).encode("ascii") + b"\n"
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        with open(beside, "xb") as file:
+            file.write(_TITLE + header + zlib.compress(whole))
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def read_snapshot(path: Path, shape: Shape) -> dict[str, bytes]:
+    """Bytes of every area. Raises SnapshotError for another kind of file or shape, or damage; OSError."""
+    with open(path, "rb") as file:
+        if file.read(len(_TITLE)) != _TITLE:
+            raise SnapshotError(f"{path} is no memory snapshot of this version")
+        header = json.dumps(shape, ensure_ascii=True, separators=(",", ":")).encode("ascii") + b"\n"
+        line = file.readline(max(len(header), 1 << 20))
+        if line != header:
+            raise SnapshotError(f"{path} is of another memory: {_difference(line, shape)}")
+        sizes = [(size * unit_bits(unit) + 7) // 8 for _, unit, size in shape]
+        # zlib may store incompressible data with a few bytes more than it has
+        packed = file.read(sum(sizes) + sum(sizes) // 1000 + 1024)
+    whole = _unpack(packed, sum(sizes), path)
+    contents, at = {}, 0
+    for (name, _, _), size in zip(shape, sizes, strict=True):
+        contents[name] = whole[at : at + size]
+        at += size
+    return contents
+
+
+def _unpack(packed: bytes, size: int, path: Path) -> bytes:
+    unpacker = zlib.decompressobj()
+    try:
+        whole = unpacker.decompress(packed, size + 1)
+    except zlib.error as problem:
+        raise SnapshotError(f"{path} is damaged") from problem
+    if len(whole) != size or not unpacker.eof or unpacker.unused_data:
+        raise SnapshotError(f"{path} is damaged")
+    return whole
+
+
+def _difference(line: bytes, shape: Shape) -> str:
+    try:
+        there = {str(name): f"{size} × {unit}" for name, unit, size in json.loads(line)}
+    except (ValueError, TypeError, RecursionError):
+        return "its list of areas is damaged"
+    here = {name: f"{size} × {unit}" for name, unit, size in shape}
+    for name in [*here, *there]:
+        if here.get(name) != there.get(name):
+            return f"area {name} is {there.get(name, 'not')} there and {here.get(name, 'not')} here"
+    return "its areas stand in another order"

@@ -1,21 +1,46 @@
-"""Memory profiles: the areas of a device family, how its places are written, and what has a meaning of its own.
+"""Memory profiles: what areas, addresses, clock bits and words of blocks a memory has, and how that is read.
 
-A profile is the content of a file `NAME.memory.yaml`. What an address written in one of its forms means is
-not known here.
+A profile stands in `NAME.memory.yaml`, beside the file that names it or among the shipped ones, or in place. Problems
+are collected and raised together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Callable
+from collections.abc import Mapping as MappingOf
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
 from typing import Literal
 
-from framekit.definition.model.services import AddressForm
+from framekit.definition.check.addresses import check_forms
+from framekit.definition.load.addresses import load_address_forms
+from framekit.definition.load.documents import Documents, merged
+from framekit.definition.load.profile_files import find_profile
+from framekit.definition.load.reader import MOST_ELEMENTS, Broken, Reader
+from framekit.definition.load.tables import load_table
+from framekit.definition.model.services import UNIT_BITS, AddressForm, Part
 from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.values import Table
-from framekit.definition.problems import Position
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar
+from framekit.definition.problems import NOWHERE, DefinitionError, Position, did_you_mean
+from framekit.definition.times import NEVER, parse_time
+from framekit.memory.memory import Area, DeviceMemory, unit_bits
+
+CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
+    "second": lambda date: date.second,
+    "minute": lambda date: date.minute,
+    "hour": lambda date: date.hour,
+    "day": lambda date: date.day,
+    "month": lambda date: date.month,
+    "year": lambda date: date.year % 100,
+    "century": lambda date: date.year // 100,
+    "weekday": lambda date: date.isoweekday() % 7,
+    "days": lambda date: (date - datetime(1984, 1, 1)).days,
+}
+"""What a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on."""
 
 FixedKind = Literal["on", "off", "first_scan", "after_first_scan", "every_scan"]
 
@@ -96,7 +121,7 @@ class BlockWords:
     words: int
     sets: int
     blocks: int
-    items: Mapping[str, BlockItem]
+    items: MappingOf[str, BlockItem]
     at: Position
 
     @property
@@ -124,15 +149,15 @@ class MemoryProfile:
     name: str
     about: str
     source: str
-    areas: Mapping[str, ProfileArea]
-    tables: Mapping[str, Table]
+    areas: MappingOf[str, ProfileArea]
+    tables: MappingOf[str, Table]
     addresses: tuple[AddressForm, ...]
     clocks: tuple[ClockBit, ...]
     fixed: tuple[FixedBit, ...]
     scan: int
     calendar: tuple[CalendarWord, ...] = ()
-    named: Mapping[str, NamedPlace]
-    flags: Mapping[str, BlockWords]
+    named: MappingOf[str, NamedPlace]
+    flags: MappingOf[str, BlockWords]
     at: Position
 
     def create(self) -> DeviceMemory:
@@ -141,3 +166,323 @@ class MemoryProfile:
             Area(area.name, size=area.size, unit=area.unit, access=area.access, aliases=area.aliases)
             for area in self.areas.values()
         )
+
+
+# ---- reading ---------------------------------------------------------------------------------------------------
+
+SUFFIX = ".memory.yaml"
+DEFAULT_SCAN = 10_000_000
+SHORTEST_PERIOD = 1_000_000
+"""A clock bit has a period of at least 1 ms; no port could show a faster one."""
+
+PLAIN = AddressForm(
+    text="{area}{start:dec}",
+    parts=(Part("area", "area"), Part("number", "start")),
+    area=None,
+    unit=None,
+    units_table=None,
+    results={},
+    wire=True,
+    at=NOWHERE,
+)
+"""How places are written where a profile does not say: `M100`, counted in the area's own unit."""
+
+_ACCESS: dict[str, Literal["rw", "read"]] = {"rw": "rw", "read": "read"}
+_AREA_KEYS = ("unit", "size", "access", "aliases", "retained", "about")
+_KINDS: dict[str, FixedKind] = {
+    "on": "on",
+    "off": "off",
+    "first_scan": "first_scan",
+    "after_first_scan": "after_first_scan",
+    "every_scan": "every_scan",
+}
+
+
+def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> MemoryProfile:
+    """The profile in a file (a Path), or of a name: `NAME.memory.yaml` in `folder`, else a shipped one.
+
+    `at` is where the name was written. Raises DefinitionError with everything that is wrong.
+    """
+    path = name_or_path if isinstance(name_or_path, Path) else _find(name_or_path, folder, at)
+    reader = Reader()
+    documents = Documents(reader)
+    with suppress(Broken):
+        return _profile(documents.root(path, "memory"), documents, path)
+    raise DefinitionError(reader.problems)
+
+
+def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfile:
+    """A profile written in place, `{areas: …}`, on top of the one named by its key `profile`, if it has that.
+
+    Sections are joined by name, in areas single keys are replaced. Keys no profile has are not looked at: whoever reads
+    the file around checks them. Raises DefinitionError.
+    """
+    base = node.get("profile")
+    reader = Reader()
+    documents = Documents(reader)
+    with suppress(Broken):
+        if base is None:
+            return _profile(node, documents)
+        name = base.text if isinstance(base, Scalar) else ""
+        return _profile(merged(documents.root(_find(name, folder, base.at), "memory"), node), documents)
+    raise DefinitionError(reader.problems)
+
+
+def _profile(root: Mapping, documents: Documents, file: Path | None = None) -> MemoryProfile:
+    """The profile in nodes. Raises Broken when it is not even nearly one, DefinitionError with all its problems."""
+    reader = documents.reader
+    profile = ProfileLoader(reader, root).profile()
+    if not reader.problems:
+        reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
+    problems = documents.first_words(reader.problems, file)
+    if any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return profile
+
+
+def _find(name: str, folder: Path | None, at: Position) -> Path:
+    return find_profile(name, folder, at, kind="memory profile", suffix=SUFFIX)
+
+
+class ProfileLoader:
+    """Turns the nodes of one file into a profile; problems go to `reader`."""
+
+    def __init__(self, reader: Reader, root: Mapping) -> None:
+        self.reader = reader
+        self.root = root
+        self.areas: dict[str, ProfileArea] = {}
+
+    def profile(self) -> MemoryProfile:
+        self._load_areas()
+        tables = {entry.key.text: load_table(self.reader, entry) for entry in self._section("tables")}
+        return MemoryProfile(
+            name=self._text("memory"),
+            about=self._text("about"),
+            source=self._text("source"),
+            areas=self.areas,
+            tables=tables,
+            addresses=load_address_forms(self.reader, self.root.get("addresses"), self.areas, tables) or (PLAIN,),
+            clocks=self._clocks(),
+            fixed=self._fixed(),
+            scan=self._scan(),
+            calendar=self._calendar(),
+            named=self._named(),
+            flags=self._flags(),
+            at=self.root.at,
+        )
+
+    def _text(self, key: str) -> str:
+        node = self.root.get(key)
+        return "" if node is None else self.reader.text(node)
+
+    def _section(self, key: str) -> tuple[Entry, ...]:
+        with self.reader.going_on():
+            return self.reader.entries(self.root.get(key))
+        return ()
+
+    # --- areas
+
+    def _load_areas(self) -> None:
+        taken: set[str] = set()
+        if self.root.get("areas") is None:
+            self.reader.note(self.root.at, "the memory has no areas", "add areas: {NAME: {unit: word, size: N}}")
+        for entry in self._section("areas"):
+            with self.reader.going_on():
+                area = self._area(entry)
+                self.areas[area.name] = area
+                for name in (area.name, *area.aliases):
+                    if name in taken:
+                        self.reader.note(entry.key.at, f"two areas are named '{name}'", "rename one of them")
+                    taken.add(name)
+
+    def _area(self, entry: Entry) -> ProfileArea:
+        reader, node, name = self.reader, self.reader.mapping(entry.value), entry.key.text
+        unit = "word" if (given := node.get("unit")) is None else reader.text(given)
+        columns = self._columns(node)
+        access = reader.maybe(lambda value: reader.one_of(value, _ACCESS, "an access"), node.get("access"))
+        about = reader.maybe(reader.text, node.get("about"))
+        return ProfileArea(
+            name=name,
+            unit=unit,
+            element_bits=self._unit_bits(unit, entry.value if given is None else given),
+            size=self._at_least(1, self._needed(entry, "size")),
+            access=access or "rw",
+            codes={},
+            memory=name,
+            layout=None,
+            columns=columns,
+            at=entry.key.at,
+            aliases=reader.texts(node.get("aliases")),
+            retained=reader.flag(node.get("retained")),
+            about=about or "",
+        )
+
+    def _columns(self, node: Mapping) -> MappingOf[str, int | str | bytes]:
+        columns: dict[str, int | str | bytes] = {}
+        for entry in node.read_all():
+            key = entry.key.text
+            if key in _AREA_KEYS:
+                continue
+            if difflib.get_close_matches(key, _AREA_KEYS, n=1, cutoff=0.75):
+                self.reader.note(entry.key.at, f"an area has no key '{key}'", did_you_mean(key, _AREA_KEYS))
+            columns[key] = self.reader.cell(entry.value)
+        return columns
+
+    # --- bits the memory sets by itself
+
+    def _clocks(self) -> tuple[ClockBit, ...]:
+        clocks = []
+        for entry in self._section("clocks"):
+            with self.reader.going_on():
+                period = self._time(entry.value)
+                if not SHORTEST_PERIOD <= period < NEVER:
+                    raise self.reader.broken(
+                        entry.value.at, "a clock needs a period of 1 ms or more", "write it like 20 ms"
+                    )
+                clocks.append(ClockBit(entry.key.text, period, entry.key.at))
+        return tuple(clocks)
+
+    def _fixed(self) -> tuple[FixedBit, ...]:
+        bits = []
+        for entry in self._section("fixed"):
+            with self.reader.going_on():
+                kind = self.reader.one_of(entry.value, _KINDS, "a kind of fixed bit")
+                bits.append(FixedBit(entry.key.text, kind, entry.key.at))
+        return tuple(bits)
+
+    def _calendar(self) -> tuple[CalendarWord, ...]:
+        words = []
+        for entry in self._section("calendar"):
+            with self.reader.going_on():
+                parts = self.reader.texts(entry.value)
+                for part in parts:
+                    if part not in CALENDAR_PARTS:
+                        raise self.reader.unknown(entry.value.at, "part of a date", part, list(CALENDAR_PARTS))
+                if len(parts) == 2 and "days" in parts:
+                    raise self.reader.broken(
+                        entry.value.at, "the number of days takes a whole word", "write days alone"
+                    )
+                if len(parts) not in (1, 2):
+                    raise self.reader.broken(entry.value.at, "a word has two bytes", "give one part, or two")
+                words.append(CalendarWord(entry.key.text, parts, entry.key.at))
+        return tuple(words)
+
+    def _scan(self) -> int:
+        node = self.root.get("scan")
+        if node is None:
+            return DEFAULT_SCAN
+        with self.reader.going_on():
+            scan = self._time(node)
+            if not SHORTEST_PERIOD <= scan < NEVER:
+                raise self.reader.broken(node.at, "a scan takes 1 ms or more", "write it like 10 ms")
+            return scan
+        return DEFAULT_SCAN
+
+    # --- named places and words of blocks
+
+    def _named(self) -> dict[str, NamedPlace]:
+        return {
+            entry.key.text: NamedPlace(entry.value.text, entry.value.at)
+            for entry in self._section("flags")
+            if isinstance(entry.value, Scalar)
+        }
+
+    def _flags(self) -> dict[str, BlockWords]:
+        flags = {}
+        for entry in self._section("flags"):
+            if isinstance(entry.value, Scalar):
+                continue
+            with self.reader.going_on():
+                flags[entry.key.text] = self._block_words(entry)
+        self._apart(list(flags.values()))
+        return flags
+
+    def _apart(self, sections: list[BlockWords]) -> None:
+        """No two sections have words in common, and no two items of one the same bits."""
+        for place, one in enumerate(sections):
+            for other in sections[:place]:
+                if one.area == other.area and one.first < other.end and other.first < one.end:
+                    what = f"words {one.first} to {one.end - 1} of '{one.name}' are also in '{other.name}', which has "
+                    self.reader.note(one.at, f"{what}{other.first} to {other.end - 1}", "move one of them")
+            taken: dict[int, str] = {}
+            for name, item in one.items.items():
+                shared = next((taken[bit] for bit in item.bits if bit in taken), None)
+                if shared is not None:
+                    self.reader.note(one.at, f"'{name}' and '{shared}' of '{one.name}' share bits", "move one of them")
+                taken |= dict.fromkeys(item.bits, name)
+
+    def _block_words(self, entry: Entry) -> BlockWords:
+        words = self._at_least(1, self._needed(entry, "words"))
+        found = BlockWords(
+            name=entry.key.text,
+            area=self._area_name(self._needed(entry, "area")),
+            first=self._at_least(0, self._needed(entry, "first")),
+            words=words,
+            sets=self._at_least(1, self._needed(entry, "sets")),
+            blocks=self._at_least(1, self._needed(entry, "blocks")),
+            items={
+                item.key.text: self._item(item, words) for item in self.reader.entries(self._needed(entry, "items"))
+            },
+            at=entry.key.at,
+        )
+        area = self.areas[found.area]
+        if found.end * 16 > area.size * area.element_bits:
+            what = f"'{found.name}' reaches to word {found.end - 1}, beyond the end of area {area.name}"
+            self.reader.note(entry.key.at, what, "fewer sets, blocks or words, or a larger area")
+        return found
+
+    def _item(self, entry: Entry, words: int) -> BlockItem:
+        reader, node = self.reader, self.reader.mapping(entry.value)
+        unit = "word" if (given := node.get("unit")) is None else reader.text(given)
+        if unit not in ("word", "dword", "lword"):
+            what, todo = f"'{unit}' is not made of words", "write word, dword or lword"
+            raise reader.broken(entry.value.at, what, todo)
+        least = UNIT_BITS[unit] // 16
+        item = BlockItem(
+            word=self._at_least(0, self._needed(entry, "word")),
+            bit=reader.maybe(lambda bit: self._at_least(0, bit), node.get("bit")),
+            words=reader.maybe(lambda count: self._at_least(least, count), node.get("words")) or least,
+            unit=unit,
+        )
+        if item.bit is not None and item.bit > 15:
+            raise reader.broken(entry.key.at, f"a word has no bit {item.bit}", "bits are 0 to 15")
+        if item.word + item.words > words:
+            raise reader.broken(entry.key.at, f"'{entry.key.text}' is beyond the {words} words of a block")
+        return item
+
+    # --- scalars
+
+    def _needed(self, entry: Entry, key: str) -> Node:
+        node = self.reader.mapping(entry.value).get(key)
+        if node is None:
+            raise self.reader.broken(entry.value.at, f"'{entry.key.text}' has no {key}", f"add {key}:")
+        return node
+
+    def _area_name(self, node: Node) -> str:
+        name = self.reader.text(node)
+        if name not in self.areas:
+            raise self.reader.unknown(node.at, "area", name, list(self.areas))
+        return name
+
+    def _at_least(self, least: int, node: Node) -> int:
+        number = self.reader.number(node)
+        if number < least:
+            what = f"{number} is too small: {least} is the least"
+            raise self.reader.broken(node.at, what)
+        if number > MOST_ELEMENTS:
+            raise self.reader.broken(node.at, f"{number} is too great: {MOST_ELEMENTS} is the greatest")
+        return number
+
+    def _time(self, node: Node) -> int:
+        try:
+            return parse_time(self.reader.text(node))
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise self.reader.broken(node.at, what, todo) from None
+
+    def _unit_bits(self, unit: str, node: Node) -> int:
+        try:
+            return unit_bits(unit)
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise self.reader.broken(node.at, what, todo) from None

@@ -1,28 +1,16 @@
-"""Data in memory's form read as other types: signed numbers, floating-point numbers, text, in any order of bytes.
-
-A view is a reading of the same bits; which transfer brought them, and from where, is not known here.
-"""
+"""Data in memory's form read as other types: signed, decimal, floating-point numbers, text, in any order of bytes."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from framekit.codec.support import swap
 from framekit.definition.model.services import NUMBER_BITS
 from framekit.definition.problems import did_you_mean
-from framekit.memory.errors import MemoryValueError
-from framekit.memory.numbers import (
-    UNSIGNED_CODES,
-    as_decimal,
-    as_float,
-    as_signed,
-    from_decimal,
-    from_float,
-    from_signed,
-)  # fmt: skip
+from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, unit_bits
 
 Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 """Where the bytes of 0xAABBCCDD stand in two words, each written with its high byte first."""
@@ -169,3 +157,66 @@ def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
 
 def _outside(numbers: Sequence[int]) -> int:
     return max(numbers, key=abs)
+
+
+_FLOATS = {32: ("<I", "<f"), 64: ("<Q", "<d")}
+
+
+def as_signed(values: Iterable[int], unit: str | int) -> list[int]:
+    """Unsigned values of this unit read as two's complement."""
+    bits = unit_bits(unit)
+    half, whole = 1 << (bits - 1), 1 << bits
+    return [value - whole if value >= half else value for value in values]
+
+
+def from_signed(values: Iterable[int], unit: str | int) -> list[int]:
+    """The reverse of `as_signed`. Raises MemoryValueError for a value that does not fit."""
+    bits = unit_bits(unit)
+    half, mask = 1 << (bits - 1), (1 << bits) - 1
+    result = []
+    for value in values:
+        if not -half <= value < half:
+            raise MemoryValueError(f"{value} does not fit into {bits} bits with sign: {-half} to {half - 1}")
+        result.append(value & mask)
+    return result
+
+
+def as_decimal(values: Iterable[int], unit: str | int) -> list[int]:
+    """Unsigned values of this unit read as decimal digits of four bits (BCD). Raises MemoryValueError."""
+    texts = [f"{value:0{unit_bits(unit) // 4}X}" for value in values]
+    wrong = next((text for text in texts if not text.isdecimal()), None)
+    if wrong is not None:
+        raise MemoryValueError(f"0x{wrong} is no number in BCD: a digit is 0 to 9")
+    return [int(text) for text in texts]
+
+
+def from_decimal(values: Iterable[int], unit: str | int) -> list[int]:
+    """The reverse of `as_decimal`. Raises MemoryValueError for a value that has no such form."""
+    digits, result = unit_bits(unit) // 4, []
+    for value in values:
+        if not 0 <= value < 10**digits:
+            raise MemoryValueError(f"{value} does not fit into {digits} decimal digits")
+        result.append(int(str(value), 16))
+    return result
+
+
+def as_float(values: Iterable[int], unit: str | int = "dword") -> list[float]:
+    """Unsigned dwords or lwords read as IEEE 754 numbers of 32 or 64 bits."""
+    whole, real = _float_formats(unit)
+    return [struct.unpack(real, struct.pack(whole, value))[0] for value in values]
+
+
+def from_float(values: Iterable[float], unit: str | int = "dword") -> list[int]:
+    """The reverse of `as_float`. Raises MemoryValueError for a number too large for 32 bits."""
+    whole, real = _float_formats(unit)
+    try:
+        return [struct.unpack(whole, struct.pack(real, value))[0] for value in values]
+    except OverflowError as problem:
+        raise MemoryValueError(f"a number is too large for a floating-point {unit}") from problem
+
+
+def _float_formats(unit: str | int) -> tuple[str, str]:
+    formats = _FLOATS.get(unit_bits(unit))
+    if formats is None:
+        raise ValueError(f"a {unit} holds no floating-point number – only a dword or an lword does")
+    return formats

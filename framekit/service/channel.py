@@ -17,7 +17,7 @@ from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor
 from framekit.link.serving import MemoryServer
 from framekit.link.values import FrameValue
-from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemoryError
 from framekit.service.driver import Driver, Moment
 from framekit.service.listening_port import ListeningPort
 from framekit.service.memory_access import AddressedMemory, RefreshedServer

@@ -89,8 +89,8 @@ class DeviceStore:
         self._begun = True
 
     def refresh(self) -> None:
-        """Brings these bits up to date."""
-        if self.system is not None:
+        """Brings these bits up to date; they do not move before `begin`."""
+        if self.system is not None and self._begun:
             self.system.update(self.clock.now())
 
 

@@ -16,7 +16,7 @@ from framekit.blocks.lanes import LaneRules
 from framekit.blocks.merging import Read, neighbours
 from framekit.blocks.model import Block, Channel
 from framekit.blocks.transfer import Ended
-from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemoryError
 from framekit.service.channel import ChannelService
 from framekit.service.prompt_send import PromptSend
 from framekit.transport.clock import Clock

@@ -28,9 +28,7 @@ from framekit.link.client import TransferResult
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command as LinkCommand
 from framekit.link.packing import values_of
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.service.channel import ChannelService
 from framekit.service.host_channels import ChannelOpener, HostChannels
 from framekit.service.resolver import Resolve

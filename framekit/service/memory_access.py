@@ -14,8 +14,7 @@ from framekit.link.clock import DEFAULT_START
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Served, Server
 from framekit.link.values import FrameValue
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.transport.clock import AsyncioClock, Clock
 
 Refresh = Callable[[], None]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from framekit.blocks.block_settings import BlockSettings
 from framekit.blocks.model import Block
 from framekit.link.evaluate import EVALUATION_ERRORS
-from framekit.memory.errors import DeviceMemoryError
+from framekit.memory.memory import DeviceMemoryError
 from framekit.transport.clock import Clock
 
 if TYPE_CHECKING:

@@ -258,8 +258,9 @@ class RunService:
     # ---- time ---------------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """The bits that the memory sets by itself, as they are now."""
-        self.system.update(self.clock.now())
+        """The bits that the memory sets by itself, as they are now; they do not move before the start."""
+        if self.running:
+            self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
         """Does what is due; what somebody waits for, and nothing here has a say in, has been started already."""

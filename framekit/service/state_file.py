@@ -14,8 +14,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from framekit.memory.numbers import unit_bits
-from framekit.memory.snapshot import Shape
+from framekit.memory.memory import Shape, unit_bits
 
 APPLICATION = 0x464B5354
 """What SQLite calls the application's number; it tells our files from others."""

@@ -52,6 +52,47 @@ def test_ten_minutes_on_the_virtual_clock(plant: Path) -> None:
         assert run.memory["M0400"] == 77
 
 
+def test_a_watch_tells_what_has_changed(plant: Path) -> None:
+    run = framekit.VirtualRun(plant)
+    assert run.memory.read("M0100", 3) == [0, 0, 0], "also before the start"
+    heard: list[list[object]] = []
+    bit: list[list[object]] = []
+    watch = run.memory.watch("M0100", heard.append, 3)
+    run.memory.watch("M00021", bit.append)
+    run.memory.watch("M0100", lambda values: heard.append(["real", *values]), type="float32")
+    with run:
+        run.fire(0)
+        run.run_for("50 ms")
+        assert heard == [[100, 200, 300], ["real", pytest.approx(1.8367e-38, rel=1e-4)]]
+        run.memory["M0101"] = 7
+        run.memory["M0101"] = 200
+        run.run_for("1 ms")
+        assert len(heard) == 2, "changed back before it was told"
+        run.memory["M0102"] = 1
+        run.memory["M0102"] = 2
+        run.memory["M00020"] = 1
+        run.run_for("1 ms")
+        assert heard[2:] == [[100, 200, 2]] and bit == [], "the last of several; other bits of the word say nothing"
+        run.memory["M00021"] = 1
+        watch.cancel()
+        watch.cancel()
+        run.memory["M0102"] = 3
+        run.run_for("1 ms")
+        assert len(heard) == 3 and bit == [[1]]
+    with pytest.raises(framekit.RequestError, match="'Q1' is not an address"):
+        run.memory.watch("Q1", heard.append)
+
+
+def test_a_watch_that_was_cancelled_before_it_told_says_nothing(plant: Path) -> None:
+    with framekit.VirtualRun(plant) as run:
+        heard: list[list[object]] = []
+        watch = run.memory.watch("M0100", heard.append)
+        run.memory["M0100"] = 1
+        watch.cancel()
+        run.run_for("1 ms")
+        assert heard == []
+
+
 def test_memory_starts_blocks(plant: Path) -> None:
     run = framekit.VirtualRun(plant)
     run.memory["M0200"] = 5
@@ -260,3 +301,15 @@ print(run.carry_out(0, timeout=20).done)
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "1\n", "")
+
+
+def test_a_watch_of_a_run_in_a_thread(plant: Path) -> None:
+    heard: list[list[object]] = []
+    with framekit.Run(plant) as run:
+        watch = run.memory.watch("M0100", heard.append, 3)
+        assert run.carry_out(0, timeout=20).done == 1
+        assert run.memory.read("M0100", 3) == [100, 200, 300], "a call into the thread, behind what was told there"
+        assert heard == [[100, 200, 300]]
+    run.memory["M0100"] = 5
+    watch.cancel()
+    assert heard == [[100, 200, 300]], "nothing is told when the run is over"

@@ -16,7 +16,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.problems import NOWHERE
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import as_signed
+from framekit.memory.views import as_signed
 
 SRTP = load_protocol("srtp")
 PROFILE = load_job_profile("ge-channels")

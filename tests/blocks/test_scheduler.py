@@ -14,8 +14,7 @@ from framekit.definition.expression.parse import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory
 
 MS = 1_000_000
 

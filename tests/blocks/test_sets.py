@@ -14,8 +14,7 @@ from framekit.blocks.model import Block, BlockEnd, DeadRule, Every, Silence, Tri
 from framekit.blocks.scheduler import Scheduler
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -16,10 +16,8 @@ from framekit.blocks.status_words import StatusWords, status_sections
 from framekit.definition.model.protocol import StationType
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
-from framekit.memory.area import Area
-from framekit.memory.load import load_profile
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.profile import BlockItem, BlockWords
+from framekit.memory.memory import Area, DeviceMemory
+from framekit.memory.profile import BlockItem, BlockWords, load_profile
 
 SCAN = 10_000_000
 

@@ -13,8 +13,7 @@ from framekit.blocks.scheduler import Scheduler
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
-from framekit.memory.area import Area
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory
 
 CHANNELS = (1, 2, 3)
 MS = 1_000_000

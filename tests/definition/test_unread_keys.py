@@ -9,8 +9,7 @@ import pytest
 from framekit.blocks.load_fault_plan import load_fault_plan
 from framekit.definition.problems import DefinitionError
 from framekit.definition.tree import Mapping
-from framekit.memory.load import load_profile
-from framekit.memory.profile_loader import ProfileLoader
+from framekit.memory.profile import ProfileLoader, load_profile
 
 
 def test_a_key_of_a_memory_profile_that_no_loader_reads_is_told(

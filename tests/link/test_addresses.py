@@ -11,7 +11,7 @@ from link.service_loop import FRAMES
 
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.memory.load import load_profile
+from framekit.memory.profile import load_profile
 
 FILES = """
 protocol: files

@@ -12,7 +12,7 @@ from link.test_df1_commands import Pair as Commands
 from framekit.link.addresses import AddressError
 from framekit.link.requests import ServiceError
 from framekit.link.transfer import TransferResult
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 
 class Pair(Commands):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from framekit.definition.model.services import Packing
 from framekit.link.packing import Packer, PackingError, cut_memory, join_memory, memory_of, values_of
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import unit_bits
 
 UNITS = ["bit", "byte", "word", "dword", "lword", "6 bytes", "3 bytes"]
 

@@ -16,9 +16,8 @@ from framekit.link.block_work import CompiledBlock
 from framekit.link.evaluate import Names
 from framekit.link.requests import ServiceError
 from framekit.link.values import FrameValue
-from framekit.memory.area import Area
-from framekit.memory.load import load_profile
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory
+from framekit.memory.profile import load_profile
 
 # ---- the ASCII protocol: what its specification says is refused -----------------------------------------------------
 

@@ -4,17 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.memory.area import Area
-from framekit.memory.errors import AccessError, DeviceMemoryError, MemoryRangeError, MemoryValueError
-from framekit.memory.numbers import (
-    as_float,
-    as_signed,
-    from_float,
-    from_signed,
+from framekit.memory.memory import (
+    AccessError,
+    Area,
+    DeviceMemoryError,
+    MemoryRangeError,
+    MemoryValueError,
     pack_bits,
     unit_bits,
     unpack_bits,
 )
+from framekit.memory.views import as_float, as_signed, from_float, from_signed
 
 UNITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64, "3 bytes": 24}
 SIZE = 12  # words

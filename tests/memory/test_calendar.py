@@ -11,8 +11,8 @@ from framekit.blocks.load import load_run
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import NEVER
 from framekit.memory.clock_bits import SystemBits
-from framekit.memory.load import load_profile
 from framekit.memory.memory import DeviceMemory
+from framekit.memory.profile import load_profile
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -8,10 +8,8 @@ from hypothesis import strategies as st
 
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
-from framekit.memory.area import Area
 from framekit.memory.clock_bits import SystemBits
-from framekit.memory.errors import DeviceMemoryError, MemoryRangeError, UnknownAreaError
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
 from framekit.memory.profile import ClockBit, FixedBit, FixedKind, MemoryProfile
 
 MS = 1_000_000

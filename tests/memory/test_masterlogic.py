@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 
 from framekit.definition.model.services import AddressForm, Literally, Maybe, Part
 from framekit.memory.clock_bits import SystemBits
-from framekit.memory.errors import AccessError
-from framekit.memory.load import load_profile
-from framekit.memory.profile import MemoryProfile, ProfileArea
+from framekit.memory.memory import AccessError
+from framekit.memory.profile import MemoryProfile, ProfileArea, load_profile
 
 DIGITS = {10: "[0-9]", 16: "[0-9A-F]"}
 SECOND = 1_000_000_000

@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.memory.area import Area
-from framekit.memory.errors import MemoryRangeError, SnapshotError, UnknownAreaError
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import Area, DeviceMemory, MemoryRangeError, SnapshotError, UnknownAreaError
 
 WORDS = 16
 

@@ -6,9 +6,8 @@ import pytest
 
 from framekit.definition.nodes import Mapping, read_nodes
 from framekit.definition.problems import DefinitionError, Position
-from framekit.memory.errors import AccessError
-from framekit.memory.load import load_profile, load_profile_node
-from framekit.memory.profile import MemoryProfile
+from framekit.memory.memory import AccessError
+from framekit.memory.profile import MemoryProfile, load_profile, load_profile_node
 
 GOOD = """\
 memory: bench

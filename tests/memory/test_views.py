@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.memory.errors import MemoryValueError
+from framekit.memory.memory import MemoryValueError
 from framekit.memory.views import ORDERS, VIEWS, NumberView, TextView, view_of
 
 NUMBERS = [name for name in VIEWS if name != "string"]

@@ -20,9 +20,7 @@ from framekit.link.addresses import Address
 from framekit.link.block_work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope
-from framekit.memory.errors import DeviceMemoryError
-from framekit.memory.memory import DeviceMemory
-from framekit.memory.numbers import unit_bits
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 KINDS: dict[str, CommandKind] = {"job": "job", "abort": "abort", "inspect": "inspect"}
 ALL = "all"
