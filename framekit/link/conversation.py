@@ -21,7 +21,7 @@ from framekit.link.events import Break, CharacterFault, Command, LineFault, Reop
 from framekit.link.exchange import Ask, MemoryAccess, Server
 from framekit.link.frame_table import Codec
 from framekit.link.frame_vectors import default_line, result_agrees, set_state, state_value
-from framekit.link.observe import Seen
+from framekit.link.observe import Monitor, Seen
 
 PATIENCE = 3_600_000_000_000
 """So long a script waits for something to be sent, and a service for its end (ns)."""
@@ -35,7 +35,7 @@ class SideUnderTest:
 
     `start` begins what the case asks for: engine, the case's `do`, its station, the time, what to call with the result;
     it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` gives values at an address.
-    `troubles` collects what could not be worked out.
+    `monitor` is shown what happens; `troubles` collects what could not be worked out.
     """
 
     server: Server | None = None
@@ -43,6 +43,7 @@ class SideUnderTest:
     ask: Callable[[Engine], Ask] | None = None
     start: Callable[[Engine, Mapping[str, Any], Any, int, Asked], list[Command]] | None = None
     read_memory: Callable[[str, int], list[int]] | None = None
+    monitor: Monitor | None = None
     troubles: list[str] = field(default_factory=list)
 
 
@@ -88,7 +89,7 @@ class _Player:
         self.side = make_side(case, protocol, codec)
         self.engine = Engine(
             protocol, codec, case.role, params=case.params, line=line, own=station_of(protocol, case.own),
-            server=self.side.server, memory=self.side.memory,
+            server=self.side.server, memory=self.side.memory, monitor=self.side.monitor,
         )  # fmt: skip
         self.engine.machine.on_fault = self._seen
         if self.side.ask is not None:

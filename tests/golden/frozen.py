@@ -1,0 +1,416 @@
+"""What is frozen: generated source, what receivers find, damaged frames, conversations. Each case is a name and a text.
+
+All random choices have fixed seeds, and frames come from `frames/*.txt` here, so that a text changes only when the
+code that makes it changes. A case that is `quick` belongs to every run of the tests.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from shipped import APPLICATIONS, FRAMES, PROTOCOLS
+
+from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import FrameError
+from framekit.codec.python.generate import generate_source
+from framekit.codec.samples import Sampler
+from framekit.definition.load import load_protocol
+from framekit.definition.load.vectors import load_vectors
+from framekit.definition.model.vectors import Conversation
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.conversation import SideUnderTest, run_conversation
+from framekit.link.evaluate import Names
+from framekit.link.events import CharacterFault, LineFault
+from framekit.link.frame_vectors import default_line
+from framekit.link.listener import Listener
+from framekit.link.observe import Seen
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
+from framekit.link.values import plain
+from framekit.service.vectors import make_side
+
+NAMES = [*PROTOCOLS, *APPLICATIONS]
+KEPT_FRAMES = Path(__file__).parent / "frames"
+DAMAGED = 50_000
+"""Damaged frames of all protocols together, about."""
+
+SOME = 16
+"""Damaged frames of each frame that belong to every run of the tests."""
+
+STREAMS = 10
+"""Streams of every kind and protocol."""
+
+MS = 1_000_000
+HOUR = 3_600_000 * MS
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """`name` is what it is of, from the general to the particular, with `/` between. `make` makes the text."""
+
+    name: str
+    make: Callable[[], str]
+    quick: bool = True
+
+
+class Shipped:
+    """One shipped protocol or application."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.protocol = load_protocol(name)
+
+    @cached_property
+    def codec(self) -> Any:
+        return compile_protocol(self.protocol)
+
+    def names(self) -> Names:
+        role = next(iter(self.protocol.roles), None)
+        scope = Scope(self.protocol, role=role, line=default_line(self.protocol))
+        return Names({"request": None, "buffer": b""}, scope)
+
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def frames(self) -> dict[str, list[bytes]]:
+        """The kept frames, by their names."""
+        file, found = KEPT_FRAMES / f"{self.name}.txt", dict[str, list[bytes]]()
+        for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+            name, _, data = line.partition(" ")
+            if name in self.protocol.frames:
+                found.setdefault(name, []).append(bytes.fromhex(data))
+        return found
+
+    def draw_frames(self) -> str:
+        """The frames to keep: those that are there, and some of every frame that has none yet."""
+        sampler, lines = Sampler(self.codec, self.names()), []
+        for name in self.protocol.frames:
+            drawn = [sample.data for sample in sampler.samples(name, 3, 40) if 0 < len(sample.data) <= 200]
+            lines += [f"{name} {data.hex(' ')}" for data in self.frames.get(name) or drawn]
+        return "".join(f"{line}\n" for line in lines)
+
+    @cached_property
+    def on_line(self) -> list[bytes]:
+        """Frames as they stand on the line: those of the vectors, and the kept ones that are no part of others."""
+        file = FRAMES / f"{self.name}.vectors.yaml"
+        exact = [case.wire.exact for case in load_vectors(file).frames] if file.exists() else []
+        names = Receiver(self.codec, self.protocol, self.names()).table.on_line
+        return [data for data in exact if data] + [data for name in names for data in self.frames.get(name, ())]
+
+
+# ---- generated source -------------------------------------------------------------------------------------
+
+
+KINDS = ("encode", "decode", "measure", "extent", "examine", "take", "rows", "build")
+
+
+def sources(one: Shipped) -> Iterator[Case]:
+    """The module that framekit runs and the one it hands out, each by what functions begin with."""
+
+    def part(standalone: bool, kind: str) -> str:
+        return parts_of(one, standalone).get(kind, "")
+
+    for title, standalone in (("inside", False), ("standalone", True)):
+        for kind in (*KINDS, "rest"):
+            yield Case(f"source/{title}/{kind}", partial(part, standalone, kind), not standalone)
+
+
+@cache
+def parts_of(one: Shipped, standalone: bool) -> dict[str, str]:
+    """A generated module by kinds of functions; `rest` is what is no function of a frame."""
+    text = generate_source(one.protocol, standalone=standalone)
+    lines, parts = text.splitlines(), dict[str, list[str]]()
+    for node in ast.parse(text).body:
+        kind = node.name.strip("_").split("_")[0] if isinstance(node, ast.FunctionDef) else ""
+        kind = kind if kind in KINDS else "rest"
+        parts.setdefault(kind, []).append("\n".join(lines[node.lineno - 1 : node.end_lineno]) + "\n")
+    return {kind: "\n".join(some) for kind, some in parts.items()}
+
+
+# ---- damaged frames ---------------------------------------------------------------------------------------
+
+
+def damaged(data: bytes, choose: Random) -> bytes:
+    """A frame as a bad line may leave it."""
+    place, kind, found = choose.randrange(len(data)), choose.randrange(10), bytearray(data)
+    if kind < 4:
+        found[place] ^= choose.randrange(1, 256)
+    elif kind == 4:
+        found[place] ^= 1 << choose.randrange(8)
+    elif kind == 5:
+        del found[place:]
+    elif kind == 6:
+        del found[place : place + choose.randrange(1, 4)]
+    elif kind == 7:
+        found[place:place] = choose.randbytes(choose.randrange(1, 4))
+    elif kind == 8:
+        found += choose.choice((data[:3], choose.randbytes(choose.randrange(1, 4))))
+    else:
+        for _ in range(3):
+            found[choose.randrange(len(found))] = choose.choice((0x00, 0xFF, 0x10, 0x30, choose.randrange(256)))
+    return bytes(found)
+
+
+def damage(one: Shipped) -> Iterator[Case]:
+    """Damaged frames: cause, segment, place and refusal; in cases of their own what the message says."""
+    for name in one.frames:
+        for part, size in (("some", SOME), ("more", damaged_each() - SOME)):
+            yield Case(f"damage/{name}/{part}", partial(_damage, one, name, part, size), part == "some")
+            yield Case(f"message/{name}/{part}", partial(_message, one, name, part, size), part == "some")
+
+
+def _damage(one: Shipped, name: str, part: str, count: int) -> str:
+    return found_in(one, name, part, count)[0]
+
+
+def _message(one: Shipped, name: str, part: str, count: int) -> str:
+    return found_in(one, name, part, count)[1]
+
+
+@cache
+def damaged_each() -> int:
+    """How many damaged frames there are of each frame."""
+    lines = (line for file in KEPT_FRAMES.glob("*.txt") for line in file.read_text(encoding="utf-8").splitlines())
+    return DAMAGED // (len(list(lines)) // 3)
+
+
+@cache
+def found_in(one: Shipped, name: str, part: str, count: int) -> tuple[str, str]:
+    """What is found in damaged frames, and what is said about them."""
+    choose, names, samples = Random(f"{one.name} {name} {part}"), one.names(), one.frames[name]
+    found, words = [], []
+    for _ in range(count):
+        data = damaged(choose.choice(samples), choose)
+        measured = _measured(one, name, data, names)
+        what, message = _decoded(one, name, data, names)
+        found.append(f"{data.hex(' ')}\n  measure {measured}, {what}\n")
+        words.append(f"{data.hex(' ')}\n  {message}\n" if message else "")
+    return "".join(found), "".join(words)
+
+
+def _measured(one: Shipped, name: str, data: bytes, names: Names) -> str:
+    codec = one.codec
+    try:
+        size = codec.frames[name].measure(data, 0, len(data), names, 0)
+    except Exception as error:  # whatever it is, it is what is frozen
+        return type(error).__name__
+    return {codec.QUIET: "QUIET", codec.LOST: "LOST"}.get(size, str(size))
+
+
+def _decoded(one: Shipped, name: str, data: bytes, names: Names) -> tuple[str, str]:
+    try:
+        return f"good {one.codec.frames[name].decode(data, names)!r}", ""
+    except FrameError as error:
+        refusal = "" if error.refuse is None else f" refused with {error.refuse:#x} {dict(error.fields)!r}"
+        where = f"{error.cause} {error.segment or '-'} at {error.offset}"
+        return where + refusal, f"{error.expected} | {error.found} | {error}"
+    except Exception as error:  # whatever it is, it is what is frozen
+        return type(error).__name__, str(error)
+
+
+# ---- what receivers find ----------------------------------------------------------------------------------
+
+
+def stream(one: Shipped, choose: Random, most: int = 14) -> bytes:
+    """Frames, whole and damaged, and noise between them: any bytes, bytes frames begin with, frames in others."""
+    samples, parts = one.on_line, list[bytes]()
+    letters = sorted({byte for data in samples for byte in data[:3]})
+    for _ in range(choose.randrange(1, most)):
+        frame, kind = bytearray(choose.choice(samples)), choose.randrange(20)
+        if kind < 4:
+            frame = bytearray(damaged(bytes(frame), choose))
+        elif kind < 7:
+            frame[:0] = choose.randbytes(choose.randrange(1, 9))
+        elif kind < 9:
+            frame[:0] = bytes(choose.choices(letters, k=choose.randrange(1, 30)))
+        elif kind < 11:
+            place = choose.randrange(len(frame) + 1)
+            frame[place:place] = min(choose.sample(samples, min(5, len(samples))), key=len)
+        parts.append(bytes(frame))
+    return b"".join(parts)
+
+
+def noise(one: Shipped, choose: Random) -> bytes:
+    """Noise with few frames in it: random bytes, bytes frames begin with, starts over and over."""
+    samples, found = one.on_line, b""
+    letters = sorted({byte for data in samples for byte in data[:3]})
+    while len(found) < 1500:
+        kind, size = choose.randrange(5), choose.randrange(1, 400)
+        if kind == 0:
+            found += choose.randbytes(size)
+        elif kind == 1:
+            found += bytes(choose.choices(letters, k=size))
+        elif kind == 2:
+            found += choose.choice(samples)[: choose.randrange(1, 6)] * choose.randrange(1, 40)
+        elif kind == 3:
+            found += bytes([choose.choice((0, 3, 0x10, 0xFF, choose.randrange(256)))]) * size
+        else:
+            found += choose.choice(samples)
+    return found
+
+
+def cut(data: bytes, choose: Random, longest: int) -> list[bytes]:
+    found, place = [], 0
+    while place < len(data):
+        size = choose.randrange(1, longest)
+        found.append(data[place : place + size])
+        place += size
+    return found
+
+
+def streams(one: Shipped) -> Iterator[Case]:
+    """What a receiver finds in streams: whole, cut, with pauses and damaged characters, and in noise."""
+    for number in range(STREAMS if one.on_line else 0):
+        for kind in ("whole", "cut", "strange", "noise"):
+            yield Case(f"stream/{kind}/{number}", partial(_found, one, kind, number), number < 2)
+        for kind in ("either", "client"):
+            yield Case(f"capture/{kind}/{number}", partial(_heard, one, kind, number), number < 2)
+
+
+def _found(one: Shipped, kind: str, number: int) -> str:
+    choose = Random(f"{one.name} {number}")
+    data, expected = stream(one, choose), choose.choice(list(expectations(one)))
+    choose = Random(f"{one.name} {kind} {number}")
+    if kind == "noise":
+        return received(one, cut(noise(one, choose), choose, 700), expected, choose)
+    pieces = [data] if kind == "whole" else cut(data, choose, 24)
+    return received(one, pieces, expected, choose, kind == "strange")
+
+
+def _heard(one: Shipped, kind: str, number: int) -> str:
+    choose = Random(f"{one.name} {number}")
+    return heard(one, stream(one, choose) + noise(one, choose), "in" if kind == "client" else None, choose)
+
+
+def expectations(one: Shipped) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Names of frames: those looked for first, and the others."""
+    table = Receiver(one.codec, one.protocol, one.names()).table
+    yield table.on_line, ()
+    for side in ("client", "server"):
+        names = tuple(it for it in table.on_line if table.infos[it].frame.side in (side, "both"))
+        rest = tuple(it for it in table.on_line if it not in names)
+        yield from ((names, ()), (names, rest), (names[:1], ()), (names[:1], rest), ((), names))
+
+
+def received(
+    one: Shipped,
+    pieces: Iterable[bytes],
+    expected: tuple[tuple[str, ...], tuple[str, ...]],
+    choose: Random,
+    strange: bool = False,
+) -> str:
+    receiver, now = Receiver(one.codec, one.protocol, one.names()), 0
+    lines = [f"expected {' '.join(expected[0])}, others {' '.join(expected[1])}"]
+    state = ""
+
+    def take() -> None:
+        nonlocal state
+        while (event := receiver.next(*expected)) is not None:
+            lines.append(told(event))
+            if isinstance(event, FrameArrived) and choose.randrange(4) == 0:
+                other = receiver.other_reading()
+                lines.append("  or none other" if other is None else f"  or {told(other)}")
+        waits = f"{' '.join(receiver.waiting)} since {receiver.waiting_since}" if receiver.waiting else "nothing"
+        after = f"  waits for {waits}, until {receiver.deadline}{', broken' if receiver.broken else ''}"
+        if after != state:
+            lines.append(after)
+            state = after
+        if receiver.broken:
+            lines.extend(told(event) for event in receiver.reset())
+
+    for piece in pieces:
+        now += choose.choice((0, 1, 40, 3000)) * MS if strange else len(piece) * MS // 2
+        faults = [CharacterFault(0, LineFault.PARITY)] if strange and choose.randrange(10) == 0 else []
+        receiver.append(piece, now, faults)
+        take()
+        if strange and choose.randrange(5) == 0:
+            now += choose.choice((1, 100, 5000)) * MS
+            receiver.tick(now)
+            take()
+        if strange and choose.randrange(20) == 0:
+            receiver.cut()
+            take()
+    receiver.tick(now + HOUR)
+    take()
+    receiver.cut()
+    take()
+    lines.extend(told(event) for event in receiver.flush())
+    return "".join(f"{line}\n" for line in lines)
+
+
+def told(event: Arrival) -> str:
+    if isinstance(event, FrameArrived):
+        value = event.value
+        refusal = "" if value.refusal is None else f", refused with {value.refusal:#x}"
+        fields = plain(value)[value.frame]
+        return f"{event.offset} {value.frame}{refusal} {event.raw.hex()} {event.times} {fields!r}"
+    times = event.started_at, event.ended_at
+    if isinstance(event, BadFrame):
+        fault = f"{event.cause} {event.segment or '-'} at {event.place}"
+        return f"{event.offset} bad {event.frame}: {fault} {event.raw.hex()} {times}"
+    return f"{event.offset} {'skipped' if event.skipped else 'noise'} {event.data.hex()} {times}"
+
+
+def heard(one: Shipped, data: bytes, client: Any, choose: Random) -> str:
+    """What somebody hears who listens to the line; with `client`, each side speaks on a wire of its own."""
+    seen: list[Seen] = []
+    listener = Listener(one.protocol, one.codec, seen.append, client=client, line=default_line(one.protocol))
+    direction, now = "in", 0
+    for piece in cut(data, choose, 200):
+        if client is not None and choose.randrange(3) == 0:
+            direction = "out" if direction == "in" else "in"
+        now += len(piece) * MS // 2 + choose.choice((0, 0, 0, 5000)) * MS
+        listener.receive(piece, now, (), "in" if direction == "in" else "out")
+    listener.ended(now + HOUR)
+    return "".join(f"{shown(one)}\n" for one in seen)
+
+
+def shown(seen: Seen) -> str:
+    where = f" {seen.segment or '-'} at {seen.place}" if seen.kind == "bad" else ""
+    fields = f" {seen.fields!r}" if seen.fields else ""
+    again = " again" if seen.repeated else ""
+    what = f"{seen.direction or '-'} {seen.kind} {seen.frame}{again} {seen.raw.hex()}"
+    return f"{seen.started_at}..{seen.at} {what} {seen.reason}{where}{fields}"
+
+
+# ---- conversations ----------------------------------------------------------------------------------------
+
+
+def conversations(one: Shipped) -> Iterator[Case]:
+    """What the tested side of every conversation of the vectors shows to its monitor, in order."""
+    file = FRAMES / f"{one.name}.vectors.yaml"
+    known: dict[str, int] = {}
+    for number, case in enumerate(load_vectors(file).conversations if file.exists() else ()):
+        known[case.name] = again = known.get(case.name, 0) + 1
+        title = case.name if again == 1 else f"{case.name} ({again})"
+        yield Case(f"conversation/{title}", partial(_trace, one, case), number % 20 == 0)
+
+
+def _trace(one: Shipped, case: Conversation) -> str:
+    seen: list[Seen] = []
+
+    def side(case: Conversation, protocol: Any, codec: Any) -> SideUnderTest:
+        made = make_side(case, protocol, codec)
+        made.monitor = seen.append
+        return made
+
+    problems = run_conversation(case, one.protocol, one.codec, side)
+    return "".join(f"{line}\n" for line in (*map(shown, seen), *problems))
+
+
+# ---- all of it --------------------------------------------------------------------------------------------
+
+
+def cases(one: Shipped) -> Iterator[Case]:
+    """Everything of one protocol."""
+    yield from sources(one)
+    yield from damage(one)
+    if one.protocol.kind == "protocol":
+        yield from streams(one)
+    yield from conversations(one)

@@ -1,0 +1,38 @@
+"""The kept hashes: one file a protocol, one line a case. Reading, writing, and what does not agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+from pathlib import Path
+
+from golden.frozen import Case
+
+FOLDER = Path(__file__).parent / "kept"
+
+
+def hash_of(case: Case) -> str:
+    """The hash of the case's text; nothing for a case without any."""
+    text = case.make()
+    return sha256(text.encode()).hexdigest()[:12] if text else ""
+
+
+def read(name: str) -> dict[str, str]:
+    """Hashes by the names of cases; a name that stands there twice, after two changes have met, has none."""
+    file, found = FOLDER / f"{name}.txt", dict[str, str]()
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        hash_, _, case = line.partition(" ")
+        found[case] = hash_ if found.get(case, hash_) == hash_ else "unknown"
+    return found
+
+
+def write(name: str, hashes: Mapping[str, str]) -> None:
+    FOLDER.mkdir(exist_ok=True)
+    lines = "".join(f"{hash_} {case}\n" for case, hash_ in hashes.items() if hash_)
+    (FOLDER / f"{name}.txt").write_text(lines, encoding="utf-8")
+
+
+def differences(name: str, cases: Iterable[Case]) -> list[str]:
+    """The names of cases that have another text than when they were kept."""
+    kept = read(name)
+    return [case.name for case in cases if hash_of(case) != kept.get(case.name, "")]

@@ -1,0 +1,22 @@
+"""What the code makes of the shipped protocols is what is kept here (README.md tells how to keep a change)."""
+
+from __future__ import annotations
+
+import pytest
+from golden import kept
+from golden.frozen import NAMES, Shipped, cases
+
+HOW = "see `python -m tests.golden --diff HEAD`; if that is what is wanted, `python -m tests.golden --write`"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_has_changed(name: str) -> None:
+    assert kept.differences(name, (case for case in cases(Shipped(name)) if case.quick)) == [], HOW
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_has_changed_at_all(name: str) -> None:
+    every = list(cases(Shipped(name)))
+    assert kept.differences(name, every) == [], HOW
+    assert kept.read(name).keys() <= {case.name for case in every}, "cases that are gone: --write forgets them"
