@@ -17,7 +17,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory

@@ -17,10 +17,10 @@ from framekit.definition.model.segments import Field
 from framekit.definition.model.sizes import flat
 from framekit.definition.times import format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.link.block_work import CompiledBlock, CompiledJob
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.places import address_of, codes_of
-from framekit.link.serving import RefusedError
+from framekit.link.services.areas import address_of, codes_of
+from framekit.link.services.matching import RefusedError
+from framekit.link.services.work import CompiledBlock, CompiledJob
 from framekit.link.values import plain
 from framekit.memory.memory import DeviceMemoryError, unit_bits
 

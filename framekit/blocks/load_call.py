@@ -28,7 +28,7 @@ from framekit.definition.problems import Position, did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar
 from framekit.link.parameters import ParameterError
 from framekit.link.service_arguments import TYPES, checked
-from framekit.link.service_rows import wants_address
+from framekit.link.services.rows import wants_address
 
 _BYTES = ("text", "choice", "bytes")
 _ELEMENTS = ("number", "flag", "time")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from framekit.blocks.commands import CommandBlocks, CommandEnd
     from framekit.definition.model.protocol import Protocol
     from framekit.link.addresses import AddressGrammar
-    from framekit.link.device_areas import Span
+    from framekit.link.services.areas import Span
     from framekit.memory.memory import DeviceMemory
 
 FAULT, REFUSED, NO_ANSWER = 2, 1, 3

@@ -20,7 +20,7 @@ from framekit.link.packing import memory_of
 from framekit.link.ready import ReadyRead
 from framekit.link.requests import Piece, Plan, ServiceError
 from framekit.link.service_arguments import arguments_of
-from framekit.link.service_rows import RowFacts
+from framekit.link.services.rows import RowFacts
 from framekit.link.transfer import Done, TransferResult
 from framekit.memory.memory import unit_bits
 

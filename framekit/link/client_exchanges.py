@@ -22,7 +22,7 @@ from framekit.link.frame_table import Codec
 from framekit.link.ready import CompiledRow, Prepared, ReadyRead, ReadyReads
 from framekit.link.replies import ErrorReader, UnfitReplyError
 from framekit.link.requests import Piece, Plan, Planner, ServiceError
-from framekit.link.service_rows import ServiceRows
+from framekit.link.services.rows import ServiceRows
 from framekit.link.transfer import Answer, Done, Job, Transfer, TransferResult, elements
 
 

@@ -73,15 +73,14 @@ class ValueCompiler:
         return lambda names: encode(plain(fields(names)), names)
 
     def _read(self, layout: str, source: Compute) -> Compute:
-        encode, decode = self.layouts[layout]
+        codec = self.layouts[layout]
+        return lambda names: read_as(codec, source(names), names)
 
-        def read(names: Names) -> Any:
-            found = source(names)
-            if isinstance(found, Mapping):
-                return encode(plain(dict(found)), names)
-            return read_layout(decode, found, names)
 
-        return read
+def read_as(codec: tuple[Callable[..., bytes], Callable[..., dict[str, Any]]], found: Any, names: Names) -> Any:
+    """Bytes as the record of a layout, a record as its bytes."""
+    encode, decode = codec
+    return encode(plain(dict(found)), names) if isinstance(found, Mapping) else read_layout(decode, found, names)
 
 
 def read_layout(decode: Callable[..., dict[str, Any]], data: bytes, names: Names) -> dict[str, Any]:

@@ -24,15 +24,31 @@ class NotReadableError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Inverse:
-    """`name` stands alone in the expression; `steps` lead from the result back to it, outermost first."""
+    """`name` stands alone in the expression; `steps` lead from the result back to it, outermost first.
+
+    `undone` says the same as operators: what is undone, whether the name stood left of it, and the other side.
+    """
 
     name: str
     steps: tuple[tuple[Undo, Evaluate], ...]
+    undone: tuple[tuple[str, bool, Expression], ...] = ()
 
     def solve(self, result: int, names: Names) -> int:
         """The value of the name. Raises NotReadableError, and EVALUATION_ERRORS for a column that is not there."""
         for undo, other in self.steps:
             result = undo(result, other(names))
+        return result
+
+    def source(self, result: str, written: Callable[[Expression], str]) -> str:
+        """`solve` as source; `quotient` has to be known there."""
+        for operator, unknown_left, other in self.undone:
+            known = written(other)
+            if operator == "*":
+                result = f"quotient({result}, {known})"
+            elif operator == "-" and not unknown_left:
+                result = f"(({known}) - {result})"
+            else:
+                result = f"({result} {'-' if operator == '+' else '+'} ({known}))"
         return result
 
 
@@ -44,6 +60,7 @@ def is_constant(expression: Expression) -> bool:
 def inverse_of(expression: Expression) -> Inverse | None:
     """How to read an expression backwards; None if it cannot be, or has no name to read."""
     steps: list[tuple[Undo, Evaluate]] = []
+    undone: list[tuple[str, bool, Expression]] = []
     node = expression.root
     while not isinstance(node, Name):
         if not isinstance(node, Binary):
@@ -51,12 +68,15 @@ def inverse_of(expression: Expression) -> Inverse | None:
         left, right = names_in(node.left) - KNOWN, names_in(node.right) - KNOWN
         if bool(left) == bool(right):
             return None
-        undo = _undo(node.operator, unknown_left=bool(left))
+        operator = node.operator
+        undo = _undo(operator, unknown_left=bool(left))
         if undo is None:
             return None
         known, node = (node.right, node.left) if left else (node.left, node.right)
-        steps.append((undo, compile_expression(Expression(expression.text, known))))
-    return None if node.name in KNOWN else Inverse(node.name, tuple(steps))
+        other = Expression(expression.text, known)
+        steps.append((undo, compile_expression(other)))
+        undone.append((operator, bool(left), other))
+    return None if node.name in KNOWN else Inverse(node.name, tuple(steps), tuple(undone))
 
 
 def bare_name(expression: Expression) -> str | None:
@@ -70,10 +90,11 @@ def _undo(operator: str, *, unknown_left: bool) -> Undo | None:
         return lambda result, other: result - other
     if operator == "-":
         return (lambda result, other: result + other) if unknown_left else (lambda result, other: other - result)
-    return _quotient if operator == "*" else None
+    return quotient if operator == "*" else None
 
 
-def _quotient(result: int, other: int) -> int:
+def quotient(result: int, other: int) -> int:
+    """What gives `result` when it is multiplied. Raises NotReadableError."""
     if other == 0 or result % other:
         raise NotReadableError(f"{result} is no multiple of {other}")
     return result // other

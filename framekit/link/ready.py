@@ -19,7 +19,7 @@ from framekit.link.exchange import Exchange
 from framekit.link.replies import ReplyReader
 from framekit.link.requests import Piece, Plan
 from framekit.link.scope import Scope
-from framekit.link.service_rows import RowFacts
+from framekit.link.services.rows import RowFacts
 from framekit.link.values import FrameValue
 from framekit.memory.memory import unit_bits
 

@@ -19,7 +19,7 @@ from framekit.link.exchange import Outcome
 from framekit.link.invert import bare_name
 from framekit.link.packing import PackingError
 from framekit.link.requests import Piece
-from framekit.link.service_rows import RowFacts, ServiceRows, padded_names
+from framekit.link.services.rows import RowFacts, ServiceRows, padded_names
 from framekit.link.values import FrameValue, attribute
 
 Found = list[tuple[Any, bool]]

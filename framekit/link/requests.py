@@ -15,7 +15,7 @@ from framekit.codec.shown import explain
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
 from framekit.link.packing import cut_memory, values_of
-from framekit.link.service_rows import RowFacts, ServiceRows
+from framekit.link.services.rows import RowFacts, ServiceRows
 from framekit.memory.memory import unit_bits
 
 

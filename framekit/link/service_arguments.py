@@ -15,7 +15,7 @@ from framekit.definition.problems import NOWHERE, did_you_mean, listed
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.parameters import ParameterError, given_value
 from framekit.link.requests import ServiceError
-from framekit.link.service_rows import RowFacts
+from framekit.link.services.rows import RowFacts
 
 TYPES = ("time", "number", "flag", "choice", "text", "bytes", "list")
 """The types of arguments that are checked; values of any other type are taken as they are."""

@@ -15,13 +15,13 @@ from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
 from framekit.service.driver import Driver, Moment
 from framekit.service.listening_port import ListeningPort
-from framekit.service.memory_access import AddressedMemory, RefreshedServer
-from framekit.service.service_counters import ChannelCounters, CountingServer
+from framekit.service.memory_access import AddressedMemory
+from framekit.service.service_counters import ChannelCounters
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
@@ -77,7 +77,7 @@ class ChannelService:
             line=channel.line,
             own=channel.own,
             now=clock.now(),
-            server=None if server is None else CountingServer(server, self.counters.served),
+            server=server,
             memory=access,
             ask=self._ask,
             on_frame=self._frame,
@@ -118,8 +118,10 @@ class ChannelService:
         protocol = self.channel.protocol
         if not protocol.services:
             return None
-        server = MemoryServer(protocol, codec, access.memory, mapping=self.channel.mapping)
-        return RefreshedServer(server, access.refresh)
+        return MemoryServer(
+            protocol, codec, access.memory, mapping=self.channel.mapping, refresh=access.refresh,
+            counters=self.counters.served,
+        )  # fmt: skip
 
     def _on_state(self, state: str) -> None:
         self.state = state

@@ -21,7 +21,7 @@ from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
 from framekit.link.observe import Monitor
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import Done
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory

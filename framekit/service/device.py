@@ -18,15 +18,13 @@ from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.observe import Monitor, Seen
 from framekit.link.scope import Scope
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits
 from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector
 from framekit.service.faulty_port import FaultyPort
 from framekit.service.line_load import LineLoad
-from framekit.service.memory_access import AddressedMemory, RefreshedServer, date_at
-from framekit.service.refusing_server import RefusingServer
-from framekit.service.service_counters import CountingServer, ServiceCounters
+from framekit.service.memory_access import AddressedMemory, date_at
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
@@ -55,14 +53,15 @@ class DeviceStore:
         codec = compile_protocol(device.protocol)
         plan = of_line if device.faults is None else device.faults.joined(of_line)
         self.faults = None if plan is None else self._injector(plan, codec)
-        self.server = CountingServer(self._answering(codec) if server is None else server, self.counters)
+        if server is None:
+            refuses = None if self.faults is None else self.faults.refusal
+            server = MemoryServer(
+                device.protocol, codec, self.memory, mapping=device.mapping, refresh=self.refresh, refuses=refuses,
+                counters=self.counters,
+            )  # fmt: skip
+        self.server = server
         self.access = AddressedMemory(self.memory, device.grammar, self.refresh) if access is None else access
         self._begun = False
-
-    def _answering(self, codec: Codec) -> Server:
-        device = self.device
-        server = MemoryServer(device.protocol, codec, self.memory, mapping=device.mapping)
-        return RefreshedServer(server if self.faults is None else RefusingServer(server, self.faults), self.refresh)
 
     def _injector(self, plan: FaultPlan, codec: Codec) -> FaultInjector:
         device = self.device

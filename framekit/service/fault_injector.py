@@ -11,6 +11,7 @@ from random import Random
 
 from framekit.blocks.fault_plan import LINE_KINDS, FaultPlan, FaultRule, Side
 from framekit.link.frame_faults import FrameFaults
+from framekit.link.values import FrameValue
 from framekit.transport.clock import Clock
 from framekit.transport.simulated_line import Transmission, hits
 
@@ -60,6 +61,8 @@ class FaultInjector:
             RuleAtWork(rule, Random(f"{plan.seed}/{name}/{side}/{number}")) for number, rule in enumerate(own)
         ]
         self._began: int | None = None
+        self._checked: FrameValue | None = None
+        self._refusal: FaultRule | None = None
 
     def begin(self) -> None:
         """The port is opened; the first time is time 0 of the plan."""
@@ -88,6 +91,14 @@ class FaultInjector:
                 self.note(kind)
                 return rule.model
         return None
+
+    def refusal(self, request: FrameValue, check_only: bool) -> FaultRule | None:
+        """The rule that refuses a request; one that is checked before it is served gets the same answer twice."""
+        if request is not self._checked:
+            self._checked, self._refusal = request, self.happens("error_reply", request.frame)
+        if not check_only:
+            self._checked = None
+        return self._refusal
 
     # ---- frames -------------------------------------------------------------------------------------------
 

@@ -10,10 +10,10 @@ from framekit.blocks.model import Channel
 from framekit.link.counters import LinkCounters
 from framekit.link.exchange import Server
 from framekit.link.observe import Monitor
+from framekit.link.services.server import ServiceCounters
 from framekit.service.device import DeviceStore
 from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory
-from framekit.service.service_counters import ServiceCounters
 from framekit.service.serving import Serving
 from framekit.transport.clock import Clock
 from framekit.transport.port import AcceptedPort, Port, PortEvents

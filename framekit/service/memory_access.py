@@ -7,13 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import datetime, timedelta
-from typing import Any
 
 from framekit.link.addresses import Address, AddressGrammar
 from framekit.link.clock import DEFAULT_START
-from framekit.link.evaluate import Names
-from framekit.link.exchange import Served, Server
-from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.transport.clock import AsyncioClock, Clock
 
@@ -55,15 +51,3 @@ class AddressedMemory:
         if place.first_bit % 8:
             raise ValueError(f"{address} is in the middle of a byte")
         return place
-
-
-class RefreshedServer:
-    """A server on a memory that is brought up to date before each request."""
-
-    def __init__(self, server: Server, refresh: Refresh) -> None:
-        self.server = server
-        self.refresh = refresh
-
-    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
-        self.refresh()
-        return self.server.serve(request, buffer, station, check_only, names)

@@ -7,29 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 from framekit.definition.model.protocol import Protocol
 from framekit.link.codes import code_text
-from framekit.link.evaluate import Names
-from framekit.link.exchange import Served, Server
-from framekit.link.values import FrameValue
-
-
-@dataclass(slots=True)
-class ServiceCounters:
-    """`done`: requests carried out; `refused`: how many were refused, by the code they were refused with."""
-
-    done: int = 0
-    refused: Counter[int] = field(default_factory=Counter)
-
-    def count(self) -> None:
-        """One more has been carried out."""
-        self.done += 1
-
-    @property
-    def errors(self) -> int:
-        return self.refused.total()
+from framekit.link.services.server import ServiceCounters
 
 
 @dataclass(slots=True)
@@ -68,22 +49,6 @@ class ChannelCounters:
         """The errors by what they were."""
         refused = {refusal_text(protocol, code): count for code, count in self.served.refused.items()}
         return self.failed + Counter(refused)
-
-
-class CountingServer:
-    """A server whose services are counted; requests that are only judged are not."""
-
-    def __init__(self, server: Server, counters: ServiceCounters) -> None:
-        self.server = server
-        self.counters = counters
-
-    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
-        served = self.server.serve(request, buffer, station, check_only, names)
-        if served.refusal:
-            self.counters.refused[served.refusal] += 1
-        elif not check_only:
-            self.counters.done += 1
-        return served
 
 
 def refusal_text(protocol: Protocol, code: int) -> str:

@@ -23,7 +23,7 @@ from framekit.link.engine import Engine
 from framekit.link.exchange import Ask
 from framekit.link.frame_table import Codec
 from framekit.link.frame_vectors import run_frame_vector
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.tested_side import Starter
 from framekit.memory.memory import DeviceMemory
 from framekit.service.memory_access import AddressedMemory

@@ -11,7 +11,7 @@ from framekit.api.errors import RequestError
 from framekit.api.typed import typed
 from framekit.blocks.load import load_run
 from framekit.codec.codec import compile_protocol
-from framekit.link.service_rows import ServiceRows
+from framekit.link.services.rows import ServiceRows
 
 
 def test_text_does_not_go_into_structures() -> None:

@@ -20,7 +20,7 @@ from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome, Served
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import TransferResult
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory

@@ -16,7 +16,7 @@ from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.events import CharacterFault, Command, LineFault, Reopen, Send
 from framekit.link.observe import Seen
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 

@@ -18,7 +18,7 @@ from framekit.link.engine import Engine
 from framekit.link.events import Break, Command, Send
 from framekit.link.exchange import Exchange
 from framekit.link.observe import Seen
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import TransferResult
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory

@@ -13,7 +13,7 @@ from framekit.link import engine_core
 from framekit.link.engine import Engine
 from framekit.link.events import Send
 from framekit.link.observe import Seen
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.steps import MOST_STEPS
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory

@@ -10,7 +10,7 @@ from link.link_world import SECOND, Side, compiled, load
 from framekit.blocks.memory_settings import memory_of
 from framekit.definition.problems import DefinitionError
 from framekit.link.client import Client, ServiceError
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 

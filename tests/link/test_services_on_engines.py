@@ -13,7 +13,7 @@ from link.test_serving import MALFORMED, with_check
 
 from framekit.blocks.memory_settings import memory_of
 from framekit.link.client import Client
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 

@@ -22,7 +22,7 @@ from framekit.link.exchange import Exchange
 from framekit.link.frame_vectors import default_line
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 
 FRAMES = Path(__file__).parents[2] / "frames"

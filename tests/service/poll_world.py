@@ -14,7 +14,7 @@ from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Send
 from framekit.link.observe import Seen
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 from framekit.service.client import ClientService

@@ -24,7 +24,7 @@ from framekit.link.engine import Engine
 from framekit.link.evaluate import Names
 from framekit.link.events import Command
 from framekit.link.exchange import Served
-from framekit.link.serving import MemoryServer
+from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver

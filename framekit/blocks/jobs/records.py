@@ -17,9 +17,9 @@ from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.visit import expressions_of
 from framekit.link.addresses import Address
-from framekit.link.block_work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope
+from framekit.link.services.work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 KINDS: dict[str, CommandKind] = {"job": "job", "abort": "abort", "inspect": "inspect"}

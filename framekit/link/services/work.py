@@ -1,28 +1,143 @@
-"""What a server does for a row when it is not simply the memory transfer: let, write, span, set, drop, read, block.
+"""What a server does for a row that is not simply a transfer: let, write, span, set, drop, read, block.
 
-Done in this order, on the device's areas and the engine's state. Language reference, section 12.
+Done in this order, on the device's areas and the engine's state. A block is an exchange that a request asks for: a
+template of values, worked out on the names of that request; who carries it out is not known here. Language reference,
+section 12.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from framekit.definition.expression.syntax import Expression, Name, Text
+from framekit.definition.model.commands import After, BlockWork, PlaceOf
 from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import ServeWork
 from framekit.definition.model.values import LayoutOf, Value
-from framekit.link.backwards import Codes, Reading
-from framekit.link.block_work import CompiledBlock, CompilePart, compile_block
 from framekit.link.construct_values import Compute, ValueCompiler
-from framekit.link.device_areas import DeviceAreas, Span
 from framekit.link.evaluate import Evaluate, Names, compile_expression
 from framekit.link.invert import bare_name
 from framekit.link.packing import memory_of, values_of
-from framekit.link.places import span_of
 from framekit.link.scope import Scope
-from framekit.link.service_rows import RowFacts
+from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of
+from framekit.link.services.matching import Reading
+from framekit.link.services.rows import RowFacts
 from framekit.memory.memory import unit_bits
+
+CompilePart = Callable[[str, Value], Compute]
+"""Compiles one word of a place, such as area or start."""
+
+
+class CompiledPlace:
+    """A place of memory: the words that are given, worked out on names."""
+
+    def __init__(self, place: PlaceOf, compile_part: CompilePart) -> None:
+        self._parts = [(name, compile_part(name, value)) for name, value in place.items()]
+
+    def on(self, names: Names) -> dict[str, Any]:
+        """The words with their values. Raises EVALUATION_ERRORS."""
+        return {name: compute(names) for name, compute in self._parts}
+
+    def where(self, names: Names) -> dict[str, Any]:
+        """The same without the data that go there."""
+        return {name: compute(names) for name, compute in self._parts if name != "data"}
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledAfter:
+    """What is done when an exchange has ended, if `when` holds."""
+
+    when: Evaluate | None
+    set: Sequence[tuple[SetTarget, Compute | None, Compute]]
+    store: CompiledPlace | None
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledJob:
+    """A `JobWork` ready to be worked out; what it does not say is None."""
+
+    kind: str
+    slot: Compute
+    report: CompiledPlace | None
+    host: Compute | None
+    every: Compute | None
+    late: Compute | None
+    times: Compute | None
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledBlock:
+    """A `BlockWork` ready to be worked out. `calls` are services of the channel's protocol with their arguments."""
+
+    work: BlockWork
+    station: Compute | None
+    params: Mapping[str, Compute]
+    session: Evaluate | None
+    read: CompiledPlace | None
+    write: CompiledPlace | None
+    into: CompiledPlace | None
+    source: CompiledPlace | None
+    calls: Sequence[tuple[str, Mapping[str, Compute]]]
+    then: Sequence[CompiledAfter]
+    job: CompiledJob | None = None
+
+
+def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], part: CompilePart) -> CompiledBlock:
+    """Compiles a block; `part` compiles the words of places, in which areas may stand by their names."""
+
+    def place(found: PlaceOf | None) -> CompiledPlace | None:
+        return None if found is None else CompiledPlace(found, part)
+
+    def values(fields: Mapping[str, Value]) -> dict[str, Compute]:
+        return {name: compile_value(value) for name, value in fields.items()}
+
+    def one(value: Value | None) -> Compute | None:
+        return None if value is None else compile_value(value)
+
+    job = work.job
+    return CompiledBlock(
+        job=None
+        if job is None
+        else CompiledJob(
+            kind=job.kind,
+            slot=compile_value(job.slot),
+            report=place(job.report),
+            host=one(job.host),
+            every=one(job.every),
+            late=one(job.late),
+            times=one(job.times),
+        ),
+        work=work,
+        station=None if work.station is None else compile_value(work.station),
+        params=values(work.params),
+        session=None if work.session is None else compile_expression(work.session),
+        read=place(work.read),
+        write=place(work.write),
+        into=place(work.into),
+        source=place(work.source),
+        calls=[(call.service, values(call.arguments)) for call in work.calls],
+        then=compile_afters(work.then, compile_value, part),
+    )
+
+
+def compile_afters(
+    rows: Sequence[After], compile_value: Callable[[Value], Compute], part: CompilePart
+) -> list[CompiledAfter]:
+    """Compiles what is done afterwards."""
+    return [
+        CompiledAfter(
+            when=None if row.when is None else compile_expression(row.when),
+            set=[
+                (target, None if target.key is None else compile_expression(target.key), compile_value(value))
+                for target, value in row.set
+            ],
+            store=None if row.store is None else CompiledPlace(row.store, part),
+        )
+        for row in rows
+    ]
+
 
 StartBlock = Callable[[CompiledBlock, Names], "int | None"]
 """Takes the exchange that a request asks for, with the request's names; a number refuses it with that code."""
@@ -87,12 +202,13 @@ class Work:
 
     # ---- doing it -----------------------------------------------------------------------------------------
 
-    def do(self, reading: Reading, scope: Scope, start_block: StartBlock | None) -> list[bytes] | None:
+    def do(self, reading: Reading, start_block: Callable[[CompiledBlock, Names], None]) -> list[bytes] | None:
         """Does everything; the data that were read, as they stand in the frame, None if nothing was to be read.
 
         Raises DeviceMemoryError, BlockRefusedError, and EVALUATION_ERRORS for what cannot be worked out.
         """
         names = reading.names
+        scope = scope_of(names)
         for name, compute in self._let:
             names[name] = compute(names)
         if self._write is not None:
@@ -105,9 +221,7 @@ class Work:
             self._do_drop(*self._drop, names, scope)
         data = self._do_read(names)
         if self.block is not None:
-            code = None if start_block is None else start_block(self.block, names)
-            if start_block is None or code is not None:
-                raise BlockRefusedError(code)
+            start_block(self.block, names)
         return data
 
     def span_of(self, fields: Mapping[str, Compute], names: Names) -> Span:
@@ -125,7 +239,7 @@ class Work:
         todo: list[tuple[Span, Names]] = []
         for names in _levels(self._each, self._each_as, reading.names):
             if self._span is None:
-                todo.extend((target.span, names) for target in reading.targets)
+                todo.extend((one.unit.span(one.start, one.count), names) for one in reading.targets)
             else:
                 todo.append((self.span_of(self._span, names), names))
         for span, _ in todo:
@@ -192,3 +306,13 @@ def assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
         scope.set_entry(target.name, key, value)
     else:
         scope.set_entry(target.name, key, {**scope[target.name][key], target.field: value})
+
+
+def scope_of(names: Names) -> Scope:
+    """The engine's own names, which hold the state. Raises TypeError when these names are of no engine."""
+    level: Names | None = names
+    while level is not None:
+        if isinstance(level, Scope):
+            return level
+        level = level.parent
+    raise TypeError("a server needs the names of an engine")

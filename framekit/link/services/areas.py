@@ -1,0 +1,264 @@
+"""The areas a protocol speaks of, as places of a device's memory: mapped, with a base, or built from state.
+
+Bit areas may lie on word memory and the reverse: offsets are bits over the whole area. Data are in memory's form. The
+words of a definition (area, memory, code or text, with unit, start and count) name places here and on the other side.
+Language reference, sections 9 and 12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import Area
+from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.area_view import code_of
+from framekit.link.evaluate import Names
+from framekit.link.frame_table import Codec
+from framekit.link.packing import cut_memory
+from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, UnknownAreaError, unit_bits
+from framekit.memory.memory import Area as MemoryArea
+
+OWN = "own"
+"""The unit that stands for the memory area's own."""
+
+MOST_UNITS = 4096
+"""So many areas with their units are kept ready; a request may name units without end."""
+
+Codes = dict[Any, list[tuple[str, str]]]
+"""What stands for areas on the wire: code → areas with the unit it counts in."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """`count` elements of `unit` from `start` on, of a protocol's area, or, with `area` None, of a memory area."""
+
+    area: str | None
+    memory: str
+    unit: str
+    start: int
+    count: int
+
+    def language_attribute(self, name: str) -> Any:
+        """The same words behind a dot."""
+        if name not in self.__slots__:
+            raise KeyError(name)
+        return getattr(self, name)
+
+
+class AreaUnit:
+    """An area counted in one unit. Methods raise DeviceMemoryError for what is not there or may not be written.
+
+    `read` and `write` want places that `check` has passed. `most`: elements that can be read without a check, 0 where
+    that is not known before; these begin at bit `offset` of `there`. `build` gives the bytes of an area that is made of
+    state.
+    """
+
+    __slots__ = ("_device", "area", "bits", "build", "memory", "most", "name", "offset", "there", "unit")
+
+    def __init__(
+        self, model: Area | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
+        build: Callable[[Names], bytes] | None = None,
+    ) -> None:  # fmt: skip
+        self.name = None if model is None else model.name
+        self.area = model
+        self.memory = memory
+        self.unit = unit
+        self.bits = unit_bits(unit)
+        self._device = device
+        self.there = there = device.area(memory) if memory in device else None
+        self.offset = offset
+        self.build = build
+        self.most = 0
+        if build is None and there is not None and offset <= there.size_bits:
+            whole = there.size_bits - offset
+            self.most = (whole if model is None else min(whole, model.size * model.element_bits)) // self.bits
+
+    def span(self, start: int, count: int) -> Span:
+        """A place of it."""
+        return Span(self.name, self.memory, self.unit, start, count)
+
+    def check(self, start: int, count: int, write: bool) -> None:
+        """Raises DeviceMemoryError when these elements cannot be read, or written."""
+        area = self.area
+        first, end = start * self.bits, (start + count) * self.bits
+        if count < 1 or first < 0 or (area is not None and end > area.size * area.element_bits):
+            raise MemoryRangeError(f"{count} × {self.unit} from {start} on is not in area {self.name}")
+        if area is not None and write and (area.access == "read" or self.build is not None):
+            raise AccessError(f"area {area.name} can only be read")
+        if self.build is None:
+            there = self.present()
+            if self.offset + end > there.size_bits:
+                raise MemoryRangeError(f"{count} × {self.unit} from {start} on is not in area {there.name}")
+            if write and there.access == "read":
+                raise AccessError(f"area {there.name} can only be read")
+
+    def present(self) -> MemoryArea:
+        """Where it is. Raises UnknownAreaError."""
+        return self.there or self._device.area(self.memory)
+
+    def read(self, start: int, count: int, names: Names) -> bytes:
+        """The elements in memory's form. `names` are what an area built from state is built of."""
+        first, count = self.offset + start * self.bits, count * self.bits
+        if self.build is not None:
+            return cut_memory(self.build(names), first, count)
+        there = self.present()
+        if first % 8 == 0 and count % 8 == 0:
+            return there.read_bytes(first // 8, count // 8)
+        return there.read_bits(first, count)
+
+    def write(self, start: int, count: int, data: bytes) -> None:
+        """Puts elements in memory's form."""
+        first, count = self.offset + start * self.bits, count * self.bits
+        there = self.present()
+        if first % 8 == 0 and count % 8 == 0:
+            there.write_bytes(first // 8, data)
+        else:
+            there.write_bits(first, count, data)
+
+
+class DeviceAreas:
+    """Access to a device's memory through the areas of a protocol.
+
+    `mapping` puts a protocol's area somewhere else: area → memory area and the number, in the protocol area's units, of
+    its element 0 there. Methods raise DeviceMemoryError for places that are not there or may not be written.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        codec: Codec,
+        memory: DeviceMemory,
+        mapping: Mapping[str, tuple[str, int]] | None = None,
+    ) -> None:
+        self.areas = protocol.areas
+        self.codec = codec
+        self.memory = memory
+        self.mapping = dict(mapping or {})
+        self._units: dict[tuple[str, str | None], AreaUnit] = {}
+        self._records = {
+            variable.layout: name
+            for name, variable in protocol.state.items()
+            if variable.layout is not None and variable.type == "record" and variable.keys is None
+        }
+
+    def unit(self, area: str, unit: str | None = None) -> AreaUnit:
+        """A protocol's area counted in a unit, its own where none is given. Raises UnknownAreaError."""
+        found = self._units.get((area, unit))
+        if found is None:
+            model = self.areas.get(area)
+            if model is None:
+                raise UnknownAreaError(f"there is no area '{area}'")
+            memory, first = self.mapping.get(area, (model.memory, 0))
+            if model.layout is None:
+                found = AreaUnit(model, self.memory, memory, unit or model.unit, first * model.element_bits)
+            else:
+                found = AreaUnit(model, self.memory, memory, unit or model.unit, 0, self._builder(model))
+            if len(self._units) < MOST_UNITS:
+                self._units[area, unit] = found
+        return found
+
+    def own_unit(self, memory: str, unit: str | None = None) -> AreaUnit:
+        """A memory area by its own name, counted in a unit. Raises UnknownAreaError."""
+        own = self.memory.area(memory).unit
+        return AreaUnit(None, self.memory, memory, own if unit in (None, OWN) else str(unit))
+
+    def _builder(self, area: Area) -> Callable[[Names], bytes]:
+        """The bytes of an area that is a layout: of the record that has this layout, or of its own formulas."""
+        layout = area.layout
+        assert layout is not None
+        record, encode = self._records.get(layout), self.codec.layouts[layout][0]
+        size = (area.size * area.element_bits + 7) // 8
+
+        def build(names: Names) -> bytes:
+            data = encode({} if record is None else dict(names[record]), names)
+            return data[:size].ljust(size, b"\0")
+
+        return build
+
+    # ---- places -------------------------------------------------------------------------------------------
+
+    def span(self, area: str, unit: str | None, start: int, count: int) -> Span:
+        """A place of a protocol's area. Raises UnknownAreaError."""
+        return self.unit(area, unit).span(start, count)
+
+    def memory_span(self, memory: str, unit: str | None, start: int, count: int) -> Span:
+        """A place of a memory area by its own name. Raises UnknownAreaError."""
+        return self.own_unit(memory, unit).span(start, count)
+
+    def own_bytes(self, memory: str) -> int:
+        """Bytes of one element of a memory area; 0 of bits. Raises UnknownAreaError."""
+        return unit_bits(self.memory.area(memory).unit) // 8
+
+    def at(self, span: Span) -> AreaUnit:
+        """The area of a place. Raises UnknownAreaError."""
+        return self.own_unit(span.memory, span.unit) if span.area is None else self.unit(span.area, span.unit)
+
+    def check(self, span: Span, *, write: bool) -> None:
+        """Raises DeviceMemoryError when the span cannot be read, or written."""
+        self.at(span).check(span.start, span.count, write)
+
+    # ---- access -------------------------------------------------------------------------------------------
+
+    def read(self, span: Span, names: Names) -> bytes:
+        """The elements in memory's form. `names` are what an area built from state is built of."""
+        there = self.at(span)
+        there.check(span.start, span.count, False)
+        return there.read(span.start, span.count, names)
+
+    def write(self, span: Span, data: bytes) -> None:
+        """Puts elements in memory's form."""
+        there = self.at(span)
+        there.check(span.start, span.count, True)
+        there.write(span.start, span.count, data)
+
+
+# ---- places by the words of a definition ----------------------------------------------------------------------
+
+
+def codes_of(protocol: Protocol) -> Codes:
+    """What stands for areas on the wire, with the areas and the unit each counts in."""
+    codes: Codes = {}
+    for area in protocol.areas.values():
+        for unit in dict.fromkeys((*area.codes, area.unit)):
+            code = code_of(area, unit)
+            if code is not None:
+                codes.setdefault(code, []).append((area.name, unit))
+    return codes
+
+
+def span_of(areas: DeviceAreas, grammar: AddressGrammar, codes: Codes, given: Mapping[str, Any]) -> Span:
+    """The place of a device's memory that the words mean. Raises UnknownAreaError."""
+    start, count, unit = int(given.get("start", 0)), int(given.get("count", 1)), given.get("unit")
+    if "memory" in given:
+        return areas.memory_span(str(given["memory"]), unit, start, count)
+    if "text" in given:
+        address = grammar.parse(str(given["text"]), unit, check=False)
+        return areas.span(address.area, address.unit, address.start + start, count)
+    if "code" in given:
+        area, own = _coded(codes, given["code"])
+        return areas.span(area, unit or own, start, count)
+    return areas.span(str(given["area"]), unit, start, count)
+
+
+def address_of(grammar: AddressGrammar, codes: Codes, given: Mapping[str, Any]) -> Address:
+    """The place of the other side that the words mean. Raises UnknownAreaError and AddressError."""
+    start, unit = int(given.get("start", 0)), given.get("unit")
+    if "text" in given:
+        address = grammar.parse(str(given["text"]), unit, check=False)
+        return address if start == 0 else grammar.advance(address, start)
+    area, own = _coded(codes, given["code"]) if "code" in given else (str(given["area"]), None)
+    if area not in grammar.areas:
+        raise UnknownAreaError(f"there is no area '{area}'")
+    address = Address(area, unit or own or grammar.areas[area].unit, start)
+    unit_bits(address.unit)
+    return address
+
+
+def _coded(codes: Codes, code: Any) -> tuple[str, str]:
+    found = codes.get(code)
+    if not found:
+        raise UnknownAreaError(f"no area has the code {code}")
+    return found[0]

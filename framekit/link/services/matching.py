@@ -1,0 +1,855 @@
+"""Request matching: a service row as a function of the request, from its fields to the place and data it asks for.
+
+Each row becomes one Python function, written when its frame is first served: fields are compared, names are local
+variables, what can be resolved is resolved. What names no place of its own, or works on state, goes on with `Reading`.
+What cannot be read backwards is passed over; `station` and `own` are not compared. Language reference, section 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import CodeType
+from typing import Any
+
+from framekit.codec import support
+from framekit.codec.python.source import Source
+from framekit.codec.shown import explain
+from framekit.definition.expression.emit import emit
+from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name, names_in
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.link.addresses import Address, AddressError
+from framekit.link.area_view import code_of
+from framekit.link.construct_values import EACH, read_as, read_layout
+from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.exchange import Served
+from framekit.link.invert import Inverse, bare_name, inverse_of, is_constant, quotient
+from framekit.link.packing import PackingError, memory_of, values_of
+from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
+from framekit.link.services.rows import RowFacts, padded_names
+from framekit.link.values import FrameValue, attribute, plain
+from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
+
+NOT_COMPARED = frozenset({"station", "own"})
+OF_REQUESTS = ("request", "buffer", "station")
+PLACE_NAMES = ("area", "unit", "start", "count", "bytes", "element_bytes", "total")
+WRONG_PLACE = (DeviceMemoryError, AddressError, PackingError)
+
+
+class MismatchError(Exception):
+    """The request is not what the row writes down."""
+
+
+class ElsewhereError(Exception):
+    """The request names an area (`known`: of the protocol) that this row is not for."""
+
+    def __init__(self, known: bool) -> None:
+        super().__init__()
+        self.known = known
+
+
+class DamagedBufferError(Exception):
+    """Bytes of a request do not have the layout they should; `refuse` is the code for that, if there is one."""
+
+    def __init__(self, cause: ValueError) -> None:
+        super().__init__(str(cause))
+        self.refuse: int | None = getattr(cause, "refuse", None)
+
+
+class RefusedError(Exception):
+    """The request is refused with `code`."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+@dataclass(slots=True)
+class Target:
+    """Elements that a request asks for, and the data it brings for them, in memory's form. The names are its own."""
+
+    unit: AreaUnit
+    start: int
+    count: int
+    memory: bytes | None
+    names: Names
+
+
+@dataclass(slots=True)
+class Reading:
+    """A row that fits a request. `problem` is what is wrong with the places it names, to be told in its turn."""
+
+    names: Names
+    targets: list[Target] = field(default_factory=list)
+    problem: DeviceMemoryError | None = None
+
+
+Match = Callable[[FrameValue, bytes, Any, Names], "Reading | None"]
+"""What a request means by a row; None: the row does not fit. Raises ElsewhereError and DamagedBufferError."""
+Serve = Callable[[FrameValue, bytes, Any, Names], "Served | None"]
+"""Does what a request asks for; None: the row does not fit."""
+GoOn = Callable[[FrameValue, Reading], Served]
+
+
+class Matching:
+    """The functions of one row. `go_on` serves a reading, where the row's function does not do everything."""
+
+    def __init__(self, facts: RowFacts, areas: DeviceAreas, codes: Codes, go_on: GoOn) -> None:
+        row = facts.row
+        assert row.request is not None
+        self.facts, self.areas, self.codes, self.go_on = facts, areas, codes, go_on
+        self.frame = row.request.frame
+        self.when = row.back.get("when", row.when)
+        self._holds = None if self.when is None else compile_expression(self.when)
+        replies = [(reply.frame, reply.buffer) for reply in row.reply]
+        self.is_whole = row.serve is None and not any(
+            True for _ in parts_of([row.request, row.buffer, replies], EachOf)
+        )
+        """Whether one function does everything: one place at most, and no work but the transfer."""
+        self._read: dict[bool, Match] = {}
+        self._serve: Serve | None = None
+
+    def read(self, request: FrameValue, buffer: bytes, station: Any, names: Names, with_buffer: bool) -> Reading | None:
+        """What a request means; None: the row does not fit. Without the buffer: what is beside it is not here yet.
+
+        Raises MismatchError as well where it does not fit, ElsewhereError and DamagedBufferError.
+        """
+        function = self._read.get(with_buffer)
+        if function is None:
+            function = self._read[with_buffer] = RowWriter(self, with_buffer, False).function()
+        return function(request, buffer, station, names)
+
+    @property
+    def serve(self) -> Serve:
+        """Serves a request; what it gives and raises is as for `read`, and RefusedError and what the memory raises."""
+        if self._serve is None:
+            self._serve = RowWriter(self, True, True).function()
+        return self._serve
+
+    def holds(self, reading: Reading) -> bool:
+        """Whether the row's condition holds; what cannot be told because the place is wrong is no objection."""
+        if self._holds is None:
+            return True
+        try:
+            return bool(self._holds(reading.names))
+        except EVALUATION_ERRORS:
+            return reading.problem is not None
+
+    # ---- what the functions call --------------------------------------------------------------------------
+
+    def address_named(self, text: str) -> Address:
+        """The place that an address says."""
+        try:
+            address = self.facts.shared.grammar.parse(text, check=False)
+        except AddressError as error:
+            raise UnknownAreaError(str(error)) from None
+        if self.facts.row.areas and address.area not in self.facts.row.areas:
+            raise ElsewhereError(True)
+        return address
+
+    def area_named(self, area: Any) -> Any:
+        """The area that `back` says."""
+        if area not in self.areas.areas:
+            raise UnknownAreaError(f"there is no area '{area}'")
+        return self.facts.shared.grammar.views[area]
+
+    def elsewhere(self, code: Any) -> None:
+        """No area of the row has the code."""
+        raise ElsewhereError(bool(self.codes.get(code)))
+
+
+class _Level:
+    """What is known of names while a function is written: the variable of each, and what is still to be solved.
+
+    `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
+    variables in the order in which names got them. `item`: the variable with the fields of a list's item, `memory` that
+    with the data in memory's form.
+    """
+
+    def __init__(self) -> None:
+        self.values: dict[str, str] = {}
+        self.history: list[tuple[str, str]] = []
+        self.pending: list[tuple[Inverse, str]] = []
+        self.padded = False
+        self.parts: str | None = None
+        self.memory = "None"
+        self.item = "None"
+
+    def put(self, name: str, variable: str) -> None:
+        self.values[name] = variable
+        self.history.append((name, variable))
+
+    @property
+    def held(self) -> str:
+        """Every variable so far, as the items of a tuple."""
+        found = [*self.values.values(), *(variable for _, variable in self.pending)]
+        found += [self.item] * (self.item != "None")
+        return "".join(f"{variable}, " for variable in dict.fromkeys(found))
+
+
+class _Written:
+    """How names are written: as variables where they are known, else looked up in the names of the engine.
+
+    `of_item`: the fields of a list's item are names here, before all others.
+    """
+
+    def __init__(self, level: _Level, of_item: bool = False) -> None:
+        self.level = level
+        self.item = level.item if of_item else "None"
+
+    def name(self, node: Name) -> str:
+        known = self._known(node)
+        return (
+            known
+            if self.item == "None"
+            else f"({self.item}[{node.name!r}] if {node.name!r} in {self.item} else {known})"
+        )
+
+    def _known(self, node: Name) -> str:
+        found = self.level.values.get(node.name)
+        if found is not None:
+            return found
+        if node.name in OF_REQUESTS:
+            return node.name
+        if self.level.parts is not None:
+            return f"said({self.level.parts}, names, {node.name!r})"
+        return f"names[{node.name!r}]"
+
+    def attribute(self, node: Attribute) -> str:
+        return f"attribute({emit(node.value, self)}, {node.name!r})"
+
+    def line_time(self, node: LineTime) -> str:
+        return f"names['line'].{node.unit}({node.count[0]}, {node.count[1]})"
+
+    def call(self, function: str, arguments: list[str]) -> str:
+        owner = "names['functions']" if function in ENGINE_FUNCTIONS else "support"
+        return f"{owner}.{function}({', '.join(arguments)})"
+
+
+class RowWriter:
+    """Writes one function of a row: `whole` up to the reply, else up to a `Reading`."""
+
+    def __init__(self, matching: Matching, with_buffer: bool, whole: bool) -> None:
+        self.matching, self.facts, self.row = matching, matching.facts, matching.facts.row
+        self.shared, self.grammar = matching.facts.shared, matching.facts.shared.grammar
+        self.areas = matching.areas
+        self.with_buffer, self.whole = with_buffer, whole
+        self.inline = whole and matching.is_whole
+        self.out = Source(1)
+        self.level = _Level()
+        self.items_found: tuple[str, _Level] | None = None
+        """The variable with what the items of lists hold, and the names it has in every round."""
+        self.back = {**self.row.back, **self.row.back_each}
+        self.arguments = {argument.name for argument in self.row.takes}
+        row = self.row
+        replies = [(reply.frame, reply.buffer) for reply in row.reply]
+        mentioning: list[Any] = [
+            row.back,
+            row.back_each,
+            matching.when,
+            [(rule.when, rule.code) for rule in row.refuse],
+        ]
+        mentioning += [(reply.when, reply.frame, reply.buffer) for reply in row.reply]
+        protocol = self.shared.protocol
+        mentioning += [protocol.frames[one.frame].segments for one in parts_of(replies, FrameOf)]
+        mentioning += [protocol.layouts[one.layout].segments for one in parts_of(replies, LayoutOf)]
+        self.mentioned = {name for part in expressions_of(mentioning) for name in names_in(part.root)}
+        self.given: dict[str, Any] = {
+            **_RUNTIME,
+            "address_named": matching.address_named,
+            "area_named": matching.area_named,
+            "elsewhere": matching.elsewhere,
+            "holds": matching.holds,
+            "go_on": matching.go_on,
+            "unit_there": self.areas.unit,
+            "own_unit": self.areas.own_unit,
+            "own_bytes": self.areas.own_bytes,
+            "packer": self.facts.packer,
+            "views": self.grammar.views,
+            "fill_echo": self.shared.table.fill_echo,
+            "frame_made": self.shared.table.made,
+        }
+        self._variables = 0
+
+    # ---- variables and constants --------------------------------------------------------------------------
+
+    def variable(self) -> str:
+        self._variables += 1
+        return f"v{self._variables}"
+
+    def constant(self, value: Any) -> str:
+        """Source of a value that the function brings along."""
+        if value is None or type(value) in (int, bool, str, bytes):
+            return repr(value)
+        name = f"c{len(self.given)}"
+        self.given[name] = value
+        return name
+
+    def source(self, expression: Expression, level: _Level) -> str:
+        """An expression on the names that are known at this point."""
+        return emit(expression.root, _Written(level))
+
+    def names(self, level: _Level) -> str:
+        """A new level of names with everything that is known, for what looks names up by itself."""
+        return f"Names({self.items(level)}, {KNOWN})"
+
+    def items(self, level: _Level) -> str:
+        """All names that are known, as a dictionary."""
+        parts = f"**{level.parts}, " if level.parts else ""
+        return f"{{{parts}{', '.join(f'{name!r}: {value}' for name, value in level.values.items())}}}"
+
+    def let(self, level: _Level, name: str, text: str) -> str:
+        """A name gets a value."""
+        variable = self.variable()
+        self.out.add(f"{variable} = {text}")
+        level.put(name, variable)
+        return variable
+
+    def worked_out(self, text: str) -> str:
+        """A variable with the value of an expression; where that cannot be worked out the row does not fit."""
+        variable = self.variable()
+        with self.out.block("try:"):
+            self.out.add(f"{variable} = {text}")
+        with self.out.block("except EVALUATION_ERRORS:"):
+            self.out.add("return None")
+        return variable
+
+    def unfit_if(self, condition: str) -> None:
+        with self.out.block(f"if {condition}:"):
+            self.out.add("return None")
+
+    # ---- the function -------------------------------------------------------------------------------------
+
+    def function(self) -> Any:
+        """The function itself."""
+        row, out = self.row, self.out
+        assert row.request is not None
+        self._match(row.request, "request", self.level)
+        if row.buffer is not None and self.with_buffer:
+            self._match(row.buffer, "buffer", self.level, padded=isinstance(row.buffer, LayoutOf))
+        elif self.with_buffer:
+            self.unfit_if("buffer")
+        if not self.inline:
+            out.add(f"reading = Reading(Names(None, {KNOWN}))")
+        with out.block("try:"):
+            place = self._targets()
+            out.add("pass")
+        with out.block("except WRONG_PLACE as error:"):
+            history = self.constant(tuple(self.level.history))
+            known = KNOWN if self.inline else "reading.names"
+            out.add(f"reading = wrong_place(error, {known}, {history}, locals(), {self.level.parts or None!r})")
+            if self.inline:
+                self.unfit_if("not holds(reading)")
+                out.add("return go_on(request, reading)")
+        if self.inline:
+            self._serve(place)
+        else:
+            self.unfit_if("not holds(reading)")
+            out.add("return go_on(request, reading)" if self.whole else "return reading")
+        source = Source()
+        with source.block("def function(request, buffer, station, names):"):
+            source.lines.extend(out.lines)
+        space = dict(self.given)
+        exec(_code(source.text()), space)
+        return space["function"]
+
+    # ---- comparing ----------------------------------------------------------------------------------------
+
+    def _match(
+        self, value: Value, actual: str, level: _Level, numbers: Mapping[str, int] | None = None, padded: bool = False
+    ) -> None:
+        """Writes the comparison of a value with what is there."""
+        match value:
+            case Expression():
+                self._leaf(value, actual, level, numbers or {}, padded)
+            case FrameOf(frame=frame, fields=fields):
+                if actual != "request":
+                    self.unfit_if(f"type({actual}) is not FrameValue or {actual}.frame != {frame!r}")
+                inside = self.variable()
+                self.out.add(f"{inside} = {actual}.fields")
+                padding = padded_names(self.shared.protocol.frames[frame].segments)
+                self._fields(fields, actual, inside, level, self.shared.table.infos[frame].numbers, padding)
+            case RecordOf(fields=fields):
+                self._fields(fields, actual, None, level, {}, frozenset())
+            case LayoutOf(layout=layout, fields=fields):
+                record, decode = self.variable(), self.constant(self.shared.codec.layouts[layout][1])
+                self.out.add(f"{record} = layout_read({decode}, {actual}, {KNOWN}, {padded})")
+                padding = padded_names(self.shared.protocol.layouts[layout].segments)
+                self._fields(fields, record, None, level, {}, padding)
+            case ListOf(items=items):
+                self.unfit_if(f"not isinstance({actual}, list) or len({actual}) != {len(items)}")
+                for index, item in enumerate(items):
+                    part = self.variable()
+                    self.out.add(f"{part} = {actual}[{index}]")
+                    self._match(item, part, level)
+            case EachOf(fields=fields):
+                self._each(fields, actual)
+
+    def _fields(
+        self, fields: Mapping[str, Value], actual: str, inside: str | None, level: _Level,
+        numbers: Mapping[str, Mapping[str, int]], padding: frozenset[str],
+    ) -> None:  # fmt: skip
+        for name, value in fields.items():
+            if isinstance(value, ReadAs) or (isinstance(value, Expression) and _is_passed_over(value)):
+                continue
+            part = self.variable()
+            if inside is None:
+                self.out.add(f"{part} = part_of({actual}, {name!r})")
+            else:
+                with self.out.block("try:"):
+                    self.out.add(f"{part} = {inside}[{name!r}]")
+                with self.out.block("except KeyError:"):
+                    self.out.add(f"{part} = part_of({actual}, {name!r})")
+            self._match(value, part, level, numbers.get(name), name in padding)
+
+    def _leaf(
+        self, expression: Expression, actual: str, level: _Level, numbers: Mapping[str, int], padded: bool
+    ) -> None:
+        if _is_passed_over(expression):
+            return
+        if is_constant(expression):
+            constant = compile_expression(expression)(Names())
+            if isinstance(constant, str):
+                constant = numbers.get(constant, constant)
+            text = self.constant(constant)
+            if padded and isinstance(constant, bytes):  # what follows is padding
+                self.unfit_if(f"not isinstance({actual}, bytes) or not {actual}.startswith({text})")
+            else:
+                self.unfit_if(f"{actual} != {text}")
+            return
+        name = bare_name(expression)
+        if name is None:
+            inverse = inverse_of(expression)
+            assert inverse is not None
+            self.unfit_if(f"not isinstance({actual}, int)")
+            level.pending.append((inverse, actual))
+        elif name in level.values:
+            self.unfit_if(f"{level.values[name]} != {actual}")
+        else:
+            level.put(name, actual)
+        if name == "data":
+            level.padded = padded
+
+    def _each(self, fields: Mapping[str, Value], actual: str) -> None:
+        """One item after the other is compared; their values stand in a list of tuples, one for all lists."""
+        self.unfit_if(f"not isinstance({actual}, list)")
+        part, found = self.variable(), self.variable()
+        header = f"for {part} in {actual}:"
+        before = self.items_found
+        level = before[1] if before is not None else _Level()
+        if before is not None:  # several lists speak of the same variables
+            self.unfit_if(f"len({actual}) != len({before[0]})")
+            header = f"for {part}, ({level.held}) in zip({actual}, {before[0]}):"
+        self.out.add(f"{found} = []")
+        with self.out.block(header):
+            if self.row.back_each:
+                item = self.variable()
+                self.out.add(f"{item} = item_of({level.item}, {part})")
+                level.item = item
+            self._fields(fields, part, None, level, {}, frozenset())
+            self.out.add(f"{found}.append(({level.held}))")
+        self.items_found = found, level
+
+    # ---- places -------------------------------------------------------------------------------------------
+
+    def _targets(self) -> str | None:
+        """Writes which places are meant; the variable with the `AreaUnit` of the only one."""
+        level, out = self.level, self.out
+        if self.items_found is None:
+            place = self._target(level)
+            if not self.inline:
+                out.add(f"reading.names.update({self.items(level)})")
+                if place is not None:
+                    self._note_target(level, place, "reading.names")
+                    out.add("name_targets(reading)")
+            return place
+        listed, each = self.items_found
+        with out.block(f"for {each.held or '_'} in {listed}:"):
+            place = self._target(each)
+            if place is not None:
+                self._note_target(each, place, f"Names({self.items(each)}, reading.names)")
+        self._solve(level)
+        out.add(f"set_missing(reading.names, {self.items(level)})")
+        out.add("name_targets(reading)")
+        return None
+
+    def _note_target(self, level: _Level, place: str, names: str) -> None:
+        start, count = level.values["start"], level.values["count"]
+        self.out.add(f"reading.targets.append(Target({place}, {start}, {count}, {level.memory}, {names}))")
+
+    def _target(self, level: _Level) -> str | None:
+        """Writes what place the names of a level mean: the variable with its `AreaUnit`, None if they mean none."""
+        back = self.back
+        area, unit, fixed = self._area(level)
+        if area is None and not back.keys() & {"area", "memory"}:
+            self._solve(level)
+            return None
+        if "memory" in back:
+            memory = self.worked_out(self._word("memory", level))
+            self.let(level, "own_bytes", f"own_bytes(str({memory}))")
+        for name in back:
+            if name not in ("area", "memory", "text", "when"):
+                level.put(name, self.worked_out(self._word(name, level)))
+        self._solve(level)
+        unit = level.values.get("unit", unit)
+        if area is None or "memory" in back:
+            memory = self.worked_out(self._word("memory", level))
+            place = self.variable()
+            self.out.add(f"{place} = own_unit(str({memory}), {unit})")
+        elif fixed is not None and "unit" not in level.values:
+            place = self.constant(fixed)
+        else:
+            place = self.variable()
+            self.out.add(f"{place} = unit_there({area}, {unit})")
+        self._complete(level, place)
+        return place
+
+    def _word(self, name: str, level: _Level) -> str:
+        """A value of `back`; a bare word that is a unit or an area stands for itself."""
+        value = self.back[name]
+        word = bare_name(value)
+        if word is not None and (name == "unit" or (name in ("area", "memory") and word in self.areas.areas)):
+            return repr(word)
+        return emit(value.root, _Written(level, name in self.row.back_each))
+
+    def _area(self, level: _Level) -> tuple[str | None, str | None, AreaUnit | None]:
+        """Area and unit that the request names: by text, `back`, code, or because the row is for one area.
+
+        Where they are certain before a request comes: the area in its unit as well.
+        """
+        row, back = self.row, self.back
+        if "text" in back or ("text" in level.values and "text" not in self.arguments):
+            if "text" in back:
+                level.put("text", self.worked_out(self._word("text", level)))
+            return self._by_text(level)
+        if "area" in back:
+            named = self.worked_out(self._word("area", level))
+            return self.let(level, "area", f"area_named({named})"), None, None
+        if "code" in level.values and "code" not in self.arguments:
+            return self._by_code(level)
+        if len(row.areas) == 1:
+            unit = row.units[0] if len(row.units) == 1 else None
+            area = self.let(level, "area", self.constant(self.grammar.views[row.areas[0]]))
+            return area, repr(unit), self.areas.unit(row.areas[0], unit)
+        return None, None, None
+
+    def _by_text(self, level: _Level) -> tuple[str, str, None]:
+        address = self.variable()
+        self.out.add(f"{address} = address_named(str({level.values['text']}))")
+        level.parts = self.variable()
+        self.out.add(f"{level.parts} = {address}.parts")
+        if "start" in level.values:
+            self.unfit_if(f"{level.values['start']} != {address}.start")
+        else:
+            self.let(level, "start", f"{address}.start")
+        if "text" in self.back:
+            self.let(level, "unit", f"{address}.unit")
+        return self.let(level, "area", f"views[{address}.area]"), f"{address}.unit", None
+
+    def _by_code(self, level: _Level) -> tuple[str, str, None]:
+        found: dict[Any, tuple[Any, str]] = {}
+        for code, pairs in self.matching.codes.items():
+            for area, unit in pairs:
+                if not self.row.areas or area in self.row.areas:
+                    found[code] = (self.grammar.views[area], self._unit_of_row(area, unit, code))
+                    break
+        named, code = self.variable(), level.values["code"]
+        self.out.add(f"{named} = {self.constant(found)}.get({code})")
+        with self.out.block(f"if {named} is None:"):
+            self.out.add(f"elsewhere({code})")
+        return self.let(level, "area", f"{named}[0]"), f"{named}[1]", None
+
+    def _unit_of_row(self, area: str, unit: str, code: Any) -> str:
+        """The unit that the code means in this row: one of the row's own, where the code can stand for it."""
+        units = self.row.units
+        if not units or unit in units:
+            return unit
+        return next((own for own in units if code_of(self.grammar.areas[area], own) == code), unit)
+
+    def _solve(self, level: _Level) -> None:
+        """The names whose values follow from what area it is; `back` goes before them."""
+        for inverse, actual in level.pending:
+            if inverse.name in self.back:
+                continue
+            value = self.worked_out(inverse.source(actual, lambda other: self.source(other, level)))
+            if inverse.name in level.values:
+                self.unfit_if(f"{level.values[inverse.name]} != {value}")
+            else:
+                level.put(inverse.name, value)
+
+    def _complete(self, level: _Level, place: str) -> None:
+        """Writes start, count, sizes and data of a place."""
+        values, fixed = level.values, self.given.get(place)
+        self.let(level, "start", f"int({values['start']})" if "start" in values else "0")
+        if isinstance(fixed, AreaUnit):
+            packer = self.constant(self.facts.packer(fixed.unit))
+            unit = fixed.unit
+            self.let(level, "unit", repr(unit))
+        else:
+            packer, unit = self.variable(), None
+            self.out.add(f"{packer} = packer({self.let(level, 'unit', f'{place}.unit')})")
+        start, data = values["start"], values.get("data")
+        if "count" not in values:
+            size = values.get("bytes") or (None if data is None else f"len({data})")
+            self.let(level, "count", "1" if size is None else f"{packer}.count_in({start}, int({size}))")
+        count = self.let(level, "count", f"int({values['count']})")
+        with self.out.block(f"if {start} < 0 or {count} < 0:"):
+            self.out.add(f"cannot_be({place}, {start}, {count})")
+        if not self.inline or "bytes" in self.mentioned or level.padded:
+            self.let(level, "bytes", f"{packer}.size({start}, {count})")
+        if not self.inline or "element_bytes" in self.mentioned:
+            self.let(level, "element_bytes", f"max(1, {packer}.bits // 8)")
+        if "total" not in values:
+            level.put("total", count)
+        if data is not None:
+            data = self.let(level, "data", f"{data}[:{values['bytes']}]") if level.padded else data
+            level.memory = self.variable()
+            self.out.add(f"{level.memory} = {packer}.to_memory({data}, {start}, {count})")
+        elif "bits" in self.back:
+            level.memory = self.variable()
+            self.out.add(f"{level.memory} = memory_of({values['bits']}, 'bit')")
+            self.let(level, "data", f"{packer}.to_data({level.memory}, {start}, {count})")
+        else:
+            return
+        if self.inline and "bits" not in self.mentioned:
+            return
+        if unit == "bit":
+            self.let(level, "bits", f"values_of({level.memory}, 'bit', {count})")
+        elif unit is None:
+            otherwise = values.get("bits", "None")
+            self.let(level, "bits", f"values_of({level.memory}, 'bit', {count}) if {place}.bits == 1 else {otherwise}")
+
+    # ---- work and reply -----------------------------------------------------------------------------------
+
+    def _serve(self, place: str | None) -> None:
+        """Writes condition, refusals, the transfer and the reply."""
+        level, out, row = self.level, self.out, self.row
+        if self.matching.when is not None:
+            holds = self.worked_out(self.source(self.matching.when, level))
+            self.unfit_if(f"not {holds}")
+        for rule in row.refuse:
+            with out.block(f"if {self.source(rule.when, level)}:"):
+                out.add(f"raise RefusedError(int({self.source(rule.code, level)}))")
+        if place is not None:
+            self._check(place)
+        if row.service == "read":
+            data = "b''" if place is None else self._read(place)
+            level.values["data"] = data
+            if "bytes" in self.mentioned:
+                self.let(level, "bytes", f"len({data})")
+        elif row.service == "write" and place is not None:
+            values = level.values
+            if level.memory == "None":
+                out.add("no_data()")
+            out.add(f"{place}.write({values['start']}, {values['count']}, {level.memory})")
+        for reply in row.reply:
+            if reply.when is None:
+                self._reply(reply.frame, reply.buffer)
+                return
+            with out.block(f"if {self.source(reply.when, level)}:"):
+                self._reply(reply.frame, reply.buffer)
+        out.add("return Served(None)")
+
+    def _check(self, place: str) -> None:
+        start, count = self.level.values["start"], self.level.values["count"]
+        fixed = self.given.get(place)
+        check = f"{place}.check({start}, {count}, {self.row.service == 'write'})"
+        if isinstance(fixed, AreaUnit) and fixed.most and self.row.service != "write":
+            with self.out.block(f"if {count} < 1 or {start} + {count} > {fixed.most}:"):
+                self.out.add(check)
+        else:
+            self.out.add(check)
+
+    def _read(self, place: str) -> str:
+        """Writes the read; the variable with the data as they stand in the frame."""
+        level = self.level
+        start, count = level.values["start"], level.values["count"]
+        fixed, memory, data = self.given.get(place), self.variable(), self.variable()
+        if not isinstance(fixed, AreaUnit):
+            names = f"{place}.build and {self.names(level)}"
+            self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
+            self.out.add(f"{data} = packer({place}.unit).to_data({memory}, {start}, {count})")
+            return data
+        if fixed.most and fixed.bits % 8 == 0 and fixed.offset % 8 == 0:
+            read, size, first = self.constant(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
+            self.out.add(f"{memory} = {read}({f'{first} + ' if first else ''}{start} * {size}, {count} * {size})")
+        else:
+            names = "None" if fixed.build is None else self.names(level)
+            self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
+        packer = self.facts.packer(fixed.unit)
+        if packer.bits == 8 or (packer.bits > 8 and packer.order == "little"):
+            return memory
+        if packer.order == "big" and packer.bits in (16, 32, 64):
+            self.out.add(f"{data} = support.swap({memory}, {packer.bits // 8})")
+        else:
+            self.out.add(f"{data} = {self.constant(packer)}.to_data({memory}, {start}, {count})")
+        return data
+
+    def _reply(self, frame: FrameOf | None, buffer: Value | None) -> None:
+        reply = "None"
+        if frame is not None:
+            reply = self.variable()
+            self.out.add(f"{reply} = {self._value(frame)}")
+            if self._repeats(frame):
+                self.out.add(f"fill_echo({reply}, request)")
+        self.out.add(f"return Served({reply}{'' if buffer is None else f', {self._value(buffer)}'})")
+
+    def _value(self, value: Value) -> str:
+        """Source of a value of the definition."""
+        match value:
+            case Expression():
+                return self.source(value, self.level)
+            case FrameOf():
+                return self._frame(value)
+            case RecordOf(fields=fields):
+                return self._record(fields)
+            case ListOf(items=items):
+                return f"[{', '.join(self._value(item) for item in items)}]"
+            case LayoutOf(layout=layout, fields=fields):
+                encode = self.constant(self.shared.codec.layouts[layout][0])
+                return f"{encode}(plain({self._record(fields)}), {self.names(self.level)})"
+            case ReadAs(layout=layout, source=source):
+                codec = self.constant(self.shared.codec.layouts[layout])
+                return f"read_as({codec}, {self._value(source)}, {self.names(self.level)})"
+        raise TypeError(f"no value of one request: {value!r}")
+
+    def _record(self, fields: Mapping[str, Value]) -> str:
+        return f"{{{', '.join(f'{name!r}: {self._value(value)}' for name, value in fields.items())}}}"
+
+    def _frame(self, frame: FrameOf) -> str:
+        info = self.shared.table.infos[frame.frame]
+        if any(name not in frame.fields for name, _ in info.computed) or frame.fields.keys() & info.numbers.keys():
+            return f"frame_made({frame.frame!r}, {self._record(frame.fields)}, {self.names(self.level)})"
+        items = {name: self._value(value) for name, value in frame.fields.items()}
+        items |= {name: self.constant(value) for name, value in info.known.items() if name not in items}
+        return f"FrameValue({frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}})"
+
+    def _repeats(self, value: Value) -> bool:
+        """Whether a frame, or one inside it, repeats something of the request that is not given."""
+        if not isinstance(value, FrameOf):
+            return True
+        info = self.shared.table.infos[value.frame]
+        if any(name not in value.fields and name not in info.known for name, _, _ in info.echo):
+            return True
+        inner = [value.fields[name] for kind, name, _ in info.shape if kind == "inner" and name in value.fields]
+        return any(self._repeats(one) for one in inner)
+
+
+def _is_passed_over(expression: Expression) -> bool:
+    """Whether an expression cannot be read backwards, or names the station."""
+    if is_constant(expression):
+        return False
+    name = bare_name(expression)
+    if name is None:
+        inverse = inverse_of(expression)
+        name = None if inverse is None else inverse.name
+    return name is None or name in NOT_COMPARED
+
+
+# ---- what the functions call ------------------------------------------------------------------------------
+
+KNOWN = 'Names({"request": request, "buffer": buffer, "station": station}, names)'
+
+
+def part_of(actual: Any, name: str) -> Any:
+    """A field of a request."""
+    try:
+        return attribute(actual, name)
+    except (KeyError, AttributeError):
+        raise MismatchError(name) from None
+
+
+def item_of(before: dict[str, Any] | None, part: Any) -> dict[str, Any]:
+    """The fields of an item, of all lists that have one for each."""
+    return {**(before or {}), **(part if isinstance(part, dict) else {})}
+
+
+def said(parts: Mapping[str, Any], names: Names, name: str) -> Any:
+    """A name that an address may have said."""
+    return parts[name] if name in parts else names[name]
+
+
+def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, padded: bool) -> dict[str, Any]:
+    """Bytes that must be the layout, and nothing more unless they are `padded`."""
+    try:
+        return read_layout(decode, data, names) if padded else decode(data, names)
+    except EVALUATION_ERRORS as error:
+        raise DamagedBufferError(error if isinstance(error, ValueError) else ValueError(explain(error))) from None
+
+
+def cannot_be(there: AreaUnit, start: int, count: int) -> None:
+    """A place before the first, or fewer elements than none."""
+    raise MemoryRangeError(f"{count} × {there.unit} from {start} on cannot be")
+
+
+def no_data() -> None:
+    """A write without data."""
+    raise MemoryRangeError("the request brings no data to write")
+
+
+def wrong_place(
+    error: Exception,
+    names: Names,
+    history: tuple[tuple[str, str], ...],
+    variables: Mapping[str, Any],
+    parts: str | None,
+) -> Reading:
+    """A request whose place is wrong: what is known of it by now, and what is wrong."""
+    known = dict(variables.get(parts) or {}) if parts is not None else {}
+    known.update((name, variables[variable]) for name, variable in history if variable in variables)
+    problem = error if isinstance(error, DeviceMemoryError) else MemoryRangeError(str(error))
+    return Reading(Names(known, names), [], problem)
+
+
+def set_missing(names: Names, values: Mapping[str, Any]) -> None:
+    """Names get these values where they have none."""
+    for name, value in values.items():
+        names.setdefault(name, value)
+
+
+def name_targets(reading: Reading) -> None:
+    """What is said of the first place holds for the request as a whole; all places stand in a list."""
+    names, targets = reading.names, reading.targets
+    if targets:
+        first = targets[0].names
+        for name in PLACE_NAMES:
+            if name in first:
+                names.setdefault(name, first[name])
+        names.setdefault("spans", [target.unit.span(target.start, target.count) for target in targets])
+        names[EACH] = [target.names for target in targets]
+
+
+@lru_cache(512)
+def _code(source: str) -> CodeType:
+    return compile(source, "<service row>", "exec")
+
+
+_RUNTIME: dict[str, Any] = {
+    "DamagedBufferError": DamagedBufferError,
+    "EVALUATION_ERRORS": EVALUATION_ERRORS,
+    "FrameValue": FrameValue,
+    "Names": Names,
+    "Reading": Reading,
+    "RefusedError": RefusedError,
+    "Served": Served,
+    "Target": Target,
+    "WRONG_PLACE": WRONG_PLACE,
+    "attribute": attribute,
+    "cannot_be": cannot_be,
+    "item_of": item_of,
+    "layout_read": layout_read,
+    "memory_of": memory_of,
+    "name_targets": name_targets,
+    "no_data": no_data,
+    "part_of": part_of,
+    "plain": plain,
+    "quotient": quotient,
+    "read_as": read_as,
+    "said": said,
+    "set_missing": set_missing,
+    "support": support,
+    "values_of": values_of,
+    "wrong_place": wrong_place,
+}

@@ -1,0 +1,329 @@
+"""A server: requests that arrive, served from a device's memory by the same rows that clients send them by.
+
+Order: the request's own refusal, the server's, the first row that matches, its refusals, area, range and access, the
+work, the reply. What is simply a transfer is done by one function a row (see `matching`), all else by `Work`. Nothing
+from the wire raises out of here. Language reference, sections 12
+and 13.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol, TypeVar
+
+from framekit.codec.shown import explain
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.model import protocol as model
+from framekit.definition.model.services import Refusal
+from framekit.definition.model.values import Value
+from framekit.link.construct_values import EACH, compile_value
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.exchange import Served
+from framekit.link.frame_table import Codec
+from framekit.link.services.areas import Codes, DeviceAreas, codes_of
+from framekit.link.services.matching import (
+    DamagedBufferError,
+    ElsewhereError,
+    Matching,
+    MismatchError,
+    Reading,
+    RefusedError,
+)
+from framekit.link.services.rows import RowFacts, ServiceRows
+from framekit.link.services.work import BlockRefusedError, CompiledBlock, StartBlock, Work
+from framekit.link.values import FrameValue
+from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
+
+NOTHING_SAID = 1
+"""The code of a refusal for which the definition has none."""
+
+Rule = tuple[Evaluate, Evaluate, bool]
+"""When, code, and whether it looks at the bytes beside the request."""
+
+
+@dataclass(slots=True)
+class ServiceCounters:
+    """`done`: requests carried out; `refused`: how many were refused, by the code they were refused with."""
+
+    done: int = 0
+    refused: Counter[int] = field(default_factory=Counter)
+
+    def count(self) -> None:
+        """One more has been carried out."""
+        self.done += 1
+
+    @property
+    def errors(self) -> int:
+        return self.refused.total()
+
+
+Found = TypeVar("Found")
+
+
+class Planned(Protocol):
+    """A refusal that a plan of faults wants: its code, None for that of an address out of range."""
+
+    @property
+    def code(self) -> int | None: ...
+
+
+Refuses = Callable[[FrameValue, bool], Planned | None]
+"""Whether a request is refused because a plan says so; the second argument: it is only checked now."""
+
+
+class ServedRow:
+    """A row as a server uses it."""
+
+    def __init__(
+        self, facts: RowFacts, areas: DeviceAreas, codes: Codes, start_block: Callable[[CompiledBlock, Names], None]
+    ) -> None:
+        row, shared = facts.row, facts.shared
+
+        def compiled(value: Value | None) -> Callable[[Names], Any] | None:
+            return None if value is None else compile_value(value, shared.protocol, shared.codec, shared.table)
+
+        self.facts = facts
+        self.areas = areas
+        self.service = row.service
+        self.matching = Matching(facts, areas, codes, partial(self.go_on, check_only=False))
+        self.refuse = rules(row.refuse)
+        self.work = None if row.serve is None else Work(row.serve, facts, areas, codes)
+        self.start_block = start_block
+        self.transfers = row.service in ("read", "write") and (self.work is None or not self.work.moves_data)
+        self.replies = [
+            (
+                None if reply.when is None else compile_expression(reply.when),
+                compiled(reply.frame),
+                compiled(reply.buffer),
+            )
+            for reply in row.reply
+        ]
+
+    def check(self, request: FrameValue, buffer: bytes, station: Any, names: Names) -> Served | None:
+        """Whether a request would be refused, without the bytes beside it. None: the row does not fit."""
+        reading = self.matching.read(request, buffer, station, names, False)
+        return None if reading is None else self.go_on(request, reading, check_only=True)
+
+    def go_on(self, request: FrameValue, reading: Reading, *, check_only: bool) -> Served:
+        """Serves what a request means, where the row's function does not do everything."""
+        validate(self.refuse, reading.names, check_only)
+        if reading.problem is not None:
+            raise reading.problem
+        for target in reading.targets:
+            target.unit.check(target.start, target.count, self.service == "write")
+        return Served(None) if check_only else self._reply(request, reading, self._do(reading))
+
+    def _do(self, reading: Reading) -> list[bytes] | None:
+        """The row's work; the data for the reply as they stand in the frame, None if there are none."""
+        data = None if self.work is None else self.work.do(reading, self.start_block)
+        if not self.transfers:
+            return data
+        if self.service == "write":
+            for target in reading.targets:
+                if target.memory is None:
+                    raise MemoryRangeError("the request brings no data to write")
+                target.unit.write(target.start, target.count, target.memory)
+            return data
+        found = []
+        for target in reading.targets:
+            memory = target.unit.read(target.start, target.count, reading.names)
+            found.append(self.facts.packer(target.unit.unit).to_data(memory, target.start, target.count))
+        return found
+
+    def _reply(self, request: FrameValue, reading: Reading, data: Sequence[bytes] | None) -> Served:
+        names = reading.names
+        if data is not None:
+            names["data"] = b"".join(data)
+            names["bytes"] = len(names["data"])
+            variables = [target.names for target in reading.targets]
+            if len(variables) != len(data):
+                variables = [Names(parent=names) for _ in data]
+            names[EACH] = [{**own, "data": part} for part, own in zip(data, variables, strict=True)]
+        for when, frame, buffer in self.replies:
+            if when is None or when(names):
+                reply = None if frame is None else frame(names)
+                if reply is not None:
+                    self.facts.shared.table.fill_echo(reply, request)
+                return Served(reply, b"" if buffer is None else buffer(names))
+        return Served(None)
+
+
+class MemoryServer:
+    """Serves a device's memory. `mapping` puts areas of the protocol elsewhere in it (see `DeviceAreas`).
+
+    `on_block` starts blocks of a run for requests that ask for one. `refresh` brings the memory up to date before each
+    request, `refuses` refuses requests that the device would serve, `counters` count what is done and refused.
+    """
+
+    def __init__(
+        self,
+        protocol: model.Protocol,
+        codec: Codec,
+        memory: DeviceMemory,
+        *,
+        mapping: Mapping[str, tuple[str, int]] | None = None,
+        on_block: StartBlock | None = None,
+        refresh: Callable[[], None] | None = None,
+        refuses: Refuses | None = None,
+        counters: ServiceCounters | None = None,
+    ) -> None:
+        self.on_block = on_block
+        self.refresh = refresh
+        self.refuses = refuses
+        self.counters = ServiceCounters() if counters is None else counters
+        self.areas = DeviceAreas(protocol, codec, memory, mapping)
+        self.shared = ServiceRows(protocol, codec)
+        self._refuse = rules(protocol.server_refusals)
+        self._rows: dict[str, list[ServedRow]] = {}
+        self.codes = codes = codes_of(protocol)
+        for facts in self.shared.served:
+            row = ServedRow(facts, self.areas, codes, self._start_block)
+            self._rows.setdefault(row.matching.frame, []).append(row)
+        errors = protocol.errors
+        self._memory_codes = {} if errors is None else {n: compile_expression(e) for n, e in errors.memory.items()}
+        answer = None if errors is None else errors.answer
+        self._answer = None if answer is None else compile_value(answer, protocol, codec, self.shared.table)
+
+    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        """Does what a request asks for, or, with `check_only`, only says whether it would be refused.
+
+        What depends on the bytes beside the request is not judged by `check_only`: they come later.
+        """
+        if self.refresh is not None:
+            self.refresh()
+        planned = None if self.refuses is None else self.refuses(request, check_only)
+        if planned is not None:
+            served = self.refuse(request, planned.code, buffer, station, names)
+        else:
+            try:
+                served = self._serve(request, buffer, station, check_only, names)
+            except (RefusedError, DeviceMemoryError, BlockRefusedError, *EVALUATION_ERRORS) as error:
+                known = Names({"request": request, "buffer": buffer, "station": station}, names)
+                served = self._failed(request, error, known)
+        if served.refusal:
+            self.counters.refused[served.refusal] += 1
+        elif not check_only:
+            self.counters.done += 1
+        return served
+
+    def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
+        """The exchange that a request asks for, whether it would be refused or not; nothing is done.
+
+        Raises RefusedError for a request that no row is for, and EVALUATION_ERRORS.
+        """
+
+        def read(row: ServedRow) -> tuple[CompiledBlock | None, Names] | None:
+            reading = row.matching.read(request, b"", None, names, True)
+            return None if reading is None else (None if row.work is None else row.work.block, reading.names)
+
+        return self._first(request, b"", None, names, read)
+
+    def refuse(self, request: FrameValue, code: int | None, buffer: bytes, station: Any, names: Names) -> Served:
+        """Refuses a request whatever it asks for; without a code as for an address that is out of range."""
+        known = Names({"request": request, "buffer": buffer, "station": station}, names)
+        return self._refused(request, self._code_or(code, "range", known), known)
+
+    def _serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        if request.refusal is not None:
+            raise RefusedError(request.refusal)
+        if self._refuse:
+            validate(self._refuse, Names({"request": request, "buffer": buffer, "station": station}, names), check_only)
+
+        def serve(row: ServedRow) -> Served | None:
+            if check_only:
+                return row.check(request, buffer, station, names)
+            return row.matching.serve(request, buffer, station, names)
+
+        return self._first(request, buffer, station, names, serve)
+
+    def _first(
+        self, request: FrameValue, buffer: bytes, station: Any, names: Names, do: Callable[[ServedRow], Found | None]
+    ) -> Found:
+        """What the first row that fits gives. Raises RefusedError with the best reason why none does."""
+        reason, damaged = "no_service", None
+        for row in self._rows.get(request.frame, ()):
+            try:
+                found = do(row)
+            except MismatchError:
+                continue
+            except ElsewhereError as error:
+                if error.known and row.service == "write":
+                    reason = "access"
+                elif reason != "access":
+                    reason = "unknown"
+                continue
+            except DamagedBufferError as error:
+                damaged = damaged or error
+                continue
+            if found is not None:
+                return found
+        known = Names({"request": request, "buffer": buffer, "station": station}, names)
+        if damaged is not None:
+            raise RefusedError(self._code_or(damaged.refuse, "range", known))
+        raise RefusedError(self._memory_code(reason, known))
+
+    def _start_block(self, block: CompiledBlock, names: Names) -> None:
+        code = None if self.on_block is None else self.on_block(block, names)
+        if self.on_block is None or code is not None:
+            raise BlockRefusedError(code)
+
+    # ---- refusals -----------------------------------------------------------------------------------------
+
+    def _failed(self, request: FrameValue, error: Exception, names: Names) -> Served:
+        """A request that cannot be done."""
+        if isinstance(error, RefusedError):
+            return self._refused(request, error.code, names)
+        if isinstance(error, DeviceMemoryError):
+            return self._refused(request, self._memory_code(kind_of(error), names), names)
+        if isinstance(error, BlockRefusedError):
+            return self._refused(request, self._code_or(error.code, "no_service", names), names)
+        return self._refused(request, self._memory_code("range", names), names, _trouble(request, error))
+
+    def _refused(self, request: FrameValue, code: int, names: Names, trouble: str = "") -> Served:
+        if self._answer is None:
+            return Served(None, b"", code, trouble)
+        try:
+            reply = self._answer(Names({"code": code}, names))
+        except EVALUATION_ERRORS as error:
+            return Served(None, b"", code, trouble or _trouble(request, error))
+        self.shared.table.fill_echo(reply, request)
+        return Served(reply, b"", code, trouble)
+
+    def _code_or(self, code: int | None, kind: str, names: Names) -> int:
+        return self._memory_code(kind, names) if code is None else code
+
+    def _memory_code(self, kind: str, names: Names) -> int:
+        """The code for `unknown`, `range`, `access` or `no_service`; the nearest one where the definition has none."""
+        for name in (kind, "unknown", "range", "access", "no_service"):
+            if name in self._memory_codes:
+                return int(self._memory_codes[name](names))
+        return NOTHING_SAID
+
+
+def rules(refusals: Sequence[Refusal]) -> list[Rule]:
+    """Refusals of a definition, compiled."""
+    return [
+        (compile_expression(rule.when), compile_expression(rule.code), "buffer" in names_in(rule.when.root))
+        for rule in refusals
+    ]
+
+
+def validate(refuse: Sequence[Rule], names: Names, check_only: bool) -> None:
+    """Raises RefusedError for the first rule whose condition holds."""
+    for when, code, needs_buffer in refuse:
+        if not (check_only and needs_buffer) and when(names):
+            raise RefusedError(int(code(names)))
+
+
+def kind_of(error: DeviceMemoryError) -> str:
+    """What the definition calls this refusal of the memory."""
+    if isinstance(error, UnknownAreaError):
+        return "unknown"
+    return "access" if isinstance(error, AccessError) else "range"
+
+
+def _trouble(request: FrameValue, error: Exception) -> str:
+    return f"serving '{request.frame}': {explain(error)}"
