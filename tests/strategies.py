@@ -20,7 +20,7 @@ from framekit.codec.errors import EncodeError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 
 # ---- context ------------------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.model.commands import CallOf
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 
 

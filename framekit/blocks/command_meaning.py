@@ -14,7 +14,7 @@ from framekit.blocks.commands import CommandBlocks
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field
-from framekit.definition.model.sizes import flat
+from framekit.definition.model.walk import flat
 from framekit.definition.times import format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.evaluate import EVALUATION_ERRORS, Names

@@ -12,10 +12,10 @@ from typing import Any
 
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.commands import CommandRules
+from framekit.definition.model.frame_sizes import fixed_size
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner, Length
-from framekit.definition.model.sizes import fixed_size
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import plural
 from framekit.link.arrivals import BadFrame, FrameArrived
 from framekit.link.evaluate import EVALUATION_ERRORS, Names

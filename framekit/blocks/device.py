@@ -25,7 +25,7 @@ from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area as AreaModel
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Scalar, read_nodes, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean

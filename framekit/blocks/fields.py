@@ -21,7 +21,7 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
-from framekit.definition.model.sizes import bounds_of, flat
+from framekit.definition.model.walk import bounds_of, flat
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.views import as_float, as_signed, from_float
 

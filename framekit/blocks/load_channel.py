@@ -17,7 +17,7 @@ from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import WITHOUT_NUMBER, Protocol
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.definition.times import LineFormat, parse_format

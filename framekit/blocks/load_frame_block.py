@@ -13,7 +13,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Data, Field
-from framekit.definition.model.sizes import field_names
+from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.nodes import Node, Scalar
 from framekit.definition.problems import did_you_mean

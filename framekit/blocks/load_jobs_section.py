@@ -17,7 +17,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.commands import JobWork
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.nodes import Node
 from framekit.definition.problems import DefinitionError, Problem

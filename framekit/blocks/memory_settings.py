@@ -13,7 +13,7 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area as AreaModel
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Node
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.link.addresses import AddressError, AddressGrammar

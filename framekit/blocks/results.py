@@ -27,8 +27,8 @@ from framekit.definition.model.segments import (
     Segment,
 )
 from framekit.definition.model.services import Packing, ServiceRow
-from framekit.definition.model.sizes import flat
 from framekit.definition.model.values import LayoutOf, ReadAs, RecordOf, Value
+from framekit.definition.model.walk import flat
 from framekit.definition.problems import did_you_mean
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.packing import Packer, join_memory, memory_of, values_of

@@ -14,6 +14,7 @@ from framekit.cli.common import load, print_json
 from framekit.cli.commreq_words import commands_in, record_of
 from framekit.cli.main import WrongWords
 from framekit.cli.one_shot import add_line, carry_out
+from framekit.definition.model.walk import parts_of
 from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
@@ -70,7 +71,6 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
     from framekit.cli.commreq_jobs import carry_out_jobs
     from framekit.cli.commreq_run import CommandRun
     from framekit.definition.model.commands import JobWork
-    from framekit.definition.model.visit import parts_of
 
     if any(parts_of(dict(application.services), JobWork)):
         return carry_out_jobs(application, protocol, records, arguments)

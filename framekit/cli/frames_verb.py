@@ -65,7 +65,7 @@ def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:
 def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str, str]]:
     """Name and form of every field, those of records and repeats indented below them."""
     from framekit.definition.model.segments import Bits, Inner, Record, Repeat
-    from framekit.definition.model.sizes import flat
+    from framekit.definition.model.walk import flat
 
     found: list[tuple[str, str]] = []
     for segment in flat(segments):
@@ -73,8 +73,7 @@ def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str
             found += [(indent + part.name, _places(part.low, part.high)) for part in segment.parts]
         elif isinstance(segment, (Record, Repeat)):
             found.append((indent + segment.name, "record" if isinstance(segment, Record) else "list"))
-            if isinstance(segment.of, tuple):
-                found += fields_of(segment.of, indent + "  ")
+            found += fields_of(segment.inner_record or (), indent + "  ")
         elif isinstance(segment, Inner):
             found.append((indent + segment.name, "one of " + ", ".join(segment.frames)))
         elif (form := _form(segment)) is not None and segment.name:

@@ -17,14 +17,14 @@ from framekit.codec.double_errors import check_weak_codes
 from framekit.codec.errors import FrameError
 from framekit.codec.hidden_ends import check_hidden_ends, check_silent_ends
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.shape import Shapes
 from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sample, Sampler
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem
 
 FEWEST = 2
@@ -127,7 +127,7 @@ class _Checker:
     def __init__(self, codec: Codec, sampler: Sampler) -> None:
         self.codec = codec
         self.sampler = sampler
-        self.shapes = Shapes(codec.protocol.frames)
+        self.shapes = StaticSizes(codec.protocol.frames)
         self.judged: dict[tuple[str, str, bool], Sample | None] = {}
         self.constants: dict[str, tuple[tuple[int, int], ...]] = {}
 

@@ -14,7 +14,7 @@ import construct
 
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import Context, FrameFunctions
-from framekit.codec.python.shape import Shapes
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 
 
@@ -60,7 +60,7 @@ class CompiledFrame(construct.Construct):
         self.name = name
         self.docs = frames[name].doc
         self._functions = functions
-        self._sizes = Shapes(frames).frame(name)
+        self._sizes = StaticSizes(frames).frame(name)
         self._context = context
 
     def _parse(self, stream: BytesIO, context: construct.Container, path: str) -> construct.Container:

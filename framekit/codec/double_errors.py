@@ -17,7 +17,7 @@ from framekit.codec.samples import Sample, Sampler
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Problem
 from framekit.definition.times import parse_format
 

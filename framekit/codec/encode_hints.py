@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from framekit.codec.errors import EncodeError
-from framekit.codec.plain import by_name
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner, Record, Repeat, Segment
+from framekit.definition.model.walk import by_value_name
 from framekit.definition.problems import did_you_mean
 
 MOST = 8
@@ -73,7 +73,7 @@ def _levels(protocol: Protocol, segments: tuple[Segment, ...], given: Any) -> It
     """The frame itself, then the records, items and inner frames that were given in it."""
     if not isinstance(given, Mapping):
         return
-    known = by_name(segments)
+    known = by_value_name(segments)
     yield known, given
     for name, value in given.items():
         match known.get(name):

@@ -12,7 +12,7 @@ from framekit.codec.samples import Sampler
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Const, Data, Inner, Segment
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Problem
 
 _DIGITS = b"0123456789ABCDEF"

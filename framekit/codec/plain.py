@@ -14,20 +14,17 @@ from framekit.definition.load.scalars import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     Bits,
-    Choose,
     Count,
     Data,
     Field,
     FieldType,
     Inner,
     Length,
-    Optional,
     Record,
     Repeat,
     Segment,
-    Value,
-    Wrap,
 )
+from framekit.definition.model.walk import by_value_name
 from framekit.definition.times import format_time, parse_time
 
 Convert = Callable[[Any], Any]
@@ -52,7 +49,7 @@ class PlainValues:
     # ---- reading ------------------------------------------------------------------------------------------
 
     def _read(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
-        known = by_name(segments)
+        known = by_value_name(segments)
         result = {}
         for name, value in fields.items():
             segment = known.get(name)
@@ -91,7 +88,7 @@ class PlainValues:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def _written(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
-        known = by_name(segments)
+        known = by_value_name(segments)
         return {name: self._shown(known.get(name), value) for name, value in fields.items()}
 
     def _shown(self, segment: Segment | None, value: Any) -> Any:
@@ -105,23 +102,6 @@ class PlainValues:
             case Inner() if isinstance(value, dict):
                 return {frame: self.to_plain(frame, fields) for frame, fields in value.items()}
         return shown(value)
-
-
-def by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:
-    """The segments that hold values, by the name of the value, also those in wraps, choices and optional parts."""
-    found: dict[str, Segment] = {}
-    for segment in segments:
-        if isinstance(segment, (Wrap, Optional)):
-            found |= by_name(segment.of)
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                found |= by_name(case)
-            found |= by_name(segment.otherwise or ())
-        elif isinstance(segment, Bits):
-            found |= {part.name: segment for part in segment.parts}
-        elif isinstance(segment, (Field, Data, Length, Count, Repeat, Record, Inner, Value)):
-            found[segment.name] = segment
-    return found
 
 
 def _typed(type_: FieldType, value: Any) -> Any:

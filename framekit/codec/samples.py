@@ -18,8 +18,7 @@ from framekit.codec.sample_hints import Hints, hints_of
 from framekit.definition.expression.syntax import Expression, Node, names_in
 from framekit.definition.model import segments as model
 from framekit.definition.model.segments import FieldType, Segment
-from framekit.definition.model.sizes import bounds_of, flat
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import bounds_of, expressions_of, flat
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789%"
 LARGEST = 600

@@ -13,7 +13,7 @@ from framekit.definition.expression.syntax import Attribute, Expression, Name, N
 from framekit.definition.model.procedure import Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 from framekit.link.construct_values import Compute, compile_value
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.frame_table import FrameTable

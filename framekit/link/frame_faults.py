@@ -15,7 +15,7 @@ from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope
 from framekit.link.station_fields import station_fields

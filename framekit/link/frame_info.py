@@ -15,12 +15,10 @@ from framekit.definition.model.segments import (
     Bits,
     BitsPart,
     Check,
-    Choose,
     Const,
     Field,
     Inner,
     Record,
-    Repeat,
     Segment,
     Wrap,
 )
@@ -224,14 +222,9 @@ def shape_of(segments: tuple[Segment, ...]) -> Shape:
     for segment in segments:
         if isinstance(segment, Inner):
             found.append(("inner", segment.name, None))
-        elif isinstance(segment, (Wrap, OptionalSegments)):
-            found.extend(shape_of(segment.of))
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                found.extend(shape_of(case))
-            found.extend(shape_of(segment.otherwise or ()))
-        elif isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            below = shape_of(segment.of)
-            if below:
-                found.append(("record" if isinstance(segment, Record) else "list", segment.name, below))
+        for block in segment.blocks:
+            found.extend(shape_of(block))
+        below = shape_of(segment.inner_record or ())
+        if below:
+            found.append(("record" if isinstance(segment, Record) else "list", segment.name or "", below))
     return tuple(found)

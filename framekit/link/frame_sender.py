@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from framekit.definition.expression.syntax import names_in
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 
 if TYPE_CHECKING:
     from framekit.link.engine import Engine

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
-from framekit.codec.python.shape import everything
 from framekit.definition.model import protocol as model
 from framekit.definition.model.segments import (
     Inner,
 )
+from framekit.definition.model.walk import everything
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
 from framekit.link.frame_info import FrameCodec, FrameInfo, Rows, Shape, Together
 from framekit.link.values import FrameValue, plain

@@ -9,11 +9,11 @@ from collections.abc import Callable
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.shape import Shapes
 from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Wrap
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 
 Intact = Callable[[bytes | bytearray], bool]
@@ -117,7 +117,7 @@ def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: I
 
 def _character_at(name: str, segments: tuple[Segment, ...]) -> int | None:
     """The place of a field of one character, if it is always the same."""
-    place, shapes = 0, Shapes({})
+    place, shapes = 0, StaticSizes({})
     for segment in segments:
         if segment.when is not None or any(parts_of(segment, Inner)):
             return None

@@ -13,7 +13,7 @@ from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.procedure import CallOf, Role, Row, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.invert import bare_name
 from framekit.link.output import Item

@@ -12,7 +12,7 @@ from typing import Any
 from framekit.codec.python.forms import is_slice, struct_code
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.segments import Check, Field
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 from framekit.link.frame_info import FrameInfo
 from framekit.link.spans import spans_of
 from framekit.link.values import FrameValue

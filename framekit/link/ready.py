@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from framekit.definition.model.values import FrameOf, LayoutOf
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.link.construct_values import Compute, compile_value
 from framekit.link.direct import DirectRequest
 from framekit.link.direct_read import PlainReply

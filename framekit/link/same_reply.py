@@ -13,7 +13,7 @@ from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Name, names_in, walk
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.segments import Check, Data, Field, Inner
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 from framekit.link.frame_info import FrameInfo
 from framekit.link.intact import Intact
 from framekit.link.scope import Scope

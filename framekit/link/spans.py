@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from framekit.definition.model.frame_sizes import fixed_size
 from framekit.definition.model.segments import Data, Inner, Segment
-from framekit.definition.model.sizes import fixed_size
 from framekit.link.frame_info import FrameInfo
 from framekit.link.values import FrameValue
 

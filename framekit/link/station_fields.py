@@ -12,7 +12,7 @@ from framekit.definition.expression.syntax import Attribute, Expression, Name
 from framekit.definition.model.procedure import Action, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 
 STATIONS = ("station", "own")
 

@@ -15,7 +15,7 @@ from framekit.definition.checks_catalogue import crc_catalogue, from_crc
 from framekit.definition.load import load_protocol
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.shipped import shipped_folder
 
 BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]

@@ -14,16 +14,16 @@ from framekit.codec.functions import FrameFunctions, module_of
 from framekit.codec.python.generate import generate_source
 from framekit.codec.python.joined import MOST_PAIRS, pairs_of
 from framekit.codec.python.normal import normal_protocol
-from framekit.codec.python.shape import Shapes
 from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.protocol import Protocol
 
 
 def pairs(protocol: Protocol) -> list[tuple[str, str]]:
     """Every frame, with every one inside it, that are read at once."""
-    shapes = Shapes(normal_protocol(protocol).frames)
+    shapes = StaticSizes(normal_protocol(protocol).frames)
     return [(name, pair.inside_name) for name, frame in shapes.frames.items() for pair in pairs_of(shapes, frame)]
 
 

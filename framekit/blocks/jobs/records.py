@@ -15,7 +15,7 @@ from framekit.blocks.model import Place
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 from framekit.codec.batch.result import Path
 from framekit.codec.python.expressions import constant_of
-from framekit.codec.python.shape import Shapes
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
@@ -66,7 +66,7 @@ class Planner:
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self._frames = frames
-        self._shapes = Shapes(frames)
+        self._shapes = StaticSizes(frames)
 
     def plan(self, name: str, size: int, offset: int = 0, path: Path = ()) -> Plan:
         """The plan of a frame of `size` bytes from `offset` on. Raises NoPlanError."""

@@ -8,7 +8,6 @@ from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.function import MISFIT
 from framekit.codec.python.places import Place
 from framekit.codec.python.reader import Item
-from framekit.codec.python.shape import everything, value_names, without_when
 from framekit.codec.python.sized import SizedReader
 from framekit.codec.python.source import literal
 from framekit.definition.expression.emit import AND, BIT_OR
@@ -21,6 +20,7 @@ from framekit.definition.model.segments import (
     Require,
     Segment,
 )
+from framekit.definition.model.walk import everything, without_when
 
 
 class BranchReader(SizedReader):
@@ -124,7 +124,7 @@ class BranchReader(SizedReader):
         return lines
 
     def _wire_by_bounds(self, scope: Scope, segment: Segment) -> None:
-        for name in (segment.name or "", *value_names(segment)):
+        for name in (segment.name or "", *segment.value_names):
             if name in scope.entries:
                 scope.entries[name].wire = self.function.wire_size(segment.name or "")
 
@@ -153,7 +153,7 @@ class BranchReader(SizedReader):
         function = self.function
         for item in items:
             for segment in (item.segment,):
-                for name in value_names(segment):
+                for name in segment.value_names:
                     if name in function.read_names and name not in item.scope.entries:
                         local = function.names.fresh(name)
                         function.add(f"{local} = None")

@@ -9,7 +9,7 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.reader import not_possible
-from framekit.codec.python.shape import everything, follows_its_length, named, names_read
+from framekit.codec.python.shape import follows_its_length, named, names_read
 from framekit.codec.python.source import Code, Source, text_source
 from framekit.definition.expression.emit import OR, PRODUCT
 from framekit.definition.expression.syntax import Attribute, Call, Expression, Index, Name, Node, children, walk
@@ -23,7 +23,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
 )
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import everything, expressions_of
 
 Placed = tuple[Segment, Scope]
 """A segment and the scope its names belong to."""

@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from framekit.codec.python.expressions import constant_of
-from framekit.codec.python.shape import Shapes
 from framekit.codec.python.source import quoted
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Record, Segment
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 
 Allowed = Mapping[int, frozenset[int]]
 """Place in the frame → the values its byte can have."""
@@ -38,12 +38,12 @@ class Switch:
     others: Leaf | Switch
 
 
-def in_order(shapes: Shapes, frames: tuple[str, ...]) -> tuple[str, ...]:
+def in_order(shapes: StaticSizes, frames: tuple[str, ...]) -> tuple[str, ...]:
     """Candidates in the order they are tried: those that exist to be refused come last."""
     return tuple(sorted(frames, key=lambda name: shapes.frames[name].refuse is not None))
 
 
-def tree_of(shapes: Shapes, frames: tuple[str, ...]) -> Leaf | Switch:
+def tree_of(shapes: StaticSizes, frames: tuple[str, ...]) -> Leaf | Switch:
     """How candidates, in this order, are told apart."""
     tree: Leaf | Switch | None = shapes.trees.get(frames)
     if tree is None:
@@ -88,7 +88,7 @@ def _groups(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int)
 def fixed_bytes(segments: tuple[Segment, ...]) -> Iterator[tuple[int, frozenset[int]]]:
     """The bytes at fixed places that a frame restricts, before anything it could be refused for."""
     place = 0
-    shapes = Shapes({})
+    shapes = StaticSizes({})
     for segment in _flat(segments):
         if segment.refuse is not None or segment.when is not None:
             return

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from framekit.codec.python.function import leaves, span_names
-from framekit.codec.python.shape import everything
-from framekit.definition.model.segments import Check, Choose, Optional, Record, Repeat, Segment, Wrap
+from framekit.codec.python.function import span_names
+from framekit.definition.model.segments import Check, Record, Segment, Wrap
+from framekit.definition.model.walk import everything, leaves
 
 
 class Coverage:
@@ -57,19 +57,10 @@ def buffers(segments: tuple[Segment, ...], begins: bool = True) -> Iterator[tupl
     """Every list of segments whose bytes are put together on their own; whether nothing stands before it."""
     yield segments, begins
     for segment in segments:
-        match segment:
-            case Wrap(of=of):
-                yield from buffers(of)
-            case Record(of=of):
-                yield from list(buffers(of))[1:]
-            case Optional(of=of):
-                yield from buffers(of, False)
-            case Repeat(of=tuple() as of):
-                yield from buffers(of)
-            case Choose(cases=cases, otherwise=otherwise):
-                for _, case in cases:
-                    yield from buffers(case, False)
-                yield from buffers(otherwise or (), False)
+        for block in segment.blocks:
+            yield from buffers(block, segment.is_there_inside)
+        if segment.inner_record is not None:  # what a record holds stands in the buffer around it
+            yield from list(buffers(segment.inner_record))[1 if isinstance(segment, Record) else 0 :]
 
 
 def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:

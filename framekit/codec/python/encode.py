@@ -8,11 +8,10 @@ from framekit.codec.python.branches import numbers_of
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import Given
-from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter
 from framekit.codec.python.rules import RuleWriter, is_needed
-from framekit.codec.python.shape import flat, may_be_empty, named, names_read, value_names
+from framekit.codec.python.shape import may_be_empty, named, names_read
 from framekit.codec.python.source import Code, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.frames import Frame
@@ -31,7 +30,7 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of, flat, leaves
 
 
 def write_encoder(
@@ -127,7 +126,7 @@ class EncodeWriter(PieceWriter):
                 message = text_source("'", *where, "' takes no bytes, so nothing shows that it is there")
                 self.complain(f"len({wire}) == {before}", text_source(*where), message)
             if whole:
-                names = {name for one in flat(repeat.of) for name in value_names(one)}
+                names = {name for one in flat(repeat.of) for name in one.value_names}
                 fields = ", ".join(
                     f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names) if name in inside.entries
                 )
@@ -193,14 +192,14 @@ class EncodeWriter(PieceWriter):
         outside = self._names_for_others(segment, scope)
         rooms = self._rooms_for_others(segment)
         cases = self._cases(segment, scope, given)
-        everywhere = {name for one in flat((segment,)) for name in value_names(one)}
+        everywhere = {name for one in flat((segment,)) for name in one.value_names}
         for header, segments in cases:
             with self.out.block(header):
                 if segments is None:
                     self.add('raise EncodeError("", "no case fits")')
                     continue
                 inside = self._branch(segments, scope, given, outside, rooms)
-                others = everywhere - {name for one in flat(segments) for name in value_names(one)}
+                others = everywhere - {name for one in flat(segments) for name in one.value_names}
                 if others:
                     assert given.in_cases is not None
                     self.add(f"{given.in_cases[1]} += {literal(tuple(sorted(others)))}")
@@ -237,7 +236,7 @@ class EncodeWriter(PieceWriter):
         """Locals for names that expressions outside the branch may read."""
         found: dict[str, str] = {}
         for one in flat((segment,)):
-            for name in value_names(one):
+            for name in one.value_names:
                 if name in self.read_names and name not in found:
                     found[name] = self.names.fresh(name)
                     self.add(f"{found[name]} = None")
@@ -294,4 +293,4 @@ def _inputs(segment: Segment) -> tuple[str, ...]:
         return ()
     if isinstance(segment, Bits):
         return tuple(part.name for part in segment.parts if part.is_ is None)
-    return value_names(segment)
+    return segment.value_names

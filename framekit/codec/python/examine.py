@@ -12,9 +12,7 @@ from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.examine_segments import SegmentExaminer
 from framekit.codec.python.examining import Behind
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
-from framekit.codec.python.shape import everything, flat, value_names, without_when
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression, names_in
@@ -32,6 +30,7 @@ from framekit.definition.model.segments import (
     Segment,
     Wrap,
 )
+from framekit.definition.model.walk import everything, flat, leaves, without_when
 
 
 def write_examiner(
@@ -114,9 +113,9 @@ class ExamineWriter(SegmentExaminer):
         for segment in front:
             variable = variable or self.shapes.is_variable(segment)
             if variable:
-                late.update(name for one in everything((segment,)) for name in value_names(one))
+                late.update(name for one in everything((segment,)) for name in one.value_names)
         wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}
-        own = {name for segment in everything(tail) for name in value_names(segment)}
+        own = {name for segment in everything(tail) for name in segment.value_names}
         return not wanted & (late | own)
 
     def list(
@@ -137,7 +136,7 @@ class ExamineWriter(SegmentExaminer):
                 self._conditional(segment, scope, behind)
             else:
                 self.segment(segment, scope, behind)
-            self.read_names.update(name for one in everything((segment,)) for name in value_names(one))
+            self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
         if finish:
             self.finish()
             self.deferred = outside
@@ -166,10 +165,10 @@ class ExamineWriter(SegmentExaminer):
 
     def _without(self, segments: Iterable[Segment], there: Iterable[Segment] = ()) -> str:
         """The call that says that what expressions read of these segments is nothing, but for what is `there`."""
-        known = {name for one in flat(there) for name in value_names(one)}
-        wanted = [one for one in flat(segments) if set(value_names(one)) & self.asked_by_name - known]
+        known = {name for one in flat(there) for name in one.value_names}
+        wanted = [one for one in flat(segments) if set(one.value_names) & self.asked_by_name - known]
         records = sorted({one.name for one in wanted if isinstance(one, Record)})
-        names = {name for one in wanted for name in value_names(one)} & self.asked_by_name - known - set(records)
+        names = {name for one in wanted for name in one.value_names} & self.asked_by_name - known - set(records)
         texts = [literal(tuple(sorted(names))), *([literal(tuple(records))] if records else [])]
         return f"n.without({', '.join(texts)})" if wanted else ""
 

@@ -8,8 +8,8 @@ from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.examining import Behind, Examining
 from framekit.codec.python.expressions import Scope, constant_of
-from framekit.codec.python.function import covers_later, leaves, span_names
-from framekit.codec.python.shape import Fill, is_always_there, is_followed, is_plain_name, targets_of
+from framekit.codec.python.function import covers_later, span_names
+from framekit.codec.python.shape import is_always_there, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
     Bits,
@@ -19,6 +19,7 @@ from framekit.definition.model.segments import (
     Data,
     Field,
     FieldType,
+    Fill,
     Length,
     Repeat,
     Require,
@@ -27,6 +28,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import leaves
 
 
 class SegmentExaminer(Examining):

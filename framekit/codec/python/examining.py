@@ -5,30 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
-from framekit.codec.python.function import leaves, span_names
+from framekit.codec.python.function import span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
-from framekit.codec.python.shape import everything, names_asked_for, value_names
+from framekit.codec.python.shape import names_asked_for
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.emit import BIT_OR, PRODUCT
 from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.segments import (
     Bits,
     Check,
-    Choose,
     Const,
     Count,
     Data,
     Field,
     Inner,
     Length,
-    Optional,
     Record,
     Repeat,
     Segment,
     Value,
-    Wrap,
 )
+from framekit.definition.model.walk import everything, leaves
 
 Behind = tuple[tuple[Segment, Scope], ...]
 """What follows a segment in its buffer, with the scopes of its names."""
@@ -47,7 +45,7 @@ class Examining:
         self.hoisted: dict[str, str] = {}
         self.deferred: list[str] = []
         self.late_checks: list[str] = []
-        self.field_names = {name for segment in everything(segments) for name in value_names(segment)}
+        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.read_names: set[str] = set()
         self.asked_by_name = names_asked_for(segments)
         self.asked_for = self._asked_for()
@@ -124,13 +122,9 @@ class Examining:
     def declare(self, segments: Iterable[Segment], scope: Scope) -> None:
         """Every field of a list by `n["name"]`."""
         for segment in segments:
+            for block in segment.blocks:
+                self.declare(block, scope)
             match segment:
-                case Wrap(of=of) | Optional(of=of):
-                    self.declare(of, scope)
-                case Choose(cases=cases, otherwise=otherwise):
-                    for _, case in cases:
-                        self.declare(case, scope)
-                    self.declare(otherwise or (), scope)
                 case Bits(parts=parts):
                     for part in parts:
                         scope.entries[part.name] = Entry(f"n[{quoted(part.name)}]")

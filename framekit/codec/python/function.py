@@ -10,15 +10,7 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.places import Place, between
-from framekit.codec.python.shape import (
-    Target,
-    everything,
-    flat,
-    is_followed,
-    names_asked_for,
-    targets_of,
-    value_names,
-)
+from framekit.codec.python.shape import Target, is_followed, names_asked_for, targets_of
 from framekit.codec.python.source import Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import (
@@ -28,12 +20,10 @@ from framekit.definition.model.segments import (
     Length,
     Optional,
     Record,
-    Require,
     Segment,
-    Value,
     Wrap,
 )
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import everything, expressions_of, flat, leaves
 
 MISFIT = "raise Misfit"
 CONTAINERS = (Wrap, Optional, Record, Choose)
@@ -64,7 +54,7 @@ class Function:
         self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
         self.conditions: list[str] = []
         self.read_names = names_asked_for(segments)
-        self.field_names = {name for segment in everything(segments) for name in value_names(segment)}
+        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.tracked = tracked_names(segments)
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.names_of_values: dict[str, str] = {}
@@ -231,19 +221,6 @@ def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
 def _named(segments: tuple[Segment, ...], names: tuple[str, ...]) -> Iterator[Segment]:
     """The leaves of the segments of these names."""
     return leaves(segment for segment in everything(segments) if segment.name in names)
-
-
-def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """The segments that stand for bytes themselves, in order: what is in wraps, choices and records, not those."""
-    for segment in segments:
-        if isinstance(segment, (Wrap, Optional, Record)):
-            yield from leaves(segment.of)
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                yield from leaves(case)
-            yield from leaves(segment.otherwise or ())
-        elif not isinstance(segment, (Value, Require)):
-            yield segment
 
 
 def ends_of(segment: Segment) -> tuple[str | None, str | None]:

@@ -28,12 +28,13 @@ from framekit.codec.python.normal import normal_protocol
 from framekit.codec.python.parameters import Level, inner_frames, rows_of
 from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
-from framekit.codec.python.shape import everything, names_read, value_names
+from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.codec.python.takes import Together, write_takes
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Length, Repeat, Segment
+from framekit.definition.model.walk import everything
 
 _FUNCTIONS = ("encode", "decode", "measure", "examine")
 """Every frame's; some have `extent_…` besides."""
@@ -158,7 +159,7 @@ class ModuleWriter:
         if not segments:
             return False
         own = {segment.name for segment in everything(segments)}
-        own |= {name for segment in everything(segments) for name in value_names(segment)}
+        own |= {name for segment in everything(segments) for name in segment.value_names}
         for segment in everything(segments):
             if isinstance(segment, Check) and (set(segment.over or ()) | set(segment.span or ()) - {"here"}) - own:
                 return False

@@ -17,10 +17,11 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.nested import Reader
 from framekit.codec.python.places import Fields
 from framekit.codec.python.reader import Item
-from framekit.codec.python.shape import Shapes, Sizes, Target, everything, named, names_read, value_names
+from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
@@ -39,6 +40,8 @@ from framekit.definition.model.segments import (
     Skip,
     Value,
 )
+from framekit.definition.model.static_size import Sizes
+from framekit.definition.model.walk import everything
 
 MOST_PAIRS = 40
 """A frame is joined with so many others at most: each pair is a function more, of ten lines or so."""
@@ -57,7 +60,7 @@ class Pair:
     segments: tuple[Segment, ...]
 
 
-def pairs_of(shapes: Shapes, frame: Frame) -> Iterator[Pair]:
+def pairs_of(shapes: StaticSizes, frame: Frame) -> Iterator[Pair]:
     """The pairs of a frame that are worth a function: plain ones, that a byte chooses before all others."""
     inner = place_of(shapes, frame)
     if inner is None:
@@ -68,7 +71,7 @@ def pairs_of(shapes: Shapes, frame: Frame) -> Iterator[Pair]:
             yield pair
 
 
-def place_of(shapes: Shapes, frame: Frame) -> tuple[Inner, int] | None:
+def place_of(shapes: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
     """The only frame inside a frame, and the byte that tells which it is; None where there is none at a fixed place."""
     found = [segment for segment in everything(frame.segments) if isinstance(segment, Inner)]
     if len(found) != 1 or found[0].when is not None or frame.delimited or found[0] not in frame.segments:
@@ -82,7 +85,7 @@ def place_of(shapes: Shapes, frame: Frame) -> tuple[Inner, int] | None:
     return None if front is None else (inner, front + (tree.at if isinstance(tree, Switch) else 0))
 
 
-def likely_names(shapes: Shapes, inner: Inner) -> list[str]:
+def likely_names(shapes: StaticSizes, inner: Inner) -> list[str]:
     """The frames that are tried first because of their deciding byte; see `Choice.likely`."""
     tree = tree_of(shapes, in_order(shapes, inner.frames))
     branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
@@ -90,7 +93,7 @@ def likely_names(shapes: Shapes, inner: Inner) -> list[str]:
     return [name for name in dict.fromkeys(firsts) if shapes.frames[name].refuse is None]
 
 
-def sole_names(shapes: Shapes, inner: Inner) -> set[str]:
+def sole_names(shapes: StaticSizes, inner: Inner) -> set[str]:
     """The frames beside which their deciding byte allows no other."""
     tree = tree_of(shapes, in_order(shapes, inner.frames))
     branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
@@ -99,7 +102,7 @@ def sole_names(shapes: Shapes, inner: Inner) -> set[str]:
     return {name for (name,) in alone} - beside
 
 
-def _pair(shapes: Shapes, frame: Frame, inner: Inner, name: str) -> Pair | None:
+def _pair(shapes: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
     """The two as one list of segments; None where they cannot be read as one."""
     other = shapes.frames[name]
     inside = tuple(renamed(segment) for segment in shapes.segments(other))
@@ -128,7 +131,7 @@ def _pair(shapes: Shapes, frame: Frame, inner: Inner, name: str) -> Pair | None:
     return Pair(inner, name, inside, tuple(sorted(together, key=lambda segment: isinstance(segment, Require))))
 
 
-def _ends_alike(shapes: Shapes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
+def _ends_alike(shapes: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
     """Whether the frame inside, read where it stands, ends where its region does."""
     if isinstance(inner.size, int):
         return sizes.fixed == inner.size
@@ -158,7 +161,7 @@ def is_plain(segments: Iterable[Segment]) -> bool:
 
 def names_of(segments: Iterable[Segment]) -> set[str]:
     every = tuple(everything(segments))
-    return {segment.name for segment in every if segment.name} | {name for one in every for name in value_names(one)}
+    return {segment.name for segment in every if segment.name} | {name for one in every for name in one.value_names}
 
 
 def counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:

@@ -16,7 +16,7 @@ from framekit.codec.python.measure_wraps import WrapMeasurer
 from framekit.codec.python.measuring import Finished, Pairs
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place
-from framekit.codec.python.shape import Fill, leading, may_be_empty, names_read, of_type, value_names, without_when
+from framekit.codec.python.shape import leading, may_be_empty, names_read
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
@@ -29,6 +29,7 @@ from framekit.definition.model.segments import (
     Data,
     Field,
     FieldType,
+    Fill,
     Inner,
     Length,
     Optional,
@@ -38,6 +39,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import without_when
 
 MOST = 65_536 + 1_024
 """The longest frame where the definition gives none."""
@@ -176,7 +178,7 @@ class MeasureWriter(WrapMeasurer):
     def _conditional(self, segment: Segment, scope: Scope, behind: Pairs) -> None:
         assert segment.when is not None
         present = without_when(segment)
-        names = [name for name in value_names(segment) if name in self.needed]
+        names = [name for name in segment.value_names if name in self.needed]
         if self.shapes.present(segment).fixed == 0 and not names:
             return
         condition = self.text(segment.when, scope)
@@ -235,7 +237,7 @@ class MeasureWriter(WrapMeasurer):
     # ---- segments with others inside ----------------------------------------------------------------------
 
     def _repeat(self, repeat: Repeat, scope: Scope, after: Pairs) -> None:
-        item = of_type(repeat.of) if isinstance(repeat.of, FieldType) else self.shapes.all(repeat.of)
+        item = repeat.of.sizes if isinstance(repeat.of, FieldType) else self.shapes.all(repeat.of)
         if repeat.times == "rest":
             self.rest(after)
         times = str(repeat.times)
@@ -269,7 +271,7 @@ class MeasureWriter(WrapMeasurer):
         needed = self.needed
         if found is not None:
             inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
-            self.needed = needed | names_read(of) | {name for one in of for name in value_names(one)}
+            self.needed = needed | names_read(of) | {name for one in of for name in one.value_names}
         with self.out.block(f"for {left} in range({times}, 0, -1):"):
             total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
             if least:

@@ -7,7 +7,6 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measuring import Finished, Measuring, Pairs
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place, between, index
-from framekit.codec.python.shape import on_wire, value_names
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.emit import PRODUCT, SUM
 from framekit.definition.expression.syntax import Expression
@@ -34,7 +33,7 @@ class SegmentMeasurer(Measuring):
         self.identifier = identifier
 
     def number(self, segment: Number, scope: Scope, after: Pairs) -> None:
-        needed = any(name in self.needed for name in value_names(segment))
+        needed = any(name in self.needed for name in segment.value_names)
         type_ = segment.type
         if isinstance(segment, Field) and segment.long is not None:
             self._long(segment, scope, after)
@@ -117,7 +116,7 @@ class SegmentMeasurer(Measuring):
         if data.size == "rest":
             self.rest(after)
         elif isinstance(data.size, int):
-            size = str(on_wire(data, data.size))
+            size = str(data.on_wire(data.size))
         elif data.convert is None:
             size = self.size_text(data.size, scope)
         else:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure_segments import SegmentMeasurer
 from framekit.codec.python.measuring import Pairs, needed_names
-from framekit.codec.python.shape import flat, leading, value_names
+from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Const, Inner, Wrap
+from framekit.definition.model.walk import flat
 
 
 class WrapMeasurer(SegmentMeasurer):
@@ -70,7 +71,7 @@ class WrapMeasurer(SegmentMeasurer):
     def _read_content(self, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
         """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
         needed = self.needed & needed_names(tuple(segment for segment, _ in after))
-        names = [name for one in flat(wrap.of) for name in value_names(one) if name in needed]
+        names = [name for one in flat(wrap.of) for name in one.value_names if name in needed]
         if names:
             self.settle()
             self.may_fail = True
@@ -80,7 +81,7 @@ class WrapMeasurer(SegmentMeasurer):
                 self.set_value(name, scope, f"fields[{quoted(name)}]")
 
     def _hex(self, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
-        needed = any(name in self.needed for one in flat(wrap.of) for name in value_names(one))
+        needed = any(name in self.needed for one in flat(wrap.of) for name in one.value_names)
         if fixed is not None:
             if needed:
                 self.want(2 * fixed, after)

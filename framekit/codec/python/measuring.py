@@ -8,7 +8,6 @@ from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, ma
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.places import Place
-from framekit.codec.python.shape import everything, flat, value_names
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import SUM
 from framekit.definition.expression.syntax import Attribute, Expression, names_in, walk
@@ -25,6 +24,7 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
+from framekit.definition.model.walk import everything, flat
 
 Pairs = tuple[tuple[Segment, Scope], ...]
 """Segments with the scopes their names belong to."""
@@ -81,7 +81,7 @@ class Measuring:
             if isinstance(segment, Record):
                 self.absent(segment.of, self._inside(segment, scope))
                 continue
-            for name in value_names(segment):
+            for name in segment.value_names:
                 if name in self.needed:
                     self.maybe_absent.add(name)
                     self.set_value(name, scope, "None")

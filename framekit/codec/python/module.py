@@ -17,10 +17,10 @@ from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
 from framekit.codec.python.pasting import class_source, whole_source
-from framekit.codec.python.shape import Shapes
 from framekit.codec.python.source import Code, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Const, Segment, Wrap
 from framekit.definition.problems import DefinitionError, Problem
@@ -57,7 +57,7 @@ class Module:
     def __init__(self, protocol: Protocol, standalone: bool = True) -> None:
         self.protocol = protocol
         self.standalone = standalone
-        self.shapes = Shapes(protocol.frames)
+        self.shapes = StaticSizes(protocol.frames)
         self.names = Names(pasted_names())
         self.functions: dict[str, None] = {}
         self._under_way: set[str] = set()

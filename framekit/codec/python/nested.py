@@ -8,7 +8,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.branches import BranchReader
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.expressions import Entry, Scope
-from framekit.codec.python.function import MISFIT, leaves
+from framekit.codec.python.function import MISFIT
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, without_end
 from framekit.codec.python.runs import shown_name
@@ -27,6 +27,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import leaves
 
 
 class Reader(BranchReader):

@@ -6,7 +6,7 @@ from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import Given
 from framekit.codec.python.order import Task
 from framekit.codec.python.rules import is_needed
-from framekit.codec.python.shape import everything, flat, is_name, is_plain_name, value_names
+from framekit.codec.python.shape import is_name, is_plain_name
 from framekit.codec.python.source import quoted
 from framekit.codec.python.values import ValueWriter
 from framekit.definition.expression.emit import AND, BIT_OR, OR
@@ -23,7 +23,7 @@ from framekit.definition.model.segments import (
     Segment,
     Wrap,
 )
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import everything, expressions_of, flat
 
 
 class NestedValueWriter(ValueWriter):
@@ -56,7 +56,7 @@ class NestedValueWriter(ValueWriter):
             case Repeat():
                 return self._list_tasks(segment, scope, given)
         inside = tuple(flat((segment,)))
-        names = [inner for one in inside for inner in value_names(one)]
+        names = [inner for one in inside for inner in one.value_names]
         counted = [f"bytes of {one.name}" for one in inside if one.name in self.asked_for or one is segment]
         assert isinstance(segment, (Choose, Optional))
         return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
@@ -111,7 +111,7 @@ class NestedValueWriter(ValueWriter):
 
     def _outer_names(self, segment: Segment) -> set[str]:
         """What is read inside a segment but is not given there."""
-        inside = {name for one in everything((segment,)) for name in value_names(one)} - {segment.name}
+        inside = {name for one in everything((segment,)) for name in one.value_names} - {segment.name}
         follow = {id(size) for one in everything((segment,)) if (size := self.size_by_length(one)) is not None}
         if isinstance(segment, Repeat):
             follow.add(id(segment.times))  # compared when the items are there; a length over them may give it

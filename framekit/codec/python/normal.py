@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from framekit.definition.expression.syntax import Conditional, Expression, Number
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Choose, Optional, Record, Repeat, Segment, Wrap
+from framekit.definition.model.segments import Choose, Segment
 
 
 def normal_protocol(protocol: Protocol) -> Protocol:
@@ -35,21 +35,13 @@ def _all(segments: tuple[Segment, ...], numbers: Iterator[int]) -> tuple[Segment
 def _one(segment: Segment, numbers: Iterator[int]) -> Segment:
     if segment.name is None:
         segment = replace(segment, name=_name(segment, numbers))
-    if isinstance(segment, Choose):
-        cases = tuple((keys, _all(of, numbers)) for keys, of in segment.cases)
-        otherwise = None if segment.otherwise is None else _all(segment.otherwise, numbers)
-        return _chosen(replace(segment, cases=cases, otherwise=otherwise), numbers)
-    if isinstance(segment, (Wrap, Optional)):
-        return _chosen(replace(segment, of=_all(segment.of, numbers)), numbers)
-    if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-        return replace(segment, of=_all(segment.of, numbers))
-    return segment
+    segment = segment.with_lists(lambda inside: _all(inside, numbers))
+    return _chosen(segment, numbers) if segment.blocks and segment.when is not None else segment
 
 
-def _chosen(segment: Choose | Wrap | Optional, numbers: Iterator[int]) -> Segment:
+def _chosen(segment: Segment, numbers: Iterator[int]) -> Segment:
     """What holds segments of the frame itself, under a condition, as a choice of two cases."""
-    if segment.when is None:
-        return segment
+    assert segment.when is not None
     root = segment.when.root
     on = Conditional(root.at, root, Number(root.at, 1), Number(root.at, 0))
     return Choose(

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from framekit.codec.python import forms
 from framekit.codec.python.coverage import Coverage
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import leaves
 from framekit.codec.python.module import Module
 from framekit.codec.python.nested_values import NestedValueWriter
-from framekit.codec.python.shape import Fill, without_when
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -22,11 +20,13 @@ from framekit.definition.model.segments import (
     Data,
     Field,
     FieldType,
+    Fill,
     Length,
     Repeat,
     Segment,
     Skip,
 )
+from framekit.definition.model.walk import leaves, without_when
 
 _DIGITS = re.compile(r'b"(%0\d+[Xx])" % (\w+|\([^()]*\))')
 _MOST_PLUSES = 4

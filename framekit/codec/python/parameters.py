@@ -17,25 +17,22 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import identifier
 from framekit.codec.python.rules import is_needed
-from framekit.codec.python.shape import everything, flat
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
-    Choose,
     Data,
     Field,
     FieldType,
     Inner,
-    Optional,
     Record,
     Repeat,
     Segment,
     Value,
-    Wrap,
 )
+from framekit.definition.model.walk import certain, everything, flat
 from framekit.definition.times import format_time
 
 LEFT_OUT = "None"
@@ -120,7 +117,7 @@ class Parameters:
     def _at(self, depth: int) -> Iterator[Parameter]:
         level = self.levels[depth]
         segments, seen = level.frame.segments, set[str]()
-        for segment, is_certain in _in_order(segments, True):
+        for segment, is_certain in certain(segments):
             if segment is level.inner:
                 yield from self._at(depth + 1)
             for one in self._of(segment, is_certain and segment.when is None, segments):
@@ -220,20 +217,6 @@ class Parameters:
     def notes(self) -> list[str]:
         """A line for every parameter of which there is more to say."""
         return [f"`{one.name}`: {one.note}" for one in self.all if one.note]
-
-
-def _in_order(segments: Iterable[Segment], is_certain: bool) -> Iterator[tuple[Segment, bool]]:
-    """Every segment whose fields belong to the frame itself, and whether it is there in every such frame."""
-    for segment in segments:
-        yield segment, is_certain
-        match segment:
-            case Wrap(of=of):
-                yield from _in_order(of, is_certain and segment.when is None)
-            case Optional(of=of):
-                yield from _in_order(of, False)
-            case Choose(cases=cases, otherwise=otherwise):
-                for of in (*(of for _, of in cases), otherwise or ()):
-                    yield from _in_order(of, False)
 
 
 def _is_given(name: str, segments: tuple[Segment, ...]) -> bool:

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import covers_later, leaves
+from framekit.codec.python.function import covers_later
 from framekit.codec.python.module import Module
 from framekit.codec.python.packing import PackingWriter, Placed, sum_of
 from framekit.codec.python.reader import not_possible
-from framekit.codec.python.shape import Fill, without_when
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.codec.support import build_int
 from framekit.definition.expression.emit import OR
@@ -28,6 +27,7 @@ from framekit.definition.model.segments import (
     Data,
     Field,
     FieldType,
+    Fill,
     Inner,
     Length,
     Record,
@@ -37,6 +37,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import leaves, without_when
 
 
 @dataclass(slots=True)

@@ -6,23 +6,21 @@ from collections.abc import Iterable, Mapping
 
 from framekit.codec.python import forms
 from framekit.codec.python.module import Module
-from framekit.codec.python.shape import flat
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Bits,
-    Choose,
     Count,
     Data,
     Field,
     FieldType,
     Inner,
     Length,
-    Optional,
     Record,
     Repeat,
     Segment,
     Value,
 )
+from framekit.definition.model.walk import flat
 
 
 class RuleWriter:
@@ -135,12 +133,8 @@ def is_needed(segments: tuple[Segment, ...]) -> bool:
 
 
 def _in_branches(segment: Segment) -> Iterable[Segment]:
-    if isinstance(segment, Optional):
-        yield from flat(segment.of)
-    if isinstance(segment, Choose):
-        for _, case in segment.cases:
-            yield from flat(case)
-        yield from flat(segment.otherwise or ())
+    for block in () if segment.is_there_inside else segment.blocks:
+        yield from flat(block)
 
 
 def _lengths(segments: tuple[Segment, ...]) -> dict[str, forms.Range]:

@@ -6,11 +6,10 @@ from framekit.codec.python import forms
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import Item
 from framekit.codec.python.runs import RunReader, shown_name
-from framekit.codec.python.shape import Fill, on_wire
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Require, Value
+from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Fill, Length, Require, Value
 
 
 class SizedReader(RunReader):
@@ -52,7 +51,7 @@ class SizedReader(RunReader):
         if data.size == "rest":
             first, last = self.take_rest(item, after)
         elif isinstance(data.size, int):
-            first, last = self.take(item, str(on_wire(data, data.size)))
+            first, last = self.take(item, str(data.on_wire(data.size)))
         elif data.convert is None:
             first, last = self.take(item, self.size_text(data.size, item.scope))
         else:

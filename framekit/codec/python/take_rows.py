@@ -13,10 +13,10 @@ from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.codec.python.function import Function
 from framekit.codec.python.joined import place_of
 from framekit.codec.python.module import Module
-from framekit.codec.python.shape import Shapes
 from framekit.codec.python.source import Source
 from framekit.codec.python.take import PairTakeWriter
 from framekit.codec.python.take_reader import BEGIN
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Inner, Segment
 
@@ -99,7 +99,7 @@ def _arrival(depth: int) -> list[str]:
     return out.lines
 
 
-def _branches(shapes: Shapes, inner: Inner, writers: Mapping[str, RowWriter], none_is: str) -> list[_Branch]:
+def _branches(shapes: StaticSizes, inner: Inner, writers: Mapping[str, RowWriter], none_is: str) -> list[_Branch]:
     """What is done for each byte, those next to each other together; each frame is written once."""
     tree = tree_of(shapes, in_order(shapes, inner.frames))
     assert isinstance(tree, Switch), "there are several, told apart by a byte"

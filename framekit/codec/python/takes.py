@@ -15,7 +15,7 @@ from framekit.codec.python.take_rows import write_rows
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 
 Together = dict[str, tuple[int, str]]
 """Of a frame that is taken together with the one inside it: the place of a byte, the table of what takes them by it."""

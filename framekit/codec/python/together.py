@@ -10,19 +10,19 @@ from dataclasses import replace
 
 from framekit.codec.python.joined import counting, is_plain, names_of, renamed
 from framekit.codec.python.parameters import Level
-from framekit.codec.python.shape import Fill, Shapes, everything, names_read, without_when
+from framekit.codec.python.shape import names_read
 from framekit.definition.expression.syntax import Binary, Expression, Name, Node, Number
+from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.segments import (
     Bits,
     Check,
-    Choose,
     Const,
     Count,
     Data,
     Field,
+    Fill,
     Inner,
     Length,
-    Optional,
     Repeat,
     Require,
     Segment,
@@ -30,6 +30,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import everything, without_when
 
 
 class NotPlain(Exception):  # noqa: N818 - no error, the encoder does it then
@@ -52,14 +53,8 @@ def _put_in(segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, 
     for segment in segments:
         if segment is inner:
             found.extend(inside)
-        elif isinstance(segment, (Wrap, Optional)):
-            found.append(replace(segment, of=_put_in(segment.of, inner, inside)))
-        elif isinstance(segment, Choose):
-            cases = tuple((keys, _put_in(of, inner, inside)) for keys, of in segment.cases)
-            otherwise = None if segment.otherwise is None else _put_in(segment.otherwise, inner, inside)
-            found.append(replace(segment, cases=cases, otherwise=otherwise))
         else:
-            found.append(segment)
+            found.append(segment.with_blocks(lambda block: _put_in(block, inner, inside)))
     return tuple(found)
 
 
@@ -69,7 +64,7 @@ class Together:
     Raises NotPlain where they cannot be built so.
     """
 
-    def __init__(self, shapes: Shapes, levels: tuple[Level, ...]) -> None:
+    def __init__(self, shapes: StaticSizes, levels: tuple[Level, ...]) -> None:
         self.shapes = shapes
         self.sizes: list[tuple[Expression, tuple[str, ...]]] = []
         found: tuple[Segment, ...] = ()

@@ -10,7 +10,6 @@ from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.field_values import FieldValueWriter, Given
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
-from framekit.codec.python.shape import flat, value_names
 from framekit.codec.python.source import Code, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR, COMPARE, OR, PRODUCT
 from framekit.definition.expression.syntax import Expression
@@ -30,6 +29,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import flat
 
 
 class ValueWriter(FieldValueWriter):
@@ -79,7 +79,7 @@ class ValueWriter(FieldValueWriter):
         for segment, scope in given.conditional:
             assert segment.when is not None
             text = self.text(segment.when, scope, OR)
-            for name in value_names(segment):
+            for name in segment.value_names:
                 found.setdefault(name, []).append(text)
             if isinstance(segment, Field) and segment.default is not None:  # a reader gives the default then
                 default = default_text(self.text(segment.default, scope), segment)
@@ -98,7 +98,7 @@ class ValueWriter(FieldValueWriter):
                 self.add(f"{given.in_cases[1]} += tuple(name for name in {literal(names)} {nothing})")
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
-        given.names.extend(value_names(segment))
+        given.names.extend(segment.value_names)
         if segment.when is not None and not isinstance(segment, Require):
             given.conditional.append((segment, scope))
         match segment:

@@ -11,7 +11,7 @@ from framekit.definition.expression.syntax import Expression, Number, Unary
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 WAITING = ("again", "restart", "resend")

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from framekit.definition.model.commands import BlockWork, CommandRules, PlaceOf
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 PLACES = ("area", "memory", "code", "text")

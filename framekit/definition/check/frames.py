@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.check.segments import check_segment, least_size
+from framekit.definition.check.segments import check_segment
 from framekit.definition.expression.syntax import Expression, Logic, names_in
+from framekit.definition.model.frame_sizes import all_fixed, fixed_size, least_size
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -28,8 +29,8 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.model.sizes import MOST_BYTES, field_names, fixed_size, flat
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.static_size import MOST_BYTES
+from framekit.definition.model.walk import field_names, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 
@@ -87,12 +88,7 @@ def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
 
 def _always(frame: Frame) -> int | None:
     """The bytes that a frame always takes; None when that depends on its content."""
-    return frame.size if frame.size is not None else _sum(frame.segments)
-
-
-def _sum(segments: tuple[Segment, ...]) -> int | None:
-    sizes = [_sum(one.of) if isinstance(one, Record) and one.when is None else fixed_size(one) for one in segments]
-    return None if None in sizes else sum(size for size in sizes if size is not None)
+    return frame.size if frame.size is not None else all_fixed(frame.segments)
 
 
 def _within(protocol: Protocol, inner: Inner) -> set[str]:
@@ -121,7 +117,7 @@ def _spans(frame: Frame) -> Iterator[Problem]:
             todo = "let its range end before it, or begin behind it"
             yield Problem(check.at, "a check code cannot cover itself", todo)
         for choose in parts_of(frame.segments, Choose):
-            inside = [one for _, case in choose.cases for one in flat(case)] + list(flat(choose.otherwise or ()))
+            inside = [one for block in choose.blocks for one in flat(block)]
             names = {one.name for one in inside if one.name is not None}
             if check.name not in names and names & {first, last}:
                 what = f"the range of a check ends in a case: '{', '.join(sorted(names & {first, last}))}'"
@@ -141,32 +137,20 @@ def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
         yield from check_segment(segment)
         if isinstance(segment, Data) and isinstance(segment.size, Expression):
             yield from _computed(segment, segments)
-        if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            yield from _level(segment.of)
+        yield from _level(segment.inner_record or ())
 
 
 def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict[str, Position]:
     """The values of a list with their places. Only the cases of one choice may share a name."""
     found: dict[str, Position] = {}
     for segment in segments:
-        here = dict.fromkeys(_value_names(segment), segment.at)
-        if isinstance(segment, (Wrap, Optional)):
-            here |= _values(segment.of, problems)
-        elif isinstance(segment, Choose):
-            for case in (*(case for _, case in segment.cases), segment.otherwise or ()):
-                here |= _values(case, problems)
+        here = dict.fromkeys(segment.value_names, segment.at)
+        for block in segment.blocks:
+            here |= _values(block, problems)
         for name in here.keys() & found.keys():
             problems[name] = Problem(here[name], f"there are two fields '{name}'", "give one of them another name")
         found |= here
     return found
-
-
-def _value_names(segment: Segment) -> tuple[str, ...]:
-    if isinstance(segment, Bits):
-        return tuple(part.name for part in segment.parts)
-    if isinstance(segment, (Field, Data, Length, Count, Repeat, Record, Inner, Value)):
-        return (segment.name,)
-    return ()
 
 
 def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
@@ -202,9 +186,9 @@ def _order_of_sizes(
                 if name == segment.name:
                     told, todo = f"the {what} of '{name}' cannot come from '{name}' itself", "give a size"
                 yield Problem(expression.at, told, todo)
-        if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            yield from _order_of_sizes(segment.of, known, frozenset(names - {segment.name or ""}))
-        known.update(_value_names(segment))
+        if segment.inner_record is not None:
+            yield from _order_of_sizes(segment.inner_record, known, frozenset(names - {segment.name or ""}))
+        known.update(segment.value_names)
         if segment.name:
             known.add(segment.name)
 
@@ -307,11 +291,11 @@ def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
     """The segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
     for segment in segments:
         yield segment
-        if isinstance(segment, Record) or (isinstance(segment, Wrap) and segment.how == "hex"):
+        if isinstance(segment, Record):
             yield from _without_own_end(segment.of)
-        elif isinstance(segment, Choose):
-            for case in (*(case for _, case in segment.cases), segment.otherwise or ()):
-                yield from _without_own_end(case)
+        if isinstance(segment, Choose) or (isinstance(segment, Wrap) and segment.how == "hex"):
+            for block in segment.blocks:
+                yield from _without_own_end(block)
 
 
 def _fixed(segment: Segment) -> bool:
@@ -352,11 +336,12 @@ def _items(segments: tuple[Segment, ...]) -> int:
     """The items that the lists of a frame have together, lists in lists too; those of computed length count once."""
     found = 0
     for segment in flat(segments):
-        if isinstance(segment, Record):
-            found += _items(segment.of)
-        elif isinstance(segment, Repeat):
+        inside = _items(segment.inner_record or ())
+        if isinstance(segment, Repeat):
             times = segment.times if isinstance(segment.times, int) else 1
-            found += times * (1 if isinstance(segment.of, FieldType) else 1 + _items(segment.of))
+            found += times * (1 + inside)
+        else:
+            found += inside
     return found
 
 

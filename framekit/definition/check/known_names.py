@@ -9,8 +9,7 @@ from framekit.definition.expression.syntax import Compare, Expression, Text, wal
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Sequence
 from framekit.definition.model.segments import Segment
-from framekit.definition.model.sizes import field_names, flat
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import field_names, flat, parts_of
 
 BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
 EXCHANGE = frozenset({"request", "reply", "buffer", "reply_buffer", "expected", "refusal"})

@@ -25,11 +25,10 @@ from framekit.definition.expression.syntax import Attribute, Expression, Name, T
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, BitsPart, Field, Record, Repeat, Segment
+from framekit.definition.model.segments import Bits, BitsPart, Field, Segment
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.sizes import field_names, flat
 from framekit.definition.model.values import Value
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, field_names, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 
@@ -102,8 +101,8 @@ class NameChecker:
             self._expressions(without_parts(segment), known)
             for part in segment.parts if isinstance(segment, Bits) else [segment] if isinstance(segment, Field) else []:
                 self._from_itself(part, outer)
-            if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-                self._segments(segment.of, known)
+            if segment.inner_record is not None:
+                self._segments(segment.inner_record, known)
 
     def _from_itself(self, part: Field | BitsPart, outer: Collection[str]) -> None:
         """In what computes a value, its own name means something outside, if there is such a thing."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, Unary
+from framekit.definition.model.frame_sizes import fixed_size, least_size
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
@@ -20,14 +21,13 @@ from framekit.definition.model.segments import (
     Inner,
     Length,
     Optional,
-    Record,
     Repeat,
     Require,
     Segment,
     Value,
     Wrap,
 )
-from framekit.definition.model.sizes import bounds_of, fixed_size
+from framekit.definition.model.walk import bounds_of
 from framekit.definition.problems import Position, Problem, plural
 
 NUMBERS = ("int", "digits", "bcd")
@@ -288,23 +288,3 @@ def _choose(choose: Choose) -> Iterator[Problem]:
             if key in seen:
                 yield Problem(choose.at, f"there are two cases {key}", "join them")
             seen.add(key)
-
-
-def least_size(segments: tuple[Segment, ...]) -> int:
-    """Bytes that segments take at least."""
-    return sum(_least(segment) for segment in segments)
-
-
-def _least(segment: Segment) -> int:
-    if segment.when is not None:
-        return 0
-    match segment:
-        case Record(of=of):
-            return least_size(of)
-        case Repeat(times=int(times), of=of):
-            return times * ((of.fixed_size or 0) if isinstance(of, FieldType) else least_size(of))
-        case Wrap(of=of, how=how):
-            return least_size(of) * (2 if how == "hex" else 1)
-        case Data(size="rest", least=least, convert=convert):
-            return least * 2 if convert == "hex_to_ascii" else least // 2 if convert else least
-    return fixed_size(segment) or 0

@@ -15,9 +15,8 @@ from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Repeat
 from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS, ServiceRow
-from framekit.definition.model.sizes import field_names, flat, names_needed
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, field_names, flat, names_needed, parts_of
 from framekit.definition.problems import Problem, did_you_mean, listed
 
 

@@ -29,17 +29,14 @@ from framekit.definition.model.segments import (
     Data,
     Field,
     Length,
-    Record,
-    Repeat,
     Require,
     Segment,
     Value,
     Wrap,
 )
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.sizes import flat
 from framekit.definition.model.values import FrameOf
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, flat, parts_of
 from framekit.definition.problems import Problem, did_you_mean
 
 _OFFERED: dict[str, Kind] = {
@@ -125,8 +122,8 @@ class _Kinds:
         checker.named_numbers = named_numbers(segments)
         for segment in flat(segments):
             self._segment(checker, segment)
-            if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-                self._segments(segment.of, local)
+            if segment.inner_record is not None:
+                self._segments(segment.inner_record, local)
 
     def _segment(self, checker: KindChecker, segment: Segment) -> None:
         checker.wants(segment.when, "any")

@@ -16,9 +16,8 @@ from framekit.definition.expression.syntax import Binary, Expression, Name, Node
 from framekit.definition.fingerprint import fingerprint
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.sizes import names_always_there
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of, names_always_there
 from framekit.definition.problems import Problem
 
 TODO = "tell them apart by a constant in the request or by when:, or add client_only: yes"

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from framekit.definition.check.kinds import Kind
 from framekit.definition.model.protocol import StateVariable
 from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Inner, Length, Repeat, Segment
-from framekit.definition.model.sizes import flat
+from framekit.definition.model.walk import flat
 
 VARIABLE_KINDS: dict[str, Kind] = {
     "flag": "number", "number": "number", "time": "time", "text": "text", "choice": "text", "bytes": "bytes",

@@ -10,8 +10,8 @@ from typing import Any
 
 from framekit.definition.check.kinds import KindChecker
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.sizes import field_names
 from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
+from framekit.definition.model.walk import field_names
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 BESIDE_SERVICES = (

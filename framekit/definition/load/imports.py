@@ -7,7 +7,7 @@ from typing import Any
 
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.namespace import Namespace, Owned
-from framekit.definition.model.visit import expressions_of
+from framekit.definition.model.walk import expressions_of
 
 SECTIONS = ("tables", "state", "params")
 

@@ -16,9 +16,9 @@ from framekit.definition.load.reader import Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import StateVariable
-from framekit.definition.model.segments import Bits, Field, Record, Repeat, Segment
+from framekit.definition.model.segments import Bits, Field, Segment
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.sizes import flat
+from framekit.definition.model.walk import flat
 
 T = TypeVar("T")
 
@@ -102,6 +102,5 @@ def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int,
             found.append((segment.name, segment.values))
         elif isinstance(segment, Bits):
             found.extend((part.name, part.values) for part in segment.parts)
-        elif isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            found.extend(_named_fields(segment.of))
+        found.extend(_named_fields(segment.inner_record or ()))
     return found

@@ -30,7 +30,7 @@ from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.model.services import AddressForm, Area, Errors, Refusal
 from framekit.definition.model.values import LayoutOf, ReadAs, Table
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Entry, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position

@@ -15,7 +15,7 @@ from framekit.definition.expression.parse import parse_expression
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.expression.tokens import ExpressionError
 from framekit.definition.load import scalars
-from framekit.definition.model.sizes import MOST_BYTES
+from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import Position, Problem, did_you_mean

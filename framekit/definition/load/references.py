@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.where import Parts, change_all
+from framekit.definition.load.where import Parts
+from framekit.definition.model.frame_sizes import fixed_size
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -13,13 +14,12 @@ from framekit.definition.model.segments import (
     Data,
     Field,
     Length,
-    Record,
     Repeat,
     Require,
     Segment,
     Value,
 )
-from framekit.definition.model.sizes import fixed_size, flat
+from framekit.definition.model.walk import change_all, flat
 from framekit.definition.problems import Position, did_you_mean
 
 
@@ -55,10 +55,9 @@ class _Resolver:
             self._repeat(segment)
         if isinstance(segment, Check):
             return self._check(segment)
-        if isinstance(segment, (Record, Repeat)) and isinstance(segment.of, tuple):
-            inner = resolve_references(self.reader, ((), segment.of, ()), dict(self.meant))
-            return replace(segment, of=inner[1])
-        return segment
+        return segment.with_record(
+            lambda inside: resolve_references(self.reader, ((), inside, ()), dict(self.meant))[1]
+        )
 
     def _written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]:
         result: list[str] = []

@@ -13,7 +13,7 @@ from framekit.definition.load.reader import Broken
 from framekit.definition.load.scalars import parse_key
 from framekit.definition.load.types import load_size, load_type
 from framekit.definition.model import segments as model
-from framekit.definition.model.sizes import field_names
+from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence
 
 KINDS = (

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.scalars import parse_number
-from framekit.definition.model.segments import Bits, BitsPart, Choose, Field, Optional, Segment, Wrap
-from framekit.definition.model.sizes import bounds_of
+from framekit.definition.model.segments import Bits, BitsPart, Field, Segment
+from framekit.definition.model.walk import bounds_of, change_all
 from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import did_you_mean
 
@@ -64,21 +63,6 @@ def apply_where(reader: Reader, parts: Parts, wheres: dict[str, Where], frame: S
             did_you_mean(where.key.text, known),
         )
     return head, body, tail
-
-
-def change_all(segments: tuple[Segment, ...], change: Callable[[Segment], Segment]) -> tuple[Segment, ...]:
-    """Every segment changed, also those inside wraps, choices and optional parts (whose fields are the frame's)."""
-    result = []
-    for segment in segments:
-        segment = change(segment)
-        if isinstance(segment, (Wrap, Optional)):
-            segment = replace(segment, of=change_all(segment.of, change))
-        elif isinstance(segment, Choose):
-            cases = tuple((keys, change_all(of, change)) for keys, of in segment.cases)
-            otherwise = None if segment.otherwise is None else change_all(segment.otherwise, change)
-            segment = replace(segment, cases=cases, otherwise=otherwise)
-        result.append(segment)
-    return tuple(result)
 
 
 def _fixed_field(reader: Reader, field: Field, where: Where) -> Field:

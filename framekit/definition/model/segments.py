@@ -1,16 +1,18 @@
 """The segments of a frame: what stands on the wire, one class a kind.
 
-Sizes are in bytes unless a docstring says otherwise. Language reference, section 4.
+Each class also says what it holds: the lists of segments inside, the names of its values, its static size. All walks
+over segments ask these. Sizes are in bytes unless a docstring says otherwise. Language reference, section 4.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, Self
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.static_size import ANY, NOTHING, Sizes, either, exactly
 from framekit.definition.problems import Position
 
 Size = int | Expression | Literal["rest"]
@@ -41,10 +43,19 @@ class FieldType:
     def fixed_size(self) -> int | None:
         return self.size if isinstance(self.size, int) else None
 
+    @property
+    def sizes(self) -> Sizes:
+        if isinstance(self.size, int):
+            return exactly(self.size)
+        return Sizes(len(self.end), None) if self.end is not None and self.size is None else ANY
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segment:
-    """What every segment may have. `refuse` is the code of a fault here that is to be answered, not dropped."""
+    """What every segment may have, and what it can be asked.
+
+    `refuse` is the code of a fault here that is to be answered, not dropped.
+    """
 
     at: Position
     name: str | None = None
@@ -52,12 +63,65 @@ class Segment:
     refuse: int | None = None
     doc: str = ""
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        """The names of the values that it holds itself."""
+        return ()
+
+    @property
+    def blocks(self) -> tuple[Segments, ...]:
+        """The lists of segments inside whose values belong to the same record as the segment."""
+        return ()
+
+    @property
+    def is_there_inside(self) -> bool:
+        """Whether what stands in `blocks` is there whenever the segment is."""
+        return False
+
+    @property
+    def inner_record(self) -> Segments | None:
+        """The segments inside whose values make records of their own; None if there is no such list."""
+        return None
+
+    def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
+        """The same segment with every list of `blocks` changed."""
+        return self
+
+    def with_record(self, change: Callable[[Segments], Segments]) -> Self:
+        """The same segment with the list of `inner_record` changed."""
+        return self
+
+    def with_lists(self, change: Callable[[Segments], Segments]) -> Self:
+        """The same segment with every list in it changed."""
+        return self.with_blocks(change).with_record(change)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        """Bytes on the wire when it is there; `of_frame` gives the sizes of a frame by name."""
+        raise NotImplementedError
+
+
+Segments = tuple[Segment, ...]
+
+
+def sizes_of(segments: Segments, of_frame: Callable[[str], Sizes]) -> Sizes:
+    """Bytes on the wire of a list; a segment under a condition may take none."""
+    total = NOTHING
+    for segment in segments:
+        if isinstance(segment, Fill):
+            return exactly(segment.total)
+        sizes = segment.sizes(of_frame)
+        total += sizes if segment.when is None else Sizes(0, sizes.most)
+    return total
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Const(Segment):
     """Bytes that are always there (`const`, `text`)."""
 
     data: bytes
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return exactly(len(self.data))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +156,14 @@ class Field(Segment):
     constants: tuple[int | str | bytes, ...] | None = None
     memory: str | None = None
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        sizes = self.type.sizes
+        return sizes if self.long is None else Sizes(sizes.least, (sizes + self.long.type.sizes).most)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BitsPart:
@@ -114,6 +186,13 @@ class Bits(Segment):
     parts: tuple[BitsPart, ...]
     type: FieldType
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return tuple(part.name for part in self.parts)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return self.type.sizes
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Data(Segment):
@@ -126,6 +205,19 @@ class Data(Segment):
     pad: int | None = None
     least: int = 0
     memory: str | None = None
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def on_wire(self, size: int) -> int:
+        """Bytes on the wire for so many in memory."""
+        return size * 2 if self.convert == "hex_to_ascii" else size // 2 if self.convert == "ascii_to_hex" else size
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        if isinstance(self.size, int):
+            return exactly(self.on_wire(self.size))
+        return Sizes(self.on_wire(self.least), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,6 +236,13 @@ class Length(Segment):
     limits: tuple[int, int] | None = None
     zero_means: int | None = None
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return self.type.sizes
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Count(Segment):
@@ -156,6 +255,13 @@ class Count(Segment):
     limits: tuple[int, int] | None = None
     zero_means: int | None = None
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return self.type.sizes
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeat(Segment):
@@ -164,6 +270,21 @@ class Repeat(Segment):
     name: str
     times: Size
     of: tuple[Segment, ...] | FieldType
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def inner_record(self) -> Segments | None:
+        return None if isinstance(self.of, FieldType) else self.of
+
+    def with_record(self, change: Callable[[Segments], Segments]) -> Self:
+        return self if isinstance(self.of, FieldType) else replace(self, of=change(self.of))
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        item = self.of.sizes if isinstance(self.of, FieldType) else sizes_of(self.of, of_frame)
+        return item.times(self.times, self.times) if isinstance(self.times, int) else item.times(0, None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,12 +295,34 @@ class Choose(Segment):
     cases: tuple[tuple[tuple[int | str, ...], tuple[Segment, ...]], ...]
     otherwise: tuple[Segment, ...] | None
 
+    @property
+    def blocks(self) -> tuple[Segments, ...]:
+        cases = tuple(case for _, case in self.cases)
+        return cases if self.otherwise is None else (*cases, self.otherwise)
+
+    def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
+        cases = tuple((keys, change(case)) for keys, case in self.cases)
+        return replace(self, cases=cases, otherwise=None if self.otherwise is None else change(self.otherwise))
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return either(sizes_of(block, of_frame) for block in self.blocks)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optional(Segment):
     """Segments that are there when their values are given, and read when bytes are left in the region."""
 
     of: tuple[Segment, ...]
+
+    @property
+    def blocks(self) -> tuple[Segments, ...]:
+        return (self.of,)
+
+    def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
+        return replace(self, of=change(self.of))
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return Sizes(0, sizes_of(self.of, of_frame).most)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,6 +332,20 @@ class Record(Segment):
     name: str
     of: tuple[Segment, ...]
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def inner_record(self) -> Segments | None:
+        return self.of
+
+    def with_record(self, change: Callable[[Segments], Segments]) -> Self:
+        return replace(self, of=change(self.of))
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return sizes_of(self.of, of_frame)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inner(Segment):
@@ -197,6 +354,15 @@ class Inner(Segment):
     name: str
     frames: tuple[str, ...]
     size: Size | None = None
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        if isinstance(self.size, int):
+            return exactly(self.size)
+        return ANY if self.size is not None else either(of_frame(name) for name in self.frames)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,6 +381,21 @@ class Wrap(Segment):
     least: int = 0
     most: int | Expression | None = None
 
+    @property
+    def blocks(self) -> tuple[Segments, ...]:
+        return (self.of,)
+
+    def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
+        return replace(self, of=change(self.of))
+
+    @property
+    def is_there_inside(self) -> bool:
+        return True
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        content = sizes_of(self.of, of_frame)
+        return content.times(2, 2) if self.how == "hex" else Sizes(content.least, content.times(1, 2).most)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check(Segment):
@@ -231,6 +412,9 @@ class Check(Segment):
     size: int = 1
     verify: Literal["error", "warn", "off"] = "error"
 
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return exactly(self.size)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skip(Segment):
@@ -238,6 +422,9 @@ class Skip(Segment):
 
     size: int
     fill: bytes = b"\0"
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return exactly(self.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -248,9 +435,30 @@ class Value(Segment):
     read: Expression
     build: Expression | None = None
 
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return NOTHING
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Require(Segment):
     """A condition that must hold, when building and when reading."""
 
     condition: Expression
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return NOTHING
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fill(Segment):
+    """What a frame of fixed size leaves free between body and tail: `total` is the size of the whole frame."""
+
+    total: int
+    byte: int
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return ANY

@@ -10,10 +10,10 @@ from typing import Any
 
 from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Choose, Data, Optional, Record, Repeat, Segment, Wrap
+from framekit.definition.model.segments import Data, Segment
 from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import everything, expressions_of, parts_of
 from framekit.link.addresses import Address, AddressGrammar
 from framekit.link.area_view import code_of
 from framekit.link.evaluate import Evaluate, compile_expression
@@ -146,14 +146,4 @@ def _maybe(expression: Expression | None) -> Evaluate | None:
 
 def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:
     """The data among these segments that are filled up with padding."""
-    found: set[str] = set()
-    for segment in segments:
-        if isinstance(segment, Data) and segment.pad is not None:
-            found.add(segment.name)
-        elif isinstance(segment, (Wrap, Optional, Record, Repeat)) and isinstance(segment.of, tuple):
-            found |= padded_names(segment.of)
-        elif isinstance(segment, Choose):
-            for _, case in segment.cases:
-                found |= padded_names(case)
-            found |= padded_names(segment.otherwise or ())
-    return frozenset(found)
+    return frozenset(one.name for one in everything(segments) if isinstance(one, Data) and one.pad is not None)
