@@ -14,9 +14,8 @@ from framekit.definition.expression.syntax import Attribute, Binary, Call, Expre
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Repeat
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.sizes import field_names
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
-from framekit.definition.model.visit import parts_of
+from framekit.definition.model.walk import field_names, parts_of
 from framekit.definition.problems import Problem
 
 NOT_COMPARED = frozenset({"station", "own"})
