@@ -19,7 +19,7 @@ from framekit.codec.shown import explain
 from framekit.definition.expression.emit import emit
 from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name, names_in
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.definition.model.visit import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.link.addresses import Address, AddressError
 from framekit.link.area_view import code_of
 from framekit.link.construct_values import EACH, read_as, read_layout
