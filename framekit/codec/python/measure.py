@@ -226,7 +226,7 @@ class MeasureWriter(WrapMeasurer):
             case Inner():
                 self.inner(segment, scope, after)
             case Optional():
-                self.rest(after)
+                self.rest(segment, after)
             case Fill(total=total):
                 self.place = Place("start", total)
                 self.return_total()
@@ -239,7 +239,7 @@ class MeasureWriter(WrapMeasurer):
     def _repeat(self, repeat: Repeat, scope: Scope, after: Pairs) -> None:
         item = repeat.of.sizes if isinstance(repeat.of, FieldType) else self.shapes.all(repeat.of)
         if repeat.times == "rest":
-            self.rest(after)
+            self.rest(repeat, after)
         times = str(repeat.times)
         if isinstance(repeat.times, Expression):
             times = self.size_text(repeat.times, scope, PRODUCT + 1)

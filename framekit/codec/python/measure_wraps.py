@@ -97,7 +97,7 @@ class WrapMeasurer(SegmentMeasurer):
             self._read_content(wrap, scope, after)
             return
         if isinstance(first, Const):
-            self.rest(after)
+            self.rest(wrap, after)
         inside = type(self)(self.module, f"{self.identifier}_content", wrap.of, self.most)
         inside.write(None)
         self.module.extra.append(inside.function(f"How long the content of the wrap in `{self.identifier}` is."))
@@ -119,7 +119,7 @@ class WrapMeasurer(SegmentMeasurer):
             self.skip(self.size_text(inner.size, scope))
             return
         if inner.size == "rest":
-            self.rest(after)
+            self.rest(inner, after)
         if fixed is not None and not self._begins(inner):
             self.skip(str(fixed))
             return

@@ -218,7 +218,7 @@ def _ends(frame: Frame) -> Iterator[Problem]:
             if open_part is not None and not frame.delimited:
                 yield Problem(
                     segment.at,
-                    f"two parts take the rest: nothing shows where {_title(open_part)} ends",
+                    f"two parts take the rest: nothing shows where {title(open_part)} ends",
                     "give one a size, or put a constant between them",
                 )
             open_part = segment
@@ -227,7 +227,7 @@ def _ends(frame: Frame) -> Iterator[Problem]:
         elif open_part is not None and not isinstance(segment, (Check, Skip, Require, Value)) and not _fixed(segment):
             yield Problem(
                 segment.at,
-                f"nothing shows where {_title(open_part)} ends and {_title(segment)} begins",
+                f"nothing shows where {title(open_part)} ends and {title(segment)} begins",
                 "give one of them a size, or put a constant between them",
             )
 
@@ -237,7 +237,7 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
     for repeat in parts_of(frame.segments, Repeat):
         rest = next((one for one in repeat.of if takes_rest(one)), None) if isinstance(repeat.of, tuple) else None
         if rest is not None:
-            what = f"nothing shows where {_title(rest)} ends in an item of '{repeat.name}'"
+            what = f"nothing shows where {title(rest)} ends in an item of '{repeat.name}'"
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
     for optional in parts_of(frame.segments, Optional):
         if not any(_is_given(one) for one in flat(optional.of)):
@@ -271,7 +271,7 @@ def _is_given(segment: Segment) -> bool:
     return isinstance(segment, (Data, Repeat, Record, Inner))
 
 
-def _title(segment: Segment) -> str:
+def title(segment: Segment) -> str:
     """What a segment is called in a message."""
     if isinstance(segment, Const):
         return f"the constant {segment.data.hex(' ').upper()}"
@@ -317,7 +317,7 @@ def _delimited(frame: Frame) -> Iterator[Problem]:
             verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
                 segment.at,
-                f"{_title(segment)} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
+                f"{title(segment)} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
                 "leave delimited out, or send it as ASCII digits",
             )
 
@@ -348,7 +348,7 @@ def _items(segments: tuple[Segment, ...]) -> int:
 def _whole_size(frame: Frame) -> Iterator[Problem]:
     for segment in _without_own_end(frame.body) if frame.size is not None else ():
         if takes_rest(segment):
-            what = f"{_title(segment)} reaches to the end of the body, and would read what fills '{frame.name}' up"
+            what = f"{title(segment)} reaches to the end of the body, and would read what fills '{frame.name}' up"
             yield Problem(segment.at, what, "give it a size, such as that of a length, or leave the frame's size out")
     least = least_size(frame.segments)
     items = _items(frame.segments)
