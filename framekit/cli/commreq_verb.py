@@ -22,7 +22,7 @@ from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.api.client import Client
-    from framekit.api.settings import LineSettings
+    from framekit.api.settings import ClientSettings
     from framekit.blocks.block_status import Failure
     from framekit.blocks.command_meaning import Meaning
     from framekit.blocks.command_words import CommandWords
@@ -419,7 +419,7 @@ class JobCommands:
     """The commands of one call."""
 
     def __init__(
-        self, application: Protocol, profile: JobProfile, settings: LineSettings, arguments: argparse.Namespace
+        self, application: Protocol, profile: JobProfile, settings: ClientSettings, arguments: argparse.Namespace
     ) -> None:
         self.application = application
         self.profile = profile

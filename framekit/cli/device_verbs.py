@@ -15,9 +15,8 @@ from framekit.transport.schemes import help_on_ports
 if TYPE_CHECKING:
     from framekit.api.client import Client
     from framekit.api.errors import FramekitError
-    from framekit.api.results import Reading
-    from framekit.api.settings import LineSettings
-    from framekit.api.typed import Value
+    from framekit.api.settings import ClientSettings
+    from framekit.api.values import Reading, Value
     from framekit.definition.model.protocol import Protocol
     from framekit.link.addresses import Address, AddressGrammar
     from framekit.link.observe import Seen
@@ -90,7 +89,7 @@ def carry_out(
     return 0
 
 
-def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> LineSettings:
+def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> ClientSettings:
     """The line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError."""
     from framekit.api.settings import line_settings
 
@@ -158,7 +157,7 @@ def add_read_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_read(arguments: argparse.Namespace) -> int:
     def check(grammar: AddressGrammar) -> None:
-        from framekit.api.typed import typed
+        from framekit.api.values import typed
 
         for address in arguments.addresses:
             typed(grammar, address, arguments.type, arguments.order, arguments.count)
@@ -266,7 +265,7 @@ def run_write(arguments: argparse.Namespace) -> int:
 
     def check(grammar: AddressGrammar) -> None:
         from framekit.api.errors import RequestError
-        from framekit.api.typed import typed
+        from framekit.api.values import typed
         from framekit.link.packing import PackingError, memory_of
 
         several = arguments.count or len(arguments.values)
