@@ -92,8 +92,8 @@ class MeasureWriter(WrapMeasurer):
                 out.extend(self.out)
         return out
 
-    def write(self, frame: Frame | None) -> None:
-        scope = Scope()
+    def write(self, frame: Frame | None, scope: Scope | None = None) -> None:
+        scope = Scope(scope)
         self._compare_start()
         try:
             if frame is not None and frame.delimited and frame.tail:
