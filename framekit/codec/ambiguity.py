@@ -65,7 +65,15 @@ def check_matrices(protocol: Protocol) -> list[Problem]:
         for problem in checker.matrix(candidates, todo):
             found.setdefault((problem.at, problem.what), problem)
     ends = [*check_hidden_ends(protocol), *check_silent_ends(codec, sampler)]
-    return [*found.values(), *ends, *check_weak_codes(codec, sampler)]
+    weak = list(check_weak_codes(codec, sampler))
+    return [*found.values(), *ends, *weak, *_not_tried(protocol, sampler)]
+
+
+def _not_tried(protocol: Protocol, sampler: Sampler) -> Iterator[Problem]:
+    """Frames that could not be built, so that nothing was found out by building them."""
+    for name in sampler.in_vain:
+        what = f"no values were found that '{name}' can be built of: nothing was tried out with it"
+        yield Problem(protocol.frames[name].at, what, "look whether its conditions can hold together", warning=True)
 
 
 def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:

@@ -29,6 +29,8 @@ MOST_ITEMS = 20_000
 
 DEEPEST = 6
 _LEFT_OUT: Any = object()
+_GIVEN = (model.Field, model.Data, model.Value)
+"""What conditions may read of the segments that follow them: values that are given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,11 @@ class Sampler:
             self._made[frame] = tuple(found.values())
         return self._made[frame]
 
+    @property
+    def in_vain(self) -> list[str]:
+        """The frames that samples were wanted of, and that have none."""
+        return [frame for frame, made in self._made.items() if not made]
+
     def count(self, items: int) -> None:
         """So many items are about to be made. Raises ValueError when that is too much."""
         self._items += items
@@ -92,6 +99,7 @@ class _Record:
         self.outer = outer
         self.depth: int = 0 if outer is None else outer.depth + 1
         self.given: dict[str, Any] = {}
+        self.records: dict[str, _Record | list[_Record]] = {}
         self.all = tuple(flat(segments))
         self.by_name = _by_name(self.all)
         self.inputs = {name for segment in self.all for part in _built(segment) for name in names_in(part.root)}
@@ -101,6 +109,8 @@ class _Record:
 
     def lookup(self, name: str) -> Any:
         """A value of this record, worked out if need be, of those around it, or of the context."""
+        if name in self.records:
+            return self.records[name]
         if name in self.given:
             return self.given[name]
         segment = self.by_name.get(name)
@@ -116,13 +126,23 @@ class _Record:
             return self.sampler.context[name]
         raise MissingName(name)
 
+    def language_attribute(self, name: str) -> Any:
+        """What a dot finds in this record: what is computed too, nothing for what is not there."""
+        if name not in self.by_name:
+            raise KeyError(name)
+        when = self.by_name[name].when
+        try:
+            return None if when is not None and not evaluate(when.root, self.lookup) else self.lookup(name)
+        except MissingName:
+            return None
+
     def _computed(self, segment: Segment, name: str) -> Any:
         if isinstance(segment, model.Field):
             if segment.constants:
                 return segment.constants[0]
             expression = segment.is_ or segment.build or segment.default
         elif isinstance(segment, model.Value):
-            expression = segment.build or segment.read
+            expression = segment.build or (None if name in self.inputs else segment.read)
         elif isinstance(segment, model.Bits):
             part = next(part for part in segment.parts if part.name == name)
             if part.constants:
@@ -154,8 +174,10 @@ class _Record:
 
     def _all(self, segments: tuple[Segment, ...]) -> None:
         for segment in segments:
-            if segment.when is not None and not evaluate(segment.when.root, self.lookup):
+            if segment.when is not None and not self._holds(segment.when):
                 continue
+            if segment.name in self.given:
+                continue  # a condition before it has asked for it
             match segment:
                 case model.Wrap(of=of):
                     self._all(of)
@@ -169,6 +191,18 @@ class _Record:
                         self._put(part.name, self._bits(part))
                 case _:
                     self._put(segment.name, self._value(segment))
+
+    def _holds(self, when: Expression) -> bool:
+        """Whether a condition holds; what it reads of the segments that follow gets its value now."""
+        for _ in self.all:
+            try:
+                return bool(evaluate(when.root, self.lookup))
+            except MissingName as missing:
+                later = self.by_name.get(missing.name)
+                if later is None or missing.name in self.given or not isinstance(later, _GIVEN):
+                    raise
+                self._put(missing.name, self._value(later))
+        return bool(evaluate(when.root, self.lookup))
 
     def _put(self, name: str | None, value: Any) -> None:
         if name is not None and value is not _LEFT_OUT:
@@ -187,8 +221,11 @@ class _Record:
                 return self._data(segment)
             case model.Repeat():
                 return self._repeat(segment)
-            case model.Record(of=of):
-                return self._inside(of)
+            case model.Record(of=of, name=name):
+                record = _Record(self.sampler, self.random, of, self)
+                values = record.make()
+                self.records[name] = record
+                return values
             case model.Inner(frames=frames):
                 return self._inner(frames)
             case model.Value(build=None, name=name) if name in self.inputs:
@@ -332,11 +369,15 @@ class _Record:
         if isinstance(repeat.of, FieldType):
             least, most = bounds_of(repeat.of) or (0, 9)
             return [self._some(least, most) for _ in range(times)]
-        items: list[Any] = []
+        records: list[_Record] = []
+        self.records[repeat.name] = records
         alike = self.random.random() < 0.5
         for _ in range(times):
-            items.append(dict(items[0]) if items and alike else self._inside(repeat.of))
-        return items
+            if not records or not alike:
+                record = _Record(self.sampler, self.random, repeat.of, self)
+                record.make()
+            records.append(record)
+        return [dict(record.given) for record in records]
 
     def _times(self, repeat: model.Repeat) -> int:
         counts = [part for part in self.all if isinstance(part, model.Count) and part.of == repeat.name]

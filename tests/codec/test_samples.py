@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 import shipped
 
 from framekit.codec.codec import compile_protocol
+from framekit.codec.plain import PlainValues
 from framekit.codec.sample_context import ANNOUNCED, SampleLine, sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
-
-OUT_OF_REACH = {"typed_write"}
-"""Frames whose data have a size that follows from the data: trying does not get there."""
 
 
 def sampler_of(protocol: Protocol) -> Sampler:
@@ -23,13 +23,18 @@ def sampler_of(protocol: Protocol) -> Sampler:
 def test_every_shipped_frame_has_samples_that_read_back(name: str) -> None:
     protocol = load_protocol(name)
     sampler = sampler_of(protocol)
-    for frame in protocol.frames.keys() - OUT_OF_REACH:
+    plain = PlainValues(protocol)
+    for frame in protocol.frames:
         samples = sampler.samples(frame)
         assert samples, frame
         for sample in samples:
             read = sampler.codec.decode(frame, sample.data, sampler.context)
             assert read == sample.read
             assert sample.values.keys() <= read.keys()
+            shown = json.loads(json.dumps(plain.to_plain(frame, read)))
+            again = sampler.codec.encode(frame, plain.from_plain(frame, shown), sampler.context)
+            assert again == sample.data, "what decode shows is taken by encode"
+    assert sampler.in_vain == []
 
 
 def test_samples_are_the_same_every_time_and_differ_from_each_other() -> None:
@@ -107,3 +112,29 @@ def test_the_context_has_a_station_a_line_and_defaults_that_stand_on_others() ->
     assert sample_context(named)["station"] == "AAA"
     ranged = load_protocol_text("protocol: t\nstation: {range: 5..9}\nframes: {f: {body: [{const: 00}]}}\n")
     assert sample_context(ranged)["station"] == 5
+
+
+RECORDS = """\
+protocol: records
+layouts:
+  hop: [{bits: {s: 1-7, last: 0}, of: u8, build: {last: 0}}]
+frames:
+  ui:
+    body:
+      - {include: hop, as: one}
+      - {include: hop, as: two, when: one.last == 0}
+      - {field: more, type: u8, when: two.last == 0}
+      - {bits: {long: 0}, of: u8, build: {long: len(text) > 2}}
+      - {field: hint, type: u8, when: long}
+      - {data: text, size: rest}
+  never: {body: [{field: a, type: u8}, {require: a > 5 and a < 3}]}
+"""
+
+
+def test_conditions_see_what_is_computed_in_records_and_what_follows_them() -> None:
+    sampler = sampler_of(load_protocol_text(RECORDS, "made_up"))
+    samples = sampler.samples("ui")
+    assert len(samples) == 8
+    assert all("more" in sample.values for sample in samples), "the last bits are 0"
+    assert {"hint" in sample.values for sample in samples} == {True, False}
+    assert sampler.samples("never") == () and sampler.in_vain == ["never"]
