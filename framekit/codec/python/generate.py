@@ -9,15 +9,16 @@ from collections.abc import Iterable
 from itertools import islice
 
 import framekit
+import framekit.codec.kinds
 from framekit.codec import errors
 from framekit.codec.python.builder_module import builder_name
 from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.decode import write_decoder
 from framekit.codec.python.defaults import default_values
+from framekit.codec.python.diagnosis import write_examiner
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
 from framekit.codec.python.examination_state import ExaminationState
-from framekit.codec.python.examine import write_examiner
 from framekit.codec.python.flat import write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer

@@ -1,0 +1,30 @@
+"""What a kind of segment is for the compiler: everything about it in one class, found by its class in the model."""
+
+from __future__ import annotations
+
+from typing import Any, Generic, TypeVar
+
+from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.registry import KINDS
+from framekit.definition.model.segments import Segment
+
+S = TypeVar("S", bound=Segment)
+
+
+class SegmentKind(Generic[S]):
+    """One kind. The writers of generated functions ask it for what they write of such a segment."""
+
+    model: type[S]
+
+    def declare(self, d: DiagnosisWriter, segment: S, scope: Scope) -> None:
+        """Puts the names that expressions may read into a scope, as careful functions know them."""
+
+    def diagnose(self, d: DiagnosisWriter, segment: S, scope: Scope, behind: Behind) -> None:
+        """Writes the calls that read a segment that is there carefully. `behind`: what follows it in its buffer."""
+        raise NotImplementedError
+
+
+def register(*kinds: type[SegmentKind[Any]]) -> None:
+    for kind in kinds:
+        KINDS[kind.model] = kind()

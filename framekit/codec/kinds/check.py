@@ -1,0 +1,67 @@
+"""`check`: a check code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.codes import code_bytes
+from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import covers_later, span_names
+from framekit.codec.python.source import quoted
+from framekit.definition.model.segments import (
+    Check,
+    Segment,
+    Segments,
+)
+from framekit.definition.model.walk import leaves
+
+
+class CheckKind(SegmentKind[Check]):
+    model = Check
+
+    def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:
+        if segment.span is not None and not span_names(segment, d.segments):
+            covered = 'b""'
+        elif segment.over is not None:
+            covered = f"n.bytes_of({', '.join(quoted(name) for name in segment.over)})"
+        elif segment.span is not None and segment.span[1] == "here" and _in_one_buffer(segment, d.segments):
+            covered = f"n.bytes_from({quoted(span_names(segment, d.segments)[0])})"
+        elif segment.span is not None:
+            covered = f"n.bytes_of({', '.join(quoted(name) for name in span_names(segment, d.segments))})"
+        else:
+            covered = "n.data[: n.at]"
+        code = code_bytes(d.module, segment, covered)
+        options = ", digits=True" if segment.form in ("hex", "HEX") else ""
+        options += "" if segment.verify == "error" else ", verify=False"
+        if segment.verify == "off":
+            d.out.add(f"n.skip({d.named(segment)}, {segment.size})")
+        elif covers_later(segment, d.segments):
+            name = quoted(segment.name or "check")
+            d.out.add(f"n.skip({name}, {segment.size})")
+            d.late_checks.append(f"n.verify({name}, lambda n: {code}{options})")
+        else:
+            d.out.add(f"n.check({d.named(segment)}, {segment.size}, lambda n: {code}{options})")
+
+
+def _in_one_buffer(check: Check, segments: Segments) -> bool:
+    """Whether a check stands in the same buffer as everything it covers."""
+    names = set(span_names(check, segments))
+    return any(
+        check in buffer and names <= {leaf.name for segment in buffer for leaf in _unwrapped(segment)}
+        for buffer in _buffers(segments)
+    )
+
+
+def _buffers(segments: Segments) -> Iterator[Segments]:
+    yield segments
+    for segment in segments:
+        if segment.is_there_inside:
+            for block in segment.blocks:
+                yield from _buffers(block)
+
+
+def _unwrapped(segment: Segment) -> Iterable[Segment]:
+    """The leaves of a segment that stand in the buffer itself."""
+    return () if segment.is_there_inside else leaves((segment,))

@@ -1,0 +1,18 @@
+"""`const` and `text`: bytes that are always there."""
+
+from __future__ import annotations
+
+from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.source import bytes_literal
+from framekit.definition.model.segments import (
+    Const,
+)
+
+
+class ConstKind(SegmentKind[Const]):
+    model = Const
+
+    def diagnose(self, d: DiagnosisWriter, segment: Const, scope: Scope, behind: Behind) -> None:
+        d.out.add(f"n.const({d.named(segment)}, {bytes_literal(segment.data)}{d.refuse(segment)})")

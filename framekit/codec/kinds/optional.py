@@ -1,0 +1,23 @@
+"""`optional`: segments that are there when their values are given."""
+
+from __future__ import annotations
+
+from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.expressions import Scope
+from framekit.definition.model.segments import (
+    Optional,
+)
+
+
+class OptionalKind(SegmentKind[Optional]):
+    model = Optional
+
+    def diagnose(self, d: DiagnosisWriter, segment: Optional, scope: Scope, behind: Behind) -> None:
+        if absent := d.absent(segment):
+            d.out.add(absent)
+        with d.out.block(f"if n.rest({d.behind(behind)}, {d.named(segment)}) > 0:"):
+            d.list(segment.of, scope, behind)
+        if absent := d.without(segment.of):
+            with d.out.block("else:"):
+                d.out.add(absent)

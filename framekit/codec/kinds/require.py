@@ -1,0 +1,19 @@
+"""`require`: a condition that must hold."""
+
+from __future__ import annotations
+
+from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.source import quoted
+from framekit.definition.model.segments import (
+    Require,
+)
+
+
+class RequireKind(SegmentKind[Require]):
+    model = Require
+
+    def diagnose(self, d: DiagnosisWriter, segment: Require, scope: Scope, behind: Behind) -> None:
+        text = d.writer(scope).text(segment.condition)
+        d.out.add(f"n.require({quoted(segment.condition.text)}, lambda n: {text}{d.refuse(segment)})")

@@ -1,0 +1,29 @@
+"""`skip`: bytes nobody looks at; and what a frame of fixed size leaves free."""
+
+from __future__ import annotations
+
+from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.source import quoted
+from framekit.definition.model.segments import (
+    Fill,
+    Skip,
+)
+
+
+class SkipKind(SegmentKind[Skip]):
+    model = Skip
+
+    def diagnose(self, d: DiagnosisWriter, segment: Skip, scope: Scope, behind: Behind) -> None:
+        d.out.add(f"n.skip({d.named(segment)}, {segment.size})")
+
+
+class FillKind(SegmentKind[Fill]):
+    model = Fill
+
+    def diagnose(self, d: DiagnosisWriter, segment: Fill, scope: Scope, behind: Behind) -> None:
+        total = segment.total
+        d.out.add(f'n.skip("fill", n.rest({d.behind(behind)}, "fill"))')
+        d.out.add(f'n.expect("short", "frame", n.end, {quoted(f"{total} bytes")}, lambda n: n.end >= {total})')
+        d.out.add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')

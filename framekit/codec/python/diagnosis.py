@@ -1,0 +1,308 @@
+"""`examine_…` of a frame: a careful function made of calls, one a segment, that finds the first fault and where all is.
+
+What the calls do is `examination`; here they are only put down in the order of the segments. The kinds of segments
+write their own calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from framekit.codec.python import forms
+from framekit.codec.python.branches import default_text
+from framekit.codec.python.describe import write_docstring
+from framekit.codec.python.expressions import ExpressionWriter, Scope
+from framekit.codec.python.function import span_names
+from framekit.codec.python.module import Module
+from framekit.codec.python.names import Names
+from framekit.codec.python.registry import kind_of
+from framekit.codec.python.shape import names_asked_for
+from framekit.codec.python.source import Source, bytes_literal, literal, quoted
+from framekit.definition.expression.emit import BIT_OR, PRODUCT
+from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import (
+    Check,
+    Const,
+    Count,
+    Field,
+    FieldType,
+    Length,
+    Record,
+    Segment,
+)
+from framekit.definition.model.walk import everything, flat, leaves, without_when
+
+Behind = tuple[tuple[Segment, Scope], ...]
+"""What follows a segment in its buffer, with the scopes of its names."""
+
+
+def write_examiner(
+    module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
+) -> Source:
+    """The source of `examine_…` of a frame or a layout."""
+    writer = DiagnosisWriter(module, segments)
+    body = Source()
+    surplus = frame.surplus if frame is not None else None
+    options = ("" if surplus is None else f", surplus={surplus:#x}") + checks_option(segments)
+    with body.block(f"with n.part({options.removeprefix(', ')}):"):
+        writer.out = body
+        writer.region(segments, Scope(), frame)
+        writer.compare_late_checks()
+    out = Source()
+    with out.block(f"def examine_{identifier}(data: bytes, ctx: Context) -> Examination:"):
+        write_docstring(out, f"Read `{name}` carefully: all its places, and the first fault.", "")
+        for context, local in writer.hoisted.items():
+            out.add(f"{local} = {module.given(context)}")
+        out.add(f"n = {module.function('Examination')}(data, ctx)")
+        if frame is not None and frame.most is not None:
+            with out.block(f"if len(data) > {frame.most}:"):
+                most = quoted(f"at most {frame.most} bytes")
+                out.add(f'n.note("too_long", "frame", {frame.most}, {most}, str(len(data)))')
+        out.extend(body)
+        out.add("return n")
+    return out
+
+
+def checks_option(segments: tuple[Segment, ...]) -> str:
+    """Says that there are check codes in a part."""
+    there = any(isinstance(segment, Check) and segment.verify == "error" for segment in everything(segments))
+    return ", checks=True" if there else ""
+
+
+class DiagnosisWriter:
+    """Writes the calls of one careful function."""
+
+    def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
+        self.module = module
+        self.shapes = module.shapes
+        self.segments = segments
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.out = Source()
+        self.names = Names(module.words())
+        self.hoisted: dict[str, str] = {}
+        self.deferred: list[str] = []
+        self.late_checks: list[str] = []
+        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
+        self.read_names: set[str] = set()
+        self.asked_by_name = names_asked_for(segments)
+        self.asked_for = self._asked_for()
+
+    def _asked_for(self) -> set[str]:
+        """Names of segments without one of their own that a check or a length means."""
+        found: set[str] = set()
+        for segment in everything(self.segments):
+            if isinstance(segment, Check):
+                found.update(span_names(segment, self.segments))
+                covered = (one for one in everything(self.segments) if one.name in (segment.over or ()))
+                found.update(leaf.name or "" for leaf in leaves(covered))
+            elif isinstance(segment, Length):
+                found.update(segment.of)
+        return found
+
+    # ---- texts --------------------------------------------------------------------------------------------
+
+    def context(self, name: str) -> str:
+        """Context values are fetched once, outside everything that takes errors for faults of the frame."""
+        if name not in self.hoisted:
+            self.module.context.add(self.module.known(name, self.by_name))
+            self.hoisted[name] = self.names.fresh(name)
+        return self.hoisted[name]
+
+    def writer(self, scope: Scope) -> ExpressionWriter:
+        return ExpressionWriter(self.module, scope, self.context)
+
+    def ask(self, what: int | Expression | str, scope: Scope, factor: str = "") -> str:
+        """A number, or a function of `n` that gives it; `rest` is None."""
+        if what == "rest":
+            return "None"
+        if isinstance(what, int):
+            return str(what * 2 if factor == " * 2" else what // 2 if factor else what)
+        assert isinstance(what, Expression)
+        return f"lambda n: {self.writer(scope).text(what, PRODUCT if factor else 0)}{factor}"
+
+    def behind(self, after: Behind) -> str:
+        """Text of the bytes behind a segment that reaches to the end; a `lambda` if some may be absent."""
+        fixed, parts = 0, []
+        for segment, scope in after:
+            size = self.shapes.present(segment).fixed
+            if size is None or not self.is_told(segment):
+                return self._constant_behind(after[0][0])
+            if segment.when is None:
+                fixed += size
+            elif size:
+                parts.append(f"({size} if {self.writer(scope).text(segment.when, BIT_OR)} else 0)")
+        if not parts:
+            return str(fixed)
+        return "lambda n: " + " + ".join([*([str(fixed)] if fixed else []), *parts])
+
+    def is_told(self, segment: Segment) -> bool:
+        """Whether it can be told already if the segment is there."""
+        return segment.when is None or not names_in(segment.when.root) & (self.field_names - self.read_names)
+
+    def _constant_behind(self, segment: Segment) -> str:
+        data = segment.data if isinstance(segment, Const) else b""
+        return f"lambda n: n.end - n.data.index({bytes_literal(data)}, n.at, n.end)"
+
+    def named(self, segment: Segment) -> str:
+        """A segment's name as the careful functions know it: its kind, if it has no name and nobody asks for it."""
+        name = segment.name or ""
+        if name and (not name.startswith("_") or name in self.asked_for):
+            return quoted(name)
+        return quoted(type(segment).__name__.lower())
+
+    @staticmethod
+    def refuse(segment: Segment) -> str:
+        return "" if segment.refuse is None else f", refuse={segment.refuse:#x}"
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def parse(self, type_: FieldType, number: Field | Length | Count | None = None) -> str:
+        """A function from the bytes on the wire to the value."""
+        wire = forms.parse(self.module, type_, "raw")
+        if number is None or not forms.changes_value(number):
+            return f"lambda raw: {wire}"
+        if number.zero_means is not None and not (isinstance(number, Field) and (number.plus or number.unit)):
+            return f"lambda raw: {wire} or {number.zero_means}"
+        text = forms.value_of(number, wire)
+        if number.zero_means is not None:
+            text = forms.value_of(number, "wire")
+            return f"lambda raw: (lambda wire: {text})({wire})"
+        return f"lambda raw: {text}"
+
+    def compare_late_checks(self) -> None:
+        """Check codes that stand before what they cover."""
+        for line in self.late_checks:
+            self.out.add(line)
+
+    def region(self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None) -> None:
+        """A whole buffer. What stands behind its last variable part is read from the end, whatever came before."""
+        self.declare(segments, scope)
+        if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
+            self._delimited(frame, scope, frame.tail[0].data[0])
+        else:
+            front, middle, tail = self._parts(segments)
+            behind = tuple((segment, scope) for segment in tail)
+            self.list(front, scope, (), finish=False)
+            if middle:
+                with self.out.block(f"with n.attempt({self.behind(behind)}{checks_option(middle)}):"):
+                    self.list(middle, scope, behind, finish=False)
+            self.list(tail, scope, (), finish=False)
+        self.finish()
+
+    def _delimited(self, frame: Frame, scope: Scope, mark: int) -> None:
+        """A frame whose body ends where its tail begins, whatever is in it."""
+        surplus = "" if frame.surplus is None else f", surplus={frame.surplus:#x}"
+        self.list(frame.head, scope, (), finish=False)
+        with self.out.block(f"with n.part(n.until_tail({mark:#04x}){surplus}{checks_option(frame.body)}):"):
+            self.list(frame.body, scope, (), finish=False)
+        self.list(frame.tail, scope, (), finish=False)
+
+    def _parts(
+        self, segments: tuple[Segment, ...]
+    ) -> tuple[tuple[Segment, ...], tuple[Segment, ...], tuple[Segment, ...]]:
+        """The fixed segments at the start, those up to the last variable one, and the fixed ones behind it.
+
+        The last two are empty if the size of the end cannot be told beforehand.
+        """
+        front, tail = self.shapes.split(segments)
+        has_bytes = any(self.shapes.present(segment).fixed != 0 for segment in tail)
+        if not has_bytes or not self._known_before(front, tail):
+            return segments, (), ()
+        first = next(place for place, segment in enumerate(front) if self.shapes.is_variable(segment))
+        return front[:first], front[first:], tail
+
+    def _known_before(self, front: tuple[Segment, ...], tail: tuple[Segment, ...]) -> bool:
+        """Whether the size of the tail can be told before the first variable segment is read."""
+        late: set[str] = set()
+        variable = False
+        for segment in front:
+            variable = variable or self.shapes.is_variable(segment)
+            if variable:
+                late.update(name for one in everything((segment,)) for name in one.value_names)
+        wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}
+        own = {name for segment in everything(tail) for name in segment.value_names}
+        return not wanted & (late | own)
+
+    def list(
+        self,
+        segments: Iterable[Segment],
+        scope: Scope,
+        after: Behind,
+        finish: bool = True,
+    ) -> None:
+        """The segments of a list; `after`: what follows them in the buffer."""
+        segments = tuple(segments)
+        outside = self.deferred
+        if finish:
+            self.deferred = []
+        for place, segment in enumerate(segments):
+            behind = (*((other, scope) for other in segments[place + 1 :]), *after)
+            if segment.when is not None:
+                self._conditional(segment, scope, behind)
+            else:
+                self._segment(segment, scope, behind)
+            self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
+        if finish:
+            self.finish()
+            self.deferred = outside
+
+    def finish(self) -> None:
+        """Comparisons that need what comes later."""
+        deferred, self.deferred = self.deferred, []
+        for line in deferred:
+            self.out.add(line)
+
+    def _conditional(self, segment: Segment, scope: Scope, behind: Behind) -> None:
+        assert segment.when is not None
+        condition = f'n.ask(lambda n: {self.writer(scope).text(segment.when)}, "value", {self.named(segment)})'
+        with self.out.block(f"if {condition}:"):
+            self._segment(without_when(segment), scope, behind)
+        if isinstance(segment, Field) and segment.default is not None:
+            default = default_text(self.writer(scope).value(segment.default), segment)
+            with self.out.block("else:"):
+                self.out.add(f"n.absent({quoted(segment.name)}, lambda n: {default})")
+            return
+        absent = [line for line in (self.absent(segment), self.without((segment,))) if line]
+        if absent:
+            with self.out.block("else:"):
+                for line in absent:
+                    self.out.add(line)
+
+    def without(self, segments: Iterable[Segment], there: Iterable[Segment] = ()) -> str:
+        """The call that says that what expressions read of these segments is nothing, but for what is `there`."""
+        known = {name for one in flat(there) for name in one.value_names}
+        wanted = [one for one in flat(segments) if set(one.value_names) & self.asked_by_name - known]
+        records = sorted({one.name for one in wanted if isinstance(one, Record)})
+        names = {name for one in wanted for name in one.value_names} & self.asked_by_name - known - set(records)
+        texts = [literal(tuple(sorted(names))), *([literal(tuple(records))] if records else [])]
+        return f"n.without({', '.join(texts)})" if wanted else ""
+
+    def absent(self, segment: Segment) -> str:
+        """The call that says that nothing of a segment is there, as far as checks ask for it."""
+        names = [leaf.name or "" for leaf in leaves((segment,)) if leaf.name in self.asked_for]
+        return f"n.nothing({', '.join(quoted(name) for name in names)})" if names else ""
+
+    # ---- segments with others inside ----------------------------------------------------------------------
+
+    def declare(self, segments: Iterable[Segment], scope: Scope) -> None:
+        """Every field of a list by `n["name"]`."""
+        for segment in segments:
+            for block in segment.blocks:
+                self.declare(block, scope)
+            kind_of(segment).declare(self, segment, scope)
+
+    def _segment(self, segment: Segment, scope: Scope, behind: Behind) -> None:
+        """The calls of a segment that is there."""
+        kind_of(segment).diagnose(self, segment, scope, behind)
+
+    def behind_option(self, needed: bool, behind: Behind) -> str:
+        text = self.behind(behind) if needed else "0"
+        return "" if text == "0" else f", behind={text}"
+
+
+def inside_of(scope: Scope, name: str) -> Scope:
+    """The names inside a record or a list."""
+    entry = scope.find(name)
+    assert entry is not None and entry.inside is not None
+    return entry.inside

@@ -1,0 +1,14 @@
+"""The kinds of segments by their class in the model. `codec.kinds` fills it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from framekit.definition.model.segments import Segment
+
+KINDS: dict[type[Segment], Any] = {}
+
+
+def kind_of(segment: Segment) -> Any:
+    """The kind of a segment. Raises KeyError if it is not registered."""
+    return KINDS[type(segment)]
