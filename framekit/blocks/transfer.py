@@ -19,7 +19,6 @@ from framekit.blocks.merging import Read, joined
 from framekit.blocks.model import Block
 from framekit.blocks.operations import ParamsOf
 from framekit.blocks.own_memory import Piece, read_piece, store_pieces
-from framekit.blocks.repeated_read import RepeatedRead
 from framekit.blocks.results import arguments_of_call, result_pieces
 from framekit.codec.shown import explain
 from framekit.definition.model.frames import Frame
@@ -61,7 +60,6 @@ class BlockTransfers:
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[int, FrameFields] = {}
         self._senders: dict[str, FrameSender] = {}
-        self._reads: dict[tuple[int, int], RepeatedRead] = {}
         self._sending: list[Ended] = []
 
     def closed(self, reason: str) -> None:
@@ -73,7 +71,6 @@ class BlockTransfers:
     def forget(self, block: Block) -> None:
         """A block is no more: what was prepared for it is not kept."""
         self._fields.pop(block.id, None)
-        self._reads.pop((block.set, block.number), None)
 
     def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
         """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
@@ -95,7 +92,9 @@ class BlockTransfers:
                 return self.client.read_variables(
                     block.targets, station=station, unit=block.unit, now=now, on_done=done
                 )
-            return self._reading_of(block, station).begin(now, ended)
+            return self.client.read(
+                block.targets[0], station=station, unit=block.unit, count=block.count, now=now, on_done=done
+            )
         if block.instruction == "write":
             values = self.values_of(block)
             if len(block.targets) > 1:
@@ -109,25 +108,6 @@ class BlockTransfers:
             block.service, given, station=station, addresses=block.addresses, unit=block.unit, count=block.count,
             now=now, on_done=done,
         )  # fmt: skip
-
-    def _reading_of(self, block: Block, station: Any) -> RepeatedRead:
-        """The read of a block; as long as neither the block nor the station is another one, the same."""
-        assert self.client is not None
-        key = block.set, block.number
-        found = self._reads.get(key)
-        if found is None or found.block is not block or found.station != station or found.is_under_way:
-            found = self._reads[key] = RepeatedRead(block, station, self.client, self.engine.direct, self.memory)
-        return found
-
-    def read_again(self, block: Block, now: int, ended: Ended) -> bytes | None:
-        """What a READ block sends, if it may leave right now, and nothing about the block is different.
-
-        None: it has to be started. After bytes the engine's lane is to be told that they have left.
-        """
-        found = self._reads.get((block.set, block.number))
-        if found is None or found.block is not block or block.station_from is not None or not self.engine.is_quiet:
-            return None
-        return found.again(now, ended)
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
         """One read for several blocks of one station; each gets its own part, and its own end."""

@@ -29,6 +29,7 @@ def module_of(protocol: str, code: CodeType) -> ModuleType:
 class FrameFunctions:
     """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for those who call often.
 
+    `kept`: what users of these functions have made of them, by its class, for as long as they are used.
     `together`: by a frame's name the place of a byte, and by that byte what takes it together with the frame inside it;
     `rows`: what takes many of a frame in a row.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).
@@ -37,6 +38,7 @@ class FrameFunctions:
     def __init__(self, module: ModuleType) -> None:
         names: dict[str, Any] = vars(module)
         self.module = module
+        self.kept: dict[Any, Any] = {}
         self.frames: Mapping[str, Any] = names["FRAMES"]
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]

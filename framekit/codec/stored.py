@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
+from types import CodeType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from framekit import __version__
@@ -24,7 +25,7 @@ from framekit.definition.shipped import definition_file, shipped_folder
 from framekit.definition.sources import Sources
 
 if TYPE_CHECKING:
-    from types import CodeType, ModuleType
+    from types import ModuleType
 
     from framekit.definition.model.protocol import Protocol
 
@@ -160,6 +161,27 @@ class Shelf:
         content = key.encode() + marshal.dumps(tuple(kept))
         keep(self.cache, key, hashlib.sha256(content).digest() + content)
 
+    def read_code(self, path: Path, sources: Sources, what: str) -> CodeType | None:
+        """Other code that was made of a definition read from these very sources."""
+        key = self._key_of_code(path, sources, what)
+        data = read_kept(self.cache, key) or b""
+        digest, content = data[:32], data[32:]
+        if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
+            return None
+        try:
+            code = marshal.loads(content[len(key) :])
+        except (EOFError, ValueError, TypeError):  # nothing of ours: it is made again
+            return None
+        return code if isinstance(code, CodeType) else None
+
+    def write_code(self, path: Path, sources: Sources, what: str, code: CodeType) -> None:
+        key = self._key_of_code(path, sources, what)
+        content = key.encode() + marshal.dumps(code)
+        keep(self.cache, key, hashlib.sha256(content).digest() + content)
+
+    def _key_of_code(self, path: Path, sources: Sources, what: str) -> str:
+        return hashlib.sha256(f"{self._key(path)}\n{what}\n{tuple(sources)!r}".encode()).hexdigest()
+
 
 class LibraryKeeper:
     """Gives loaders and compilers what a shelf has, and puts there what they have made (see `Keeper`)."""
@@ -194,6 +216,16 @@ class LibraryKeeper:
             self.shelf.write(path, _parts(protocol, sources, code))
         return module_of(protocol.name, code)
 
+    def code(self, protocol: Protocol, what: str, make: Callable[[], CodeType]) -> CodeType:
+        if id(protocol) not in self._known:
+            return make()
+        path, _, sources = self._known[id(protocol)]
+        found = self.shelf.read_code(path, sources, what)
+        if found is None:
+            found = make()
+            self.shelf.write_code(path, sources, what, found)
+        return found
+
 
 def kept_library() -> LibraryKeeper | None:
     """Keeps definitions and their code in the user's cache folder; None where there is none to trust."""
@@ -205,7 +237,7 @@ def _stamp() -> str:
     """What compiles definitions: the versions, and size and time of every file of framekit that has a part in it."""
     package = Path(__file__).parent.parent
     found = [__version__, sys.version, str(sys.implementation.cache_tag)]
-    for folder in (package / "definition", package / "codec", shipped_folder("schemas")):
+    for folder in (package / "definition", package / "codec", package / "link", shipped_folder("schemas")):
         for root, _, files in os.walk(folder):
             for name in files:
                 if name.endswith((".py", ".json")):

@@ -5,10 +5,10 @@ Imported by commands that have to be quick. How something is kept is not known h
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 from typing import Protocol as Interface
 
@@ -28,6 +28,9 @@ class Keeper(Interface):
 
     def module(self, protocol: Protocol) -> ModuleType:
         """The module of a definition's frames. Raises DefinitionError."""
+
+    def code(self, protocol: Protocol, what: str, make: Callable[[], CodeType]) -> CodeType:
+        """Other code made of a definition, called `what`: kept from before, or made now."""
 
 
 current: Keeper | None = None

@@ -12,7 +12,6 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.link.addresses import Address
 from framekit.link.client_exchanges import ClientExchanges, given_in
-from framekit.link.direct_read import DirectRead
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Outcome
@@ -51,24 +50,8 @@ class Client(ClientExchanges):
             exchanges = tuple(self._prepared(plan, pieces, names, given_in(names)) for pieces in plan.exchanges)
             ready = ReadyRead(plan, exchanges, unit or place.unit, count)
             if key is not None:
-                self._ready.keep(key, ready, self.engine.direct_request)
-        if ready.direct is not None:
-            commands = self.engine.ask(DirectRead(ready, ready.direct, self._read_directly, on_done), now)
-            if commands is not None:
-                return commands
+                self._ready.keep(key, ready)
         return self._begin_read([ready.plan], [(ready.unit, ready.count)], ready.exchanges, now, on_done)
-
-    def repeated(
-        self, address: str | Address, *, station: Any = None, unit: str | None = None, count: int = 1, on_done: Done,
-    ) -> DirectRead | None:  # fmt: skip
-        """A read that has been made before, to be handed to the engine's `ask` as often as it has ended.
-
-        None where it has no short way, or none yet.
-        """
-        ready = self._ready.find((address, unit, count, station))
-        if ready is None or ready.direct is None:
-            return None
-        return DirectRead(ready, ready.direct, self._read_directly, on_done)
 
     def write(
         self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,

@@ -13,13 +13,11 @@ from typing import Any, Protocol
 from framekit.codec.shown import explain
 from framekit.definition.model import protocol as model
 from framekit.link.construct_values import EACH
-from framekit.link.direct import DirectRequest
-from framekit.link.direct_read import DirectRead
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.frame_table import Codec
-from framekit.link.ready import CompiledRow, Prepared, ReadyRead, ReadyReads
+from framekit.link.ready import CompiledRow, Prepared, ReadyReads
 from framekit.link.replies import ErrorReader, UnfitReplyError
 from framekit.link.requests import Piece, Plan, Planner, ServiceError
 from framekit.link.services.rows import ServiceRows
@@ -33,10 +31,6 @@ class Starts(Protocol):
     def scope(self) -> Any: ...
 
     def start(self, exchange: Exchange, now: int) -> list[Command]: ...
-
-    def direct_request(self, exchange: Exchange) -> DirectRequest | None: ...
-
-    def ask(self, ask: DirectRead, now: int) -> list[Command] | None: ...
 
 
 class ClientExchanges:
@@ -149,17 +143,6 @@ class ClientExchanges:
         known = Names(outcome.results, asked.names)
         known.update(request=asked.request, reply=outcome.reply, buffer=outcome.buffer)
         return {name: compute(known) for name, compute in asked.row.gives}
-
-    def _read_directly(self, ready: ReadyRead, outcome: Outcome) -> TransferResult:
-        """What the only exchange of a read has brought."""
-        answer = self._judge(ready.exchanges[0], outcome)
-        result = answer.failure
-        if result is None:
-            result = TransferResult(True, *elements([ready.plan], [(ready.unit, ready.count)], answer.data))
-            result.gives = answer.gives
-        result.exchanges = 1
-        result.reply, result.raw, result.buffer = outcome.reply, outcome.raw, outcome.buffer
-        return result
 
 
 def given_in(names: Names) -> dict[str, Any]:

@@ -1,25 +1,46 @@
 """The link engine of one side of a line: events in, commands out (language reference, sections 6 to 8).
 
-Sans-I/O: it has no clock, port or task. What follows from an event, and in which order, is in `engine_core`.
+Sans-I/O: it has no clock, port or task. What falls on one instant is done in this order: what the driver reports, in
+the order of its calls (bytes before times that run out at that very instant); after each, everything that follows from
+it and takes no time – finished exchanges are told, lanes begin what can begin, delivered frames, queues, then the next
+frame in the bytes at hand. When times run out: the receiver's first, then those of runs, earliest first and in the
+order of the lanes, then the session's keep-alive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
 from typing import Any
 
-from framekit.link.direct import DirectRequest
-from framekit.link.direct_lane import DirectAsk
-from framekit.link.engine_core import EngineCore
+from framekit.codec.shown import explain
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.clock import DEFAULT_START
+from framekit.link.device_state import DeviceState
+from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command
-from framekit.link.exchange import Exchange, Outcome
+from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_info import FrameInfo
-from framekit.link.output import Item
-from framekit.link.runs import State
+from framekit.link.frame_table import Codec
+from framekit.link.lanes import Lanes, Shutdown
+from framekit.link.late import replies_of
+from framekit.link.observe import LinkCounters, Monitor
+from framekit.link.output import Item, Output
+from framekit.link.receiver import Receiver
+from framekit.link.reception import Dispatcher, OnFrame, Reception
+from framekit.link.scope import Scope
+from framekit.link.sequences.compiler import program_of
+from framekit.link.sequences.runtime import EngineFunctions, Machine
+from framekit.link.sequences.state import Run, State
+from framekit.link.sessions import SessionState
 from framekit.link.values import FrameValue
 
+MOST_ROUNDS = 100_000
+"""So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""
 
-class Engine(EngineCore):
+
+class Engine:
     """One side of a line. `role` None: frames alone are sent and received.
 
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
@@ -30,15 +51,65 @@ class Engine(EngineCore):
     what cannot be done is reported by outcomes and to the monitor.
     """
 
+    def __init__(
+        self,
+        protocol: Protocol,
+        codec: Codec,
+        role: str | None,
+        *,
+        params: Mapping[str, Any] | None = None,
+        line: LineFormat | None = None,
+        own: Any = None,
+        server: Server | None = None,
+        now: int = 0,
+        memory: MemoryAccess | None = None,
+        ask: Ask | None = None,
+        on_frame: OnFrame | None = None,
+        monitor: Monitor | None = None,
+        on_fault: Monitor | None = None,
+        on_send: Callable[[], None] | None = None,
+        clock_start: datetime = DEFAULT_START,
+        device: DeviceState | None = None,
+        counters: LinkCounters | None = None,
+    ) -> None:
+        if line is None and protocol.line.kind == "serial":
+            line = parse_format(protocol.line.format, protocol.line.speed)
+        self.protocol = protocol
+        self.role = role
+        self.scope = Scope(
+            protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start, device=device
+        )
+        self.counters = LinkCounters() if counters is None else counters
+        self._commands: list[Command] = []
+        program = program_of(protocol, codec)
+        table = program.table
+        self._context = Names({"request": None, "buffer": b""}, self.scope)
+        self.receiver = Receiver(codec, protocol, self._context, table, self._frame_trouble)
+        self.output = Output(protocol.line, self.scope, self._commands)
+        self.machine = machine = Machine(self.scope, table, program.sequences, self.output)
+        machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
+        machine.on_fault, machine.on_send = on_fault, on_send
+        self.scope.update({name: name for name in protocol.queues})
+        self.scope["functions"] = EngineFunctions(machine)
+        model = None if role is None else protocol.roles[role]
+        machine.late.replies = replies_of(protocol, model)
+        machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
+        self.lanes = Lanes(model.lanes if model else (), machine)
+        self.shutdown = Shutdown(machine, self.lanes, self.output)
+        self.dispatcher = Dispatcher(machine, self.lanes)
+        self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
+        machine.flush = lambda: self.reception.show_noise(self.receiver.flush())
+        self.is_busy = False
+        self._circle_at = -1
+
     # ---- events -------------------------------------------------------------------------------------------
 
     def opened(self, now: int) -> list[Command]:
         """The port, or the connection, is there."""
-        self.direct.unfold()
         self.scope.now = now
         self.receiver.reset()
         self.machine.late.forget()
-        self.lanes.is_open = self.output.is_open = True
+        self.machine.is_open = self.output.is_open = True
         self.lanes.was_closed = False
         self.machine.stirred = True
         self.machine.show("open")
@@ -46,10 +117,9 @@ class Engine(EngineCore):
         return self._finish()
 
     def closed(self, now: int, reason: str = "") -> list[Command]:
-        """The connection is gone; what was to be sent is dropped, and whoever does not handle it fails."""
+        """The connection is gone; what was to be sent is dropped, and a run that does not handle it fails."""
         self.scope.now = now
-        self.direct.unfold()
-        self.lanes.is_open = self.output.is_open = False
+        self.machine.is_open = self.output.is_open = False
         self.lanes.was_closed = True
         self.machine.show("closed", reason=reason)
         self.output.clear()
@@ -67,10 +137,6 @@ class Engine(EngineCore):
         if self.deadline < now:
             self._tick(now)
         self.scope.now = self.output.last_received = now
-        found = None if faults else self.direct.receive(data, now)
-        if found is not None:
-            return self._told(found)
-        self.direct.unfold()
         self.receiver.append(data, now, faults)
         if data:
             self.dispatcher.byte()
@@ -79,14 +145,12 @@ class Engine(EngineCore):
     def other_sender(self, now: int) -> list[Command]:
         """What comes from now on comes from another sender. What had come before of a frame belongs to nothing."""
         self.scope.now = now
-        self.direct.unfold()
         self.reception.show_noise(self.receiver.flush())
         return self._finish()
 
     def line_break(self, now: int) -> list[Command]:
         """The line was in break state. What had come before of a frame belongs to nothing."""
         self.scope.now = self.output.last_received = now
-        self.direct.unfold()
         self.reception.show_noise(self.receiver.flush())
         self.machine.show("break", "in")
         self.dispatcher.line_break()
@@ -96,8 +160,6 @@ class Engine(EngineCore):
         """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
         self.scope.now = now
         item = self.output.left()
-        if item is not None and self.direct.left(item):
-            return self._given()
         if item is not None:
             self.receiver.answered()
             if item.run is not None:
@@ -109,7 +171,6 @@ class Engine(EngineCore):
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
         self.scope.now = now
-        self.direct.disturb()
         self.output.clear_to_send = lines.get("cts", True)
         self.output.poll()
         return self._finish()
@@ -124,13 +185,12 @@ class Engine(EngineCore):
     def start(self, exchange: Exchange, now: int) -> list[Command]:
         """Queues an exchange; it begins when its lane has room. Its outcome comes by `on_done`."""
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
         run = self.machine.asking
         if exchange.inside is not None:
             run = exchange.inside.run
         lane = self.lanes.lane_for(exchange.run)
         if run is not None and run.state is State.ASKING:
-            self.machine.guarded(run, self.machine.start_inside, exchange)
+            self.machine.start_inside(run, exchange)
         elif lane is None:
             self.machine.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
         elif self.lanes.was_closed:
@@ -140,33 +200,18 @@ class Engine(EngineCore):
         self.machine.changed = self.machine.stirred = True
         return self._finish()
 
-    def direct_request(self, exchange: Exchange) -> DirectRequest | None:
-        """What `ask` needs for exchanges like this one, to be used again and again; None where there is no such way."""
-        return self.direct.request(exchange)
-
-    def ask(self, ask: DirectAsk, now: int) -> list[Command] | None:
-        """As `start`, by a shorter way that is open while nothing else goes on. None: it is not; nothing is done."""
-        self.scope.now = max(self.scope.now, now)
-        return self._given() if self.direct.begin(ask) else None
-
-    def unfold(self) -> None:
-        """An exchange that was begun by `ask` goes on as if it had been started by `start`."""
-        self.direct.unfold()
-
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
         """Ends an exchange, begun or not; what has been handed over for sending still goes out.
 
         If its reply is due, other requests wait for that.
         """
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
         self.lanes.cancel(exchange)
         return self._finish()
 
     def give_up(self, exchange: Exchange, now: int) -> list[Command]:
         """An exchange is given up by its caller. What has been asked is waited for, but not asked again."""
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
         self.lanes.give_up(exchange)
         return self._finish()
 
@@ -179,7 +224,6 @@ class Engine(EngineCore):
     ) -> list[Command]:
         """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
         machine = self.machine
         if isinstance(frame, str):
             frame = machine.table.made(frame, dict(fields or {}), self.scope)
@@ -194,7 +238,6 @@ class Engine(EngineCore):
     def put_frame(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> list[Command]:
         """Sends the bytes of a frame that announces nothing: nobody here has anything to do because of it."""
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
         self.counters.sent += 1
         self._put(Item(None, data, 0, info, on_sent))
         return self._finish() if self.machine.changed or self.machine.stirred else self._given()
@@ -225,15 +268,13 @@ class Engine(EngineCore):
     def has_put(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
         """As `put_frame` while it is quiet, for bytes that have been given to the port already."""
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
         self.counters.sent += 1
         self.output.outgoing = Item(None, data, 0, info, on_sent)
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
-        self.direct.unfold()
-        self.farewell.ask(on_done)
+        self.shutdown.ask(on_done)
         return self._finish()
 
     @property
@@ -244,3 +285,127 @@ class Engine(EngineCore):
     def status(self) -> dict[str, Any]:
         """Published variables."""
         return self.scope.published()
+
+    # ---- time and what follows ---------------------------------------------------------------------
+
+    @property
+    def deadline(self) -> int:
+        """When `tick` is to be called; NEVER when nothing waits for time."""
+        if self.machine.callbacks or self.machine.ended:
+            return self.scope.now
+        deadline = self.lanes.deadline
+        if self.reception.interest is not None:
+            deadline = min(deadline, self.receiver.deadline)
+        if self.machine.late.items:
+            deadline = min(deadline, self.machine.late.until)
+        return min(deadline, self._keep_alive_at())
+
+    def _keep_alive_at(self) -> int:
+        """When the session has to be kept alive; never while there is other traffic under way."""
+        if not self.machine.session.is_open or self.output.outgoing is not None or not self.lanes.is_free:
+            return NEVER
+        return self.machine.session.keep_alive_at(self.output.quiet_since)
+
+    # ---- what follows -------------------------------------------------------------------------------------
+
+    def _finish(self) -> list[Command]:
+        """Everything that follows and takes no time; then the commands, in order. Inside of itself it does nothing."""
+        if self.is_busy:
+            return []
+        self.is_busy = True
+        try:
+            self._settle()
+        finally:
+            self.is_busy = False
+        return self._given()
+
+    def _given(self) -> list[Command]:
+        """The commands that have come together, in order; none inside of what follows from an event."""
+        if self.is_busy:
+            return []
+        commands = self._commands.copy()
+        self._commands.clear()
+        return commands
+
+    def _settle(self) -> None:
+        machine, lanes = self.machine, self.lanes
+        for _ in range(MOST_ROUNDS):
+            if machine.ended:
+                lanes.settle_ended()
+            elif machine.callbacks:
+                machine.callbacks.popleft()()
+            elif machine.stirred and lanes.begin_what_can():
+                continue
+            elif machine.delivered:
+                value = machine.delivered.popleft()
+                if not self.dispatcher.offer(value):
+                    self.reception.unsolicited(value)
+            elif machine.has_queues and self.dispatcher.queue_rows():
+                continue
+            elif not self.reception.next_arrival() and not self.shutdown.go_on():
+                return
+        place = self.receiver.stream.offset
+        if place != self._circle_at:
+            self._circle_at = place
+            self._settle()
+            return
+        machine.show("trouble", reason="one event leads to another without end")
+
+    def _frame_trouble(self, frame: str, error: Exception) -> None:
+        self.machine.show("trouble", frame=frame, reason=explain(error))
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def _tick(self, now: int) -> None:
+        """Everything that is due, in the documented order; new times due at the same instant as well."""
+        self.scope.now = now
+        self.machine.stirred = True
+        for _ in range(MOST_ROUNDS):
+            if not self._something_due(now):
+                return
+            self.is_busy = True
+            try:
+                self._settle()
+            finally:
+                self.is_busy = False
+
+    def _something_due(self, now: int) -> bool:
+        receiver = self.receiver
+        if self.reception.interest is not None and receiver.deadline <= now:
+            receiver.tick(now)
+            return True
+        due = min((run for run in self.lanes.order if run.deadline <= now), key=lambda run: run.deadline, default=None)
+        if due is not None:
+            self._time_up(due)
+            return True
+        if self.machine.late.items and self.machine.late.until <= now:
+            self.lanes.release()
+            return True
+        return self._keep_alive_at() <= now and self._keep_alive()
+
+    def _time_up(self, run: Run) -> None:
+        """A frame that is arriving is broken off first; a good one may still be found in what has come of it."""
+        number = run.wait_number
+        if run.state is State.HELD:
+            self.lanes.hold_over(run)
+            return
+        if run.state is State.RECEIVING and run.candidate is not None:
+            run.deadline = NEVER
+            run.cause = "a frame began and was not completed in time"
+            self.receiver.cut()
+            self.receiver.tick(self.scope.now)
+            self.reception.cutting = self.is_busy = True
+            try:
+                self._settle()
+            finally:
+                self.reception.cutting = self.is_busy = False
+            if run.state is not State.RECEIVING or run.wait_number != number:
+                return
+        self.machine.time_up(run)
+
+    def _keep_alive(self) -> bool:
+        session = self.machine.session
+        if session.session is None or session.session.keep_alive_run is None:
+            return False
+        names = (session.session.keep_alive_run,)
+        return self.lanes.begin_sequences("keep_alive", names, session.station) is not None

@@ -124,7 +124,7 @@ class FrameTable:
         """The value has become these bytes: from now on it holds them, and every field as sent."""
         info = self.infos[value.frame]
         value.raw = data
-        value.pending = lambda: self._read_back(info, data, names)
+        value.pending = lambda: self.read_back(info, data, names)
         for kind, name, _ in info.shape:
             inner = value.fields.get(name) if kind == "inner" else None
             if type(inner) is FrameValue and inner.raw is None:
@@ -132,7 +132,7 @@ class FrameTable:
         if info.announces:
             value.complete()
 
-    def _read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
+    def read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
         try:
             return self.received(info.name, info.decode(data, names), data, None).fields
         except EVALUATION_ERRORS:
@@ -155,8 +155,11 @@ class FrameTable:
             if type(inner) is FrameValue and inner.raw is None:
                 self.fill_echo(inner, *requests)
 
-    def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Names) -> bool:
-        """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too."""
+    def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Callable[[], Names]) -> bool:
+        """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too.
+
+        `names` gives those that the reply's `echo` may read.
+        """
         info = self.infos.get(reply.frame)
         if info is None:
             return True
@@ -167,7 +170,7 @@ class FrameTable:
                     wanted = request.fields[plain_name]
                 else:
                     try:
-                        wanted = echoed(plain_name, evaluate, request, names)
+                        wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())
                     except EVALUATION_ERRORS:
                         continue
                 if field in fields and fields[field] != wanted:

@@ -1,57 +1,27 @@
-"""Lanes of a role: exchanges that wait for their turn, those that run, and what listens when none does."""
+"""Lanes of a role: exchanges that wait for their turn, those that run, and what listens when none does.
+
+With them the shutdown, which waits for them and closes their session.
+"""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from framekit.definition.model.procedure import Lane
 from framekit.definition.times import NEVER
-from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
 from framekit.link.events import Reopen
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.late import MOST_HOLDS
-from framekit.link.machine import Machine, arguments_of
-from framekit.link.runs import Activation, Dealing, Run, State
+from framekit.link.output import Output
+from framekit.link.sequences.runtime import Machine
+from framekit.link.sequences.state import ExchangeContext, LaneState, Run, State
 
 HOLD = 100_000_000
 """A listener that goes round in circles is started again after this (ns)."""
 
 STALE = 1_000_000_000
 """What has lain there incomplete for so long (ns) when an exchange begins has nothing to do with it."""
-
-
-class LaneState:
-    """One lane. `waiting` are exchanges not yet begun, oldest first."""
-
-    def __init__(self, lane: Lane) -> None:
-        self.name = lane.name
-        self.exchange = lane.exchange
-        self.listen = lane.listen
-        self.waiting: deque[Exchange] = deque()
-        self.running: list[Run] = []
-        self.listener: Run | None = None
-        self.held_until = 0
-        self.steps_since = -1
-        self.steps_done = 0
-        self.steps_at = 0
-        self._at_once = None if lane.at_once is None else compile_expression(lane.at_once)
-
-    def runs(self) -> Iterator[Run]:
-        """Those under way: exchanges, older first, then the listener."""
-        yield from self.running
-        if self.listener is not None:
-            yield self.listener
-
-    def at_once(self, machine: Machine) -> int:
-        """How many exchanges may run side by side."""
-        if self._at_once is None:
-            return 1
-        try:
-            return int(self._at_once(machine.scope))
-        except EVALUATION_ERRORS:
-            return 1
 
 
 class Lanes:
@@ -61,7 +31,6 @@ class Lanes:
         self.machine = machine
         self.lanes = [LaneState(lane) for lane in lanes]
         self.order: tuple[Run, ...] = ()
-        self.is_open = False
         self.was_closed = False
         self._plans: dict[Run, Exchange] = {}
 
@@ -77,7 +46,7 @@ class Lanes:
     def begin_what_can(self) -> bool:
         """Starts exchanges whose turn it is, and listeners where a lane is free. Tells whether it did anything."""
         self.machine.stirred = False
-        if not self.is_open:
+        if not self.machine.is_open:
             return False
         begun = False
         for lane in self.lanes:
@@ -90,7 +59,7 @@ class Lanes:
 
     def _has_room(self, lane: LaneState) -> bool:
         session = self.machine.session
-        if session.busy or len(lane.running) >= lane.at_once(self.machine):
+        if session.busy or len(lane.running) >= lane.at_once(self.machine.scope):
             return False
         if lane.running and session.plan(lane.waiting[0]):
             return False
@@ -107,23 +76,15 @@ class Lanes:
         self._give_way(lane)
         run = self._new_run(lane, "exchange")
         self._plans[run] = exchange
-        dealing = Dealing(machine.scope, exchange, True)
+        context = ExchangeContext(machine.scope, exchange, True)
         for kind, name in machine.session.plan(exchange):
-            run.agenda.append((kind, name, Dealing(machine.scope, None, True, exchange.station)))
-        run.agenda.append(("exchange", exchange.run or lane.exchange[0], dealing))
+            run.agenda.append((kind, name, ExchangeContext(machine.scope, None, True, exchange.station)))
+        run.agenda.append(("exchange", exchange.run or lane.exchange[0], context))
         machine.session.busy = len(run.agenda) > 1
         self._next_of_agenda(run)
 
-    def take_over(self, exchange: Exchange) -> Run:
-        """A run for an exchange that has begun otherwise."""
-        lane = self.lane_for(exchange.run)
-        assert lane is not None
-        run = self._new_run(lane, "exchange")
-        self._plans[run] = exchange
-        return run
-
     def _new_run(self, lane: LaneState, kind: str) -> Run:
-        run = Run(lane, kind)
+        run = Run(self.machine, lane, kind)
         lane.running.append(run)
         self._reorder()
         return run
@@ -142,9 +103,9 @@ class Lanes:
         self._give_way(lane)
         run = self._new_run(lane, kind)
         for name in names:
-            run.agenda.append((kind, name, Dealing(self.machine.scope, None, True, station)))
+            run.agenda.append((kind, name, ExchangeContext(self.machine.scope, None, True, station)))
         if kind == "close":
-            run.agenda.append(("ended", "", Dealing(self.machine.scope, None, True, station)))
+            run.agenda.append(("ended", "", ExchangeContext(self.machine.scope, None, True, station)))
         self._next_of_agenda(run)
         return run
 
@@ -152,21 +113,20 @@ class Lanes:
         machine = self.machine
         if lane.held_until > machine.scope.now or lane.listen is None:
             return False
-        run = Run(lane, "listen")
+        run = Run(machine, lane, "listen")
         lane.listener = run
         self._reorder()
-        dealing = Dealing(machine.scope, None, False)
-        machine.start_run(run, Activation(machine.sequences[lane.listen], dealing, {}, False))
+        machine.start(run, machine.sequences[lane.listen], ExchangeContext(machine.scope, None, False))
         return True
 
     def _next_of_agenda(self, run: Run) -> bool:
         """The next sequence of a run that has several: of its session first, then its own. False: there is none."""
         session = self.machine.session
         while run.agenda:
-            kind, name, dealing = run.agenda.popleft()
+            kind, name, context = run.agenda.popleft()
             run.doing = kind
             if kind == "begin":
-                session.begin(dealing.names["station"])
+                session.begin(context.station)
             elif kind == "opened":
                 session.opened()
             elif kind == "ended":
@@ -174,9 +134,7 @@ class Lanes:
             else:
                 session.busy = kind in ("open", "close")
                 self.machine.stirred = True
-                sequence = self.machine.sequences[name]
-                activation = Activation(sequence, dealing, arguments_of(sequence, dealing), False)
-                self.machine.start_run(run, activation)
+                self.machine.start(run, self.machine.sequences[name], context)
                 return True
         return False
 
@@ -191,7 +149,7 @@ class Lanes:
             machine.output.put(item)
         for run in self.order:
             if run.state is State.HELD:
-                machine.guarded(run, machine.go_on)
+                machine.go_on(run)
 
     def hold_over(self, run: Run) -> None:
         """A time for which a run was to be held back is over."""
@@ -231,7 +189,7 @@ class Lanes:
             session.end()
         else:
             lost = session.failed(outcome.outcome)
-        if lost and session.reconnects and self.is_open:
+        if lost and session.reconnects and self.machine.is_open:
             self.machine.output.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
         if run.lane.listener is run and outcome.outcome == "circle":
             run.lane.held_until = self.machine.scope.now + HOLD
@@ -288,7 +246,7 @@ class Lanes:
     def is_free(self) -> bool:
         """Whether the lane for exchanges could begin something of the session's own now."""
         lane = self.lane_for(None)
-        if lane is None or lane.running or lane.waiting or not self.is_open:
+        if lane is None or lane.running or lane.waiting or not self.machine.is_open:
             return False
         return lane.listener is None or lane.listener.gives_way
 
@@ -308,3 +266,35 @@ class Lanes:
             if lane.held_until > self.machine.scope.now and lane.listener is None and not lane.running:
                 deadline = min(deadline, lane.held_until)
         return deadline
+
+
+class Shutdown:
+    """Closes the session when asked to, once the lane is free."""
+
+    def __init__(self, machine: Machine, lanes: Lanes, output: Output) -> None:
+        self.machine = machine
+        self.lanes = lanes
+        self.output = output
+        self._on_done: Callable[[], None] | None = None
+
+    def ask(self, on_done: Callable[[], None]) -> None:
+        """Asks for the end; `on_done` is called once, when no session is open and the last byte has left."""
+        self._on_done = on_done
+
+    def go_on(self) -> bool:
+        """Does the next thing there is to do now. False when there is nothing, or something has to end first."""
+        if self._on_done is None:
+            return False
+        session = self.machine.session
+        if session.session is None or not (session.is_open or session.busy):
+            if self.output.outgoing is not None or self.output.pending or self.machine.late.items:
+                return False
+            self.machine.callbacks.append(self._on_done)
+            self._on_done = None
+            return True
+        if session.busy or not self.lanes.is_free:
+            return False
+        if not session.session.close:
+            session.end()
+            return True
+        return self.lanes.begin_sequences("close", session.session.close, session.station) is not None

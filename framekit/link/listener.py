@@ -14,11 +14,10 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
 from framekit.link.codes import code_text
-from framekit.link.counters import LinkCounters
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import Codec, FrameTable
-from framekit.link.observe import Kind, Monitor, Seen
+from framekit.link.observe import Kind, LinkCounters, Monitor, Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue, plain

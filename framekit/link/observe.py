@@ -1,7 +1,4 @@
-"""What an engine shows to whoever watches: every frame sent and received, bad frames, noise, and trouble.
-
-Made only when somebody watches.
-"""
+"""What an engine tells about itself: trace events to a monitor, if there is one, and counters."""
 
 from __future__ import annotations
 
@@ -35,3 +32,18 @@ class Seen:
 
 
 Monitor = Callable[[Seen], None]
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """Frames by themselves sent, good frames received, those not taken, bad frames, bytes of noise.
+
+    `late`: those not taken that were replies whose exchange was over, or that answered a repeated request again.
+    """
+
+    sent: int = 0
+    received: int = 0
+    not_taken: int = 0
+    late: int = 0
+    bad: int = 0
+    noise_bytes: int = 0

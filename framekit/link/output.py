@@ -6,27 +6,23 @@ It gives the next command when the last one has left. It knows no sequences; who
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.protocol import Line
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.events import Break, Command, Send, SetRts
+from framekit.link.frame_info import FrameInfo
 from framekit.link.scope import Scope
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from framekit.link.frame_info import FrameInfo
-    from framekit.link.runs import Run
 
 
 @dataclass(slots=True, eq=False)
 class Item:
-    """Bytes to send, or a break of `duration` ns. `on_sent` is told when the last bit has left."""
+    """Bytes to send, or a break of `duration` ns, of a run or of none. `on_sent` is told when the last bit has left."""
 
-    run: Run | None
+    run: Any
     data: bytes = b""
     duration: int = 0
     info: FrameInfo | None = None

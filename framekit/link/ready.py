@@ -5,15 +5,13 @@ A read that depends on nothing but its own arguments and settings is worked out 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from framekit.definition.model.values import FrameOf, LayoutOf
 from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.link.construct_values import Compute, compile_value
-from framekit.link.direct import DirectRequest
-from framekit.link.direct_read import PlainReply
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Exchange
 from framekit.link.replies import ReplyReader
@@ -21,9 +19,6 @@ from framekit.link.requests import Piece, Plan
 from framekit.link.scope import Scope
 from framekit.link.services.rows import RowFacts
 from framekit.link.values import FrameValue
-from framekit.memory.memory import unit_bits
-
-MakeDirect = Callable[[Exchange], DirectRequest | None]
 
 MOST_KEPT = 1024
 """So many reads are kept; then all are forgotten, since nobody repeats so many."""
@@ -81,8 +76,6 @@ class ReadyRead:
     exchanges: tuple[Prepared, ...]
     unit: str
     count: int
-    direct: DirectRequest | None = None
-    plain: PlainReply | None = None
 
 
 class ReadyReads:
@@ -104,7 +97,7 @@ class ReadyReads:
             self._kept.clear()
         return self._kept.get(key)
 
-    def keep(self, key: Hashable, read: ReadyRead, direct_request: MakeDirect) -> None:
+    def keep(self, key: Hashable, read: ReadyRead) -> None:
         """Keeps a read for the next who asks, if it will be the same then."""
         if self._scope is None or not all(_is_plain(one.request) for one in read.exchanges):
             return
@@ -113,12 +106,6 @@ class ReadyReads:
             return
         if len(self._kept) >= MOST_KEPT:
             self._kept.clear()
-        if len(read.exchanges) == 1:
-            only = read.exchanges[0]
-            direct, plain = direct_request(only.exchange()), plain_reply(read, only)
-            if direct is not None and plain is not None:
-                direct.data_fields, direct.data_size = plain.fields, plain.data_size
-            read = replace(read, direct=direct, plain=plain)
         self._kept[key] = read
 
     def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
@@ -134,18 +121,6 @@ class ReadyReads:
             used = expressions_of([row.when, row.limit, row.run, sent, made])
             known = self._lasting[facts] = not any(scope.changes(part) for part in used)
         return known
-
-
-def plain_reply(read: ReadyRead, only: Prepared) -> PlainReply | None:
-    """The quick look at the replies to a read of one piece; None where there is more to them than data."""
-    row, plan = only.row, read.plan
-    if len(only.pieces) != 1 or row.gives or row.request is None or plan.skip:
-        return None
-    piece = only.pieces[0]
-    if plan.bits != piece.bits or plan.bits != read.count * unit_bits(read.unit):
-        return None
-    packer = plan.facts.packer(piece.address.unit)
-    return PlainReply(row.reply.data_fields(), packer, piece.address.start, piece.count, read.unit, read.count)
 
 
 def _is_plain(request: FrameValue | None) -> bool:

@@ -1,22 +1,24 @@
-"""From bytes to those who wait: which frames are looked for now, and what is done with what the receiver finds.
+"""From bytes to the runs that wait: which frames are looked for now, and which run gets what the receiver finds.
 
-It knows who waits in which lane, but not what steps are.
+Lanes are asked in the order written, in a lane the older exchange first; the first row that fits takes a frame
+(language reference, section 8). Queue items, a break and a lost connection go the same way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise, ToldBytes
-from framekit.link.clocks import frame_arriving, frame_gone
-from framekit.link.counters import LinkCounters
-from framekit.link.dispatch import Dispatcher
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Reopen
+from framekit.link.lanes import Lanes
+from framekit.link.observe import LinkCounters
 from framekit.link.receiver import Receiver
-from framekit.link.runs import State
+from framekit.link.sequences.runtime import Machine
+from framekit.link.sequences.state import NOT_TAKEN, CallFrame, Run, State, frame_arriving, frame_gone
 from framekit.link.values import FrameValue
 
 OnFrame = Callable[[FrameValue], None]
@@ -25,6 +27,125 @@ LATE = "late: the reply to a request that is over"
 
 MOST_HELD = 262_144
 """So many bytes are kept for those who will wait later but do not wait yet."""
+
+
+class Dispatcher:
+    """Offers what happens to the runs of all lanes."""
+
+    def __init__(self, machine: Machine, lanes: Lanes) -> None:
+        self.machine = machine
+        self.lanes = lanes
+
+    def _receiving(self) -> Iterator[Run]:
+        return (run for run in self.lanes.order if run.state is State.RECEIVING)
+
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    def offer(self, value: FrameValue) -> bool:
+        """Offers a good frame to the rows of those who wait. Tells whether one took it."""
+        return any(self.offer_to(run, value) for run in self._receiving())
+
+    def offer_to(self, run: Run, value: FrameValue) -> bool:
+        """Offers it to the rows of the step, then to `always` rows, its own sequence's and its callers'."""
+        if value.frame not in run.interest:
+            return False
+        top = run.top
+        context = top.d
+        if context.checks_echo:
+            sources = tuple(one for one in (context.asked, context.last_sent) if one is not None)
+            if not self.machine.table.fits_echo(value, sources, top.names):
+                return False
+        rows = run.rows.get(value.frame)
+        if rows is not None and self._taken(run, rows, top, value):
+            return True
+        for frame in run.calls() if run.has_always else ():
+            always = frame.step.always
+            rows = None if always is None else always.of(frame.d.expected)[0].get(value.frame)
+            if rows is not None and self._taken(run, rows, frame, value):
+                return True
+        return False
+
+    def _taken(self, run: Run, rows: Any, frame: CallFrame, it: Any) -> bool:
+        """Lets rows do what they say. While the run waits on as before, the reply it has asked for is still due."""
+        asked, number = run.asked, run.wait_number
+        if self.machine.go(run, rows, frame, it) is NOT_TAKEN:
+            return False
+        if asked is not None and run.wait_number == number and run.state is State.RECEIVING:
+            run.asked = asked
+        return True
+
+    def offer_other(self, value: FrameValue) -> bool:
+        """A good frame that no row takes goes to the first that says what to do with such frames."""
+        return any(self._handle(run, "on_other", it=value) for run in self._receiving())
+
+    def bad(self, bad: BadFrame) -> bool:
+        """A bad frame goes to the lane whose rows name it, else to the first with a handler. False: to none."""
+        receiving = list(self._receiving())
+        for run in receiving:
+            if bad.frame in run.interest:
+                run.cause = f"{bad.frame}: {bad.cause}"
+                self._handle(run, "on_bad", cause=bad.cause, frame=bad.frame)
+                return True
+        for run in receiving:
+            run.cause = f"{bad.frame}: {bad.cause}"
+            if self._handle(run, "on_bad", cause=bad.cause, frame=bad.frame):
+                return True
+        return False
+
+    def noise(self) -> None:
+        """Noise goes to the first lane that says what to do with it."""
+        any(self._handle(run, "on_noise") for run in self._receiving())
+
+    # ---- queues -------------------------------------------------------------------------------------------
+
+    def queue_rows(self) -> bool:
+        """Rows that wait for an item or for room. Tells whether one was taken."""
+        queues = self.machine.queues
+        for run in self._receiving():
+            frame = run.top
+            for queue, room, row in frame.step.queue_rows:
+                if queue is not None:
+                    if not queues.empty(queue) and self._taken(run, row, frame, queues.first(queue)):
+                        return True
+                elif room is not None and not queues.full(room) and self._taken(run, row, frame, None):
+                    return True
+        return False
+
+    # ---- the line -----------------------------------------------------------------------------------------
+
+    def byte(self) -> None:
+        """Something came: pauses that any byte ends."""
+        for run in self.lanes.order:
+            if run.state is State.PAUSING and "on_byte" in run.top.step.handlers:
+                self._handle(run, "on_byte")
+
+    def line_break(self) -> None:
+        for run in self.lanes.order:
+            if run.state is not State.DONE:
+                self._handle(run, "on_break")
+
+    def closed(self, reason: str) -> None:
+        """A run that does not say what to do without a connection fails."""
+        for run in self.lanes.order:
+            if run.state is not State.DONE:
+                run.cause = reason
+                if not self._handle(run, "on_closed"):
+                    self.machine.fail_run(run, "closed")
+
+    def _handle(self, run: Run, event: str, **names: Any) -> bool:
+        """Lets a run handle an event; what follows is done. Tells whether it has a handler that applies.
+
+        A break and a lost connection are also for the callers, innermost first.
+        """
+        for frame in run.calls():
+            handler = frame.step.handlers.get(event)
+            if handler is not None:
+                for name, value in names.items():
+                    setattr(frame, name, value)
+                return self.machine.go(run, handler, frame) is not NOT_TAKEN or run.state is State.DONE
+            if event not in ("on_break", "on_closed"):
+                break
+        return False
 
 
 class Reception:
@@ -78,7 +199,7 @@ class Reception:
             if run.state is State.HELD:
                 held = looks = others = True
             elif run.state is State.RECEIVING:
-                looks = looks or bool(run.interest) or run.wants_others or run.has_handler("on_noise")
+                looks = looks or bool(run.interest) or run.wants_others or "on_noise" in run.top.step.handlers
                 names.update(dict.fromkeys(run.interest))
                 others = others or run.wants_others
                 own_gap = own_gap or run.gap is not None
@@ -139,7 +260,7 @@ class Reception:
             return
         while reading is not None:
             self._announce(reading.value)
-            if self.dispatcher.offer(reading.value, reading.raw):
+            if self.dispatcher.offer(reading.value):
                 return
             reading = self.receiver.other_reading()
         is_late = late.came(event.value.frame)

@@ -133,9 +133,8 @@ class ReplyReader:
         raise UnfitReplyError(f"'{outcome.reply.frame}' is no reply to '{self.facts.row.name}'")
 
     def _fitting(self, reply: FrameValue | None) -> list[tuple[ReplyRow, Collect, Collect]]:
-        """The rows for this frame, and those without a frame: there the sequence says which replies are good."""
         name = None if reply is None else reply.frame
-        return [item for item in self.rows if item[0].frame is None or item[0].frame.frame == name]
+        return [item for item in self.rows if (None if item[0].frame is None else item[0].frame.frame) == name]
 
     def _found(self, row: ReplyRow, frame: Collect, buffer: Collect, outcome: Outcome, names: Names) -> Found:
         found: Found = []

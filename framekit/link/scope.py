@@ -31,8 +31,21 @@ class Scope(Names):
 
     __slots__ = (
         "__weakref__",
-        "_anew", "_beneath", "_cache", "_changes", "_expressions", "_fits", "_lasting", "_overrides", "clock", "device",
-        "followers", "line", "now", "protocol", "settings",
+        "_anew",
+        "_beneath",
+        "_cache",
+        "_expressions",
+        "_fits",
+        "_lasting",
+        "_overrides",
+        "clock",
+        "device",
+        "followers",
+        "line",
+        "now",
+        "protocol",
+        "settings",
+        "writes",
     )  # fmt: skip
 
     def __init__(
@@ -52,7 +65,7 @@ class Scope(Names):
         super().__init__(parent=self.device, formulas={})
         self.protocol = protocol
         self.now = now
-        self._changes = 0
+        self.writes = 0
         self.settings = 0
         self.followers: list[ref[Scope]] = []
         """Names that belong to this line beside its protocol's own: their sessions end with its."""
@@ -85,7 +98,7 @@ class Scope(Names):
     @property
     def version(self) -> int:
         """Grows whenever a variable or parameter changes."""
-        return self._changes + self.device.changes
+        return self.writes + self.device.changes
 
     def _put(self, name: str, value: Any) -> None:
         """A variable becomes `value`, where it is kept."""
@@ -94,7 +107,7 @@ class Scope(Names):
             self.device.changes += 1
         else:
             self[name] = value
-            self._changes += 1
+            self.writes += 1
 
     # ---- parameters ---------------------------------------------------------------------------------------
 
@@ -198,7 +211,7 @@ class Scope(Names):
 
         def put(value: Any) -> None:
             self[name] = fit(value)
-            self._changes += 1
+            self.writes += 1
 
         return put
 
@@ -239,7 +252,7 @@ class Scope(Names):
                 self.pop(name, None)
             else:
                 self[name] = value
-        self._changes += 1
+        self.writes += 1
         self.settings += 1
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
@@ -264,7 +277,7 @@ class Scope(Names):
         for variable in self.protocol.state.values():
             if variable.scope == "session" and variable.name not in but:
                 self[variable.name] = self._start_value(variable)
-        self._changes += 1
+        self.writes += 1
         self.followers = [follower for follower in self.followers if follower() is not None]
         for follower in self.followers:
             if (scope := follower()) is not None:

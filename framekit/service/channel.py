@@ -154,23 +154,9 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        is_plain = repeats and not block.params and not self.channel.stations
-        if is_plain and block.instruction == "read" and self._read_again(block, ended):
-            return
         params = self._params_for(block, repeats)
         told = self._overriding(params, ended) if params else ended
         self.driver.do(lambda now: self.transfers.start(block, now, told))
-
-    def _read_again(self, block: Block, ended: Ended) -> bool:
-        """As the last time; False: something is in the way, nothing has been done."""
-        driver, now = self.driver, self._clock.now()
-        data = None if driver.pending else self.transfers.read_again(block, now, ended)
-        if data is None:
-            return False
-        if driver.write_through(data):
-            self.engine.direct.left_at_once(now)
-        driver.look_at_time()
-        return True
 
     def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
         """Gives parameters other values until the exchange has ended."""

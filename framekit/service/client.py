@@ -15,8 +15,6 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.client import Client, TransferResult
-from framekit.link.direct import DirectRequest
-from framekit.link.direct_read import DirectRead
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
@@ -48,10 +46,6 @@ class Request:
         self.exchange: Exchange | None = None
         self.given_up = False
 
-    def follow(self, exchange: Exchange) -> None:
-        """The exchange under way, from now on."""
-        self.exchange = exchange
-
 
 class _Tracking:
     """An engine that notes which request each exchange belongs to."""
@@ -72,17 +66,6 @@ class _Tracking:
         told = exchange.on_done
         exchange.on_done = lambda outcome: self.during(request, lambda: told(outcome))
         return self.engine.start(exchange, now)
-
-    def direct_request(self, exchange: Exchange) -> DirectRequest | None:
-        return self.engine.direct_request(exchange)
-
-    def ask(self, ask: DirectRead, now: int) -> list[Command] | None:
-        request = self.current
-        if request is not None:
-            if request.given_up:
-                return None
-            ask.follow = request.follow
-        return self.engine.ask(ask, now)
 
     def during(self, request: Request, action: Callable[[], Any]) -> Any:
         """Does something for a request: what it starts belongs to that."""
@@ -196,7 +179,6 @@ class ClientService:
     def give_up(self, request: Request) -> None:
         """Nobody waits for it any more: nothing more is asked, and the line is free once its reply came or is late."""
         request.given_up = True
-        self.engine.unfold()
         exchange = request.exchange
         if exchange is not None:
             self.driver.do(lambda now: self.engine.give_up(exchange, now))

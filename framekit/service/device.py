@@ -11,12 +11,11 @@ from framekit.blocks.device import Device
 from framekit.blocks.fault_plan import FaultPlan
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.times import LineFormat
-from framekit.link.counters import LinkCounters
 from framekit.link.device_state import DeviceState
 from framekit.link.engine import Engine
 from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults
-from framekit.link.observe import Monitor, Seen
+from framekit.link.observe import LinkCounters, Monitor, Seen
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits

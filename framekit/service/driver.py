@@ -55,9 +55,8 @@ class Moment(Protocol):
 class Driver:
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
-    `pending` is what the engine wants and is still to be done, `load` measures how busy the line is. While somebody has
-    set `quick(data, now)`, it may take what comes before the engine does; it tells whether it has. `moment` is told of
-    the beginning and the end of what the line brings.
+    `pending` is what the engine wants and is still to be done, `load` measures how busy the line is. `moment` is told
+    of the beginning and the end of what the line brings.
     """
 
     def __init__(
@@ -78,7 +77,6 @@ class Driver:
         self._alarm = clock.alarm(self._ring)
         self._send_timer: Handle | None = None
         self._reopen_timer: Handle | None = None
-        self.quick: Callable[[bytes, int], bool] | None = None
         self.longest_retry = LONGEST_RETRY
         self._retry = FIRST_RETRY
 
@@ -147,9 +145,8 @@ class Driver:
         if moment is not None:
             moment.inside = True
         try:
-            if self.quick is None or faults or not self.quick(data, now):
-                self.pending.extend(self.engine.receive(data, now, faults))
-                self._next_commands()
+            self.pending.extend(self.engine.receive(data, now, faults))
+            self._next_commands()
         finally:
             try:
                 if moment is not None:

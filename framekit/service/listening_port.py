@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from framekit.blocks.device import Device
 from framekit.blocks.model import Channel
-from framekit.link.counters import LinkCounters
 from framekit.link.exchange import Server
-from framekit.link.observe import Monitor
+from framekit.link.observe import LinkCounters, Monitor
 from framekit.link.services.server import ServiceCounters
 from framekit.service.device import DeviceStore
 from framekit.service.line_load import LineLoad

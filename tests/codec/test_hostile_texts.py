@@ -36,6 +36,8 @@ from framekit.definition.schema import _validator
 from framekit.definition.shipped import shipped_folder
 from framekit.definition.tree import Mapping, Node, Scalar
 from framekit.link.evaluate import Names, compile_expression
+from framekit.link.frame_table import FrameTable
+from framekit.link.sequences.compiler import sequence_source
 
 PASTED = {module.__name__.rpartition(".")[2] for module in _PASTED}
 """Their f-strings are messages of the modules that they are pasted into."""
@@ -52,8 +54,8 @@ LARGE = 3000
 READ = {"name", "about", "kind", "params", "state", "tables", "layouts", "frames", "sources", "receiver"}
 """What generators read of a definition."""
 NOT_READ = {
-    "sequences", "roles", "sessions", "services", "areas", "addresses", "errors", "server", "commands",
-    "queues", "station", "line",
+    "roles", "sessions", "services", "areas", "addresses", "errors", "server", "commands",
+    "station", "line",
 }  # fmt: skip
 """Sections that they do not read, so that no text of them can reach the source."""
 
@@ -72,7 +74,41 @@ frames:
   E: {from: none, body: [{const: 01}, {field: x, type: u8}]}
   F: {from: none, body: [{const: 02}, {field: y, type: u8}]}
   B: {group: g, where: {kind: {build: to}}, body: [{choose: kind, cases: {1: [{const: 01}]}, else: []}]}
+  H: {from: client, body: [{const: 05}, {field: z, type: u8, values: names}, {inner: it, of: [E, F]}]}
+  K: {from: server, body: [{const: 06}, {field: w, type: u8}]}
   C: {group: g, where: {kind: 3}, body: [{require: "rows[to].x != get(names, to, 'a')"}, {require: "to in lists[1]"}]}
+queues: {q: {size: 3, holds: {x: frame}}}
+services: {work: [{request: {H: {z: 1, it: {E: {x: 1}}}}, reply: [K: {w: 1}], gives: {y: reply.w}}]}
+areas: {word: {unit: word, size: 9}}
+addresses: [{form: "M{number:dec}", area: word, start: number}]
+roles: {asks: {lanes: {main: {exchange: ask}}}}
+sequences:
+  ask:
+    takes: [request]
+    gives: {reply: answer}
+    local: {answer: frame, n: u8, t: text, r: record, d: bytes}
+    always: [{frame: F, when: it.y == n, then: again}]
+    on_noise: again
+    steps:
+      - {step: a, when: "t != 'b'", session: end, wait: 1 ms, break: 1 ms, set: {n: n + 1, s: "'a'", t: t, d: "h'00'"}}
+      - {step: b, call: other, with: {t: t, x: {r: 1}}, into: {n: n}, on_fail: {fail: lost, because: "cause"}}
+      - {step: c, ask: {work: {}}, into: {t: y}, put: {q: {x: {E: {x: 1}}}}, deliver: {E: {x: 1}}}
+      - step: d
+        send: {H: {z: "'one'", it: {E: {x: n}}}}
+        urgent: yes
+        receive:
+          - {frame: H, when: it.z == n, at_most: 3, else: {fail: many}, store: {"h'00'": M1}, set: {answer: it}}
+          - {frame: expected, then: resend}
+          - {queue: q, when: it.x == 1, then: again}
+          - {room: q, then: again}
+        within: 1 s
+        complete: 1 s
+        gap: 1 s
+        retries: 2
+        on_timeout: [{when: "t == 'a'", send: {E: {x: 1}}, then: again}, {fail: late}]
+      - {step: e, parts: {of: d, size: 2}, flush: yes, serve: {request: answer, buffer: part.data, station: 1}}
+      - {step: f, branch: [{when: n == 1, take: q, then: end}, {then: end}]}
+  other: {takes: [t, x], gives: {n: n}, local: {n: u8}, steps: [{step: g, send: {E: {x: 1}}}]}
 """
 
 
@@ -183,8 +219,21 @@ def variants(text: str) -> Iterator[Any]:
 # ---- generated source ---------------------------------------------------------------------------------------------
 
 
+class NoFunctions:
+    """A codec of frames that are only looked at."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.frames = dict.fromkeys(protocol.frames, self)
+        self.encode = self.decode = self.measure = self.extent = self.take = self.examine = None
+        self.layouts: dict[str, Any] = {}
+        self.together: dict[str, Any] = {}
+        self.rows: dict[str, Any] = {}
+
+
 def sources(protocol: Protocol, size: int) -> Iterator[str]:
     yield generate_source(protocol)
+    table: Any = FrameTable(protocol, NoFunctions(protocol))  # type: ignore[arg-type]
+    yield sequence_source(protocol, table)
     if size > LARGE:
         return
     yield generate_source(protocol, standalone=False)
@@ -325,7 +374,8 @@ def broken_names() -> Iterator[tuple[str, Any]]:
             value = document
             for step in path:
                 value = value.get(step, "") if isinstance(value, dict) else value[step]
-            yield ".".join(map(str, path)), changed(document, path, f"{value or 'a'}\n")
+            if not isinstance(value, (dict, list)):
+                yield ".".join(map(str, path)), changed(document, path, f"{value or 'a'}\n")
 
 
 @pytest.mark.parametrize(

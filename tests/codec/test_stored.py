@@ -7,6 +7,7 @@ import marshal
 import os
 import pickle
 from pathlib import Path
+from types import CodeType, ModuleType
 
 import pytest
 import shipped
@@ -21,6 +22,7 @@ from framekit.codec.stored import Kept, Shelf, kept_library, stored_codec
 from framekit.definition import keeping
 from framekit.definition.keeping import kept_by
 from framekit.definition.load import library, load_protocol
+from framekit.definition.sources import Sources
 from framekit.link.fitting import candidates, of_side
 from framekit.link.scope import Scope
 
@@ -334,13 +336,41 @@ def test_kept_code_for_a_library_that_is_no_longer_there_is_compiled_again(
     assert loads == ["load own", "compile own"]
 
 
-@pytest.mark.parametrize(("verb", "keeps"), [("serve", True), ("check", False)])
+@pytest.mark.parametrize(("verb", "keeps"), [(serve_verb, True), (check_verb, False)])
 def test_commands_keep_what_they_load_unless_they_are_to_look_at_it(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, verb: str, keeps: bool
+    cache: Path, monkeypatch: pytest.MonkeyPatch, verb: ModuleType, keeps: bool
 ) -> None:
     found: list[bool] = []
-    module = {"serve": serve_verb, "check": check_verb}[verb]
-    monkeypatch.setattr(module, f"run_{verb}", lambda arguments: found.append(keeping.current is not None) or 0)
-    words = {"serve": ["serve", "mldp", "--port", "pty:"], "check": ["check", "mldp"]}[verb]
+    monkeypatch.setattr(verb, "run", lambda arguments: found.append(keeping.current is not None) or 0)
+    words = {serve_verb: ["serve", "mldp", "--port", "pty:"], check_verb: ["check", "mldp"]}[verb]
     assert main.main(words) == 0
     assert found == [keeps] and keeping.current is None
+
+
+def test_the_code_of_sequences_is_kept_and_made_again_when_it_is_damaged(cache: Path, tmp_path: Path) -> None:
+    made: list[int] = []
+    file = written(tmp_path)
+
+    def make() -> CodeType:
+        made.append(1)
+        return compile("found = 5", "<sequences>", "exec")
+
+    def code() -> CodeType:
+        with kept_by(kept_library()):
+            keeper = keeping.current
+            assert keeper is not None
+            protocol = load_protocol(file)
+            keeper.was_loaded(file, protocol, Sources(((str(file), file.read_text()),), ()))
+            return keeper.code(protocol, "sequences", make)
+
+    for times in (1, 1):
+        names: dict[str, object] = {}
+        exec(code(), names)
+        assert names["found"] == 5 and len(made) == times
+    for kept in cache.glob("*" + SUFFIX):
+        kept.write_bytes(kept.read_bytes()[:-9])
+    code()
+    assert len(made) == 2
+    written(tmp_path, OWN.replace("value", "other"))
+    code()
+    assert len(made) == 3

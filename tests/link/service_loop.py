@@ -72,12 +72,6 @@ class Loop:
 
     # ---- the engine's part --------------------------------------------------------------------------------
 
-    def direct_request(self, exchange: Exchange) -> None:
-        """There is no short way here."""
-
-    def ask(self, ask: object, now: int) -> None:
-        raise AssertionError("nobody can ask directly")
-
     def start(self, exchange: Exchange, now: int) -> list[Command]:
         names = Names({"buffer": exchange.buffer, "station": exchange.station}, self.scope)
         assert exchange.request is not None

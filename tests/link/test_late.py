@@ -330,12 +330,10 @@ def test_a_time_of_another_kind_is_refused() -> None:
         load_protocol_text(wrong, "made_up")
 
 
-def test_the_rule_costs_one_comparison_where_nothing_is_late() -> None:
-    """The short way stays open: repeated reads never become runs of their sequence."""
+def test_where_nothing_is_late_nothing_is_held_back() -> None:
     side = Side("modbus-rtu")
     for number in range(5):
         side.read("40001", number)
-        assert side.engine.direct.is_under_way is (number > 0)
         side.reply(number)
     assert side.values == [[number] for number in range(5)] and side.engine.machine.late.until == 0
 

@@ -9,12 +9,12 @@ from link.service_loop import codec_of
 
 from framekit.blocks.memory_settings import memory_of
 from framekit.definition.times import NEVER
-from framekit.link import engine_core
+from framekit.link import engine as engines
 from framekit.link.engine import Engine
 from framekit.link.events import Send
 from framekit.link.observe import Seen
+from framekit.link.sequences.state import MOST_STEPS
 from framekit.link.services.server import MemoryServer
-from framekit.link.steps import MOST_STEPS
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 
@@ -42,7 +42,7 @@ def test_requests_that_come_in_one_piece_are_all_answered() -> None:
 
 def test_frames_without_end_in_one_piece_are_no_circle(monkeypatch: pytest.MonkeyPatch) -> None:
     protocol, codec = codec_of("modbus-tcp")
-    monkeypatch.setattr(engine_core, "MOST_ROUNDS", 50)
+    monkeypatch.setattr(engines, "MOST_ROUNDS", 50)
     taken: list[FrameValue] = []
     seen: list[Seen] = []
     engine = Engine(protocol, codec, None, on_frame=taken.append, monitor=seen.append)

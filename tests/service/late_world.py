@@ -155,9 +155,7 @@ class LateWorld:
         asks_for = {"address": self.line.places[at], "station": self.line.station, "unit": None, "count": 1}
 
         def begin(client: Client, now: int, done: Done) -> list[Command]:
-            ask = client.repeated(**asks_for, on_done=done)
-            commands = None if ask is None else client.engine.ask(ask, now)
-            return client.read(**asks_for, now=now, on_done=done) if commands is None else commands
+            return client.read(**asks_for, now=now, on_done=done)
 
         self.service.request(begin, self._ended.append)
         ended, clock = self._ended, self.clock

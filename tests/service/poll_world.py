@@ -72,22 +72,19 @@ class HandPort(Port):
 
 
 class Told:
-    """What one poll has told: numbers by the shortest way as well as by every other, and failures."""
+    """What one poll has told."""
 
     def __init__(self) -> None:
         self.values: list[tuple[int, ...]] = []
         self.failures: list[TransferResult] = []
-        self.raised: list[Exception] = []
-        self.short = 0
 
     def result(self, result: TransferResult) -> None:
         if result.ok:
-            self.values.append(tuple(result.values))
+            self.numbers(tuple(result.values))
         else:
             self.failures.append(result)
 
     def numbers(self, values: tuple[int, ...]) -> None:
-        self.short += 1
         self.values.append(values)
 
     @property
@@ -108,9 +105,8 @@ class Asking:
         """A poll that has begun."""
         told = Told() if told is None else told
         polling = Polling(
-            self.service, address, station=station, unit=unit, count=count, every=every, on_result=told.result,
-            on_numbers=told.numbers, on_raised=told.raised.append,
-        )  # fmt: skip
+            self.service, address, station=station, unit=unit, count=count, every=every, on_result=told.result
+        )
         polling.start()
         return polling, told
 

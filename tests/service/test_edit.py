@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 from pathlib import Path
 
 import pytest
 
 from framekit.blocks.load import load_run
-from framekit.blocks.repeated_read import RepeatedRead
 from framekit.blocks.run_edit import Edit, plan_edit
-from framekit.cli.run_output import status_data, status_text
+from framekit.cli.status_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen
 from framekit.service.run import RunService
@@ -137,21 +135,6 @@ def test_failures_of_removed_blocks_stay_with_their_reasons(tmp_path: Path) -> N
     channel = run_status(bench.service).channels[0]
     assert (channel.errors, channel.reasons) == (errors, {"no_reply": errors})
     assert f"{errors} × no_reply" in status_text(run_status(bench.service), 0).splitlines()[-1]
-
-
-def test_nothing_is_kept_of_removed_blocks(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
-    bench.clock.run_for(3 * SECOND + 500 * MS)
-    assert prepared(bench) == {0, 1, 2}
-    bench.edit((RUN[RUN.index('  2: {read: "40002"') :], ""), ("into: M1, every: 1 s", "into: M101, every: 9 s"))
-    assert prepared(bench) == {0}, "block 1 begins anew in 9 s"
-
-
-def prepared(bench: Bench) -> set[int]:
-    """The blocks of the run for which a read is kept."""
-    gc.collect()
-    reads = [one for one in gc.get_objects() if isinstance(one, RepeatedRead)]
-    return {one.block.number for one in reads if one.block.at.file == str(bench.path)}
 
 
 def test_channels_change_come_and_go(tmp_path: Path) -> None:

@@ -40,10 +40,6 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
     class Changing(Told):
         """Changes what the device holds with every reply, so that the next one has to be another."""
 
-        def result(self, result: TransferResult) -> None:
-            super().result(result)
-            change()
-
         def numbers(self, values: tuple[int, ...]) -> None:
             super().numbers(values)
             change()
@@ -55,10 +51,7 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
     assert told.failures == []
     assert told.values == held[: len(told.values)]
     if watched:
-        assert told.short == 0
         assert sum(seen.kind == "frame" for seen in world.seen) >= 24, "everything is shown"
-    if link.protocol == "modbus-tcp":
-        assert watched or told.short >= len(told.values) - 2, "by the shortest way, once it is known"
     read = world.read(link.address, 4, station=link.station)
     world.until(lambda: bool(read))
     assert tuple(read[0].values) == held[-1]
@@ -90,7 +83,6 @@ def test_what_a_reply_has_is_what_a_read_gives(at_once: bool) -> None:
     read = world.read("40001", 3, station=1)
     world.answer()
     assert told.values[-1] == tuple(read[0].values) == (5, 0xFFFA, 35)
-    assert told.short == 4, "all but the first, which makes the read known, and the next, which is learned from"
 
 
 def test_units_of_another_size_than_the_registers() -> None:
@@ -430,25 +422,7 @@ def test_what_cannot_be_asked_is_not_begun() -> None:
     _polling, told = world.poll("40001", 1, station=1)
     for _ in range(3):
         world.answer()
-    assert len(told.values) == 3 and told.short == 1, "the one that failed to begin holds nothing back"
-
-
-@pytest.mark.parametrize("every", [0, 100 * MS])
-def test_what_a_callback_raises_does_not_reach_the_line(every: int) -> None:
-    class Raises(Told):
-        def numbers(self, values: tuple[int, ...]) -> None:
-            super().numbers(values)
-            raise LookupError(values)
-
-    world = ByHand("modbus-tcp")
-    polling, told = world.poll("40001", 1, station=1, every=every, told=Raises())
-    for number in range(5):
-        world.put(number)
-        world.answer()
-        world.clock.run_for(every)
-    assert [error.args for error in told.raised] == [((number,),) for number in (2, 3, 4)]
-    assert told.values == [(number,) for number in range(5)]
-    assert polling.quick_reads == told.short == 3
+    assert len(told.values) == 3, "the one that failed to begin holds nothing back"
 
 
 # ---- others at the same time --------------------------------------------------------------------------------------
@@ -487,7 +461,6 @@ def test_when_one_of_two_polls_ends_the_other_goes_on() -> None:
         world.answer()
     assert len(first.values) == 3
     assert second.values[-3:] == [(1013,), (1014,), (1015,)]
-    assert second.short >= 3, "by the shortest way, which the first one has left"
 
 
 def test_a_poll_begun_in_the_callback_of_another() -> None:

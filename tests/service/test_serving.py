@@ -16,8 +16,8 @@ from framekit.blocks.device import load_devices
 from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import LineFormat
-from framekit.link import environment
 from framekit.link.observe import Seen
+from framekit.link.sequences import runtime
 from framekit.service.serving import DEFAULT_LIMITS, MOST_CONNECTIONS, ConnectionLimits, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
@@ -172,7 +172,7 @@ def test_frames_are_read_to_be_shown_only_where_a_monitor_listens(monkeypatch: p
             super().__init__(*values, **more)
             shown.append(self.kind)
 
-    monkeypatch.setattr(environment, "Seen", Noted)
+    monkeypatch.setattr(runtime, "Seen", Noted)
     for monitor, kinds in ((None, ["open", "bad"]), (lambda *told: None, ["open", "frame", "frame", "bad"])):
         shown.clear()
         clock = VirtualClock()

@@ -1,0 +1,1 @@
+"""Sequences of the link procedure: compiled to one Python function a step, and what runs them."""

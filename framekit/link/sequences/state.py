@@ -1,0 +1,381 @@
+"""What a sequence under way consists of: its lane, its run, its call frames, and what belongs to one exchange.
+
+Only state, the time limits of a waiting run, and small questions about both. What moves a run on is in `runtime`.
+
+A clock begins when the last bit of what the run sent has left. While a frame is arriving that fits so far, `within`
+stands still; if it turns out to be none, the time it took is given back (language reference, section 7).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from framekit.definition.model.procedure import Lane
+from framekit.definition.times import NEVER
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.exchange import Exchange, Outcome
+from framekit.link.scope import Scope
+from framekit.link.values import FrameValue
+
+if TYPE_CHECKING:
+    Continue = Callable[["CallFrame"], "Continue | None"]
+    """A generated function: it does something for the call frame on top, and gives what is to be done next."""
+
+Next = Any
+"""What a generated function gives: another one that goes on; None where the run waits; NOT_TAKEN."""
+
+NOT_TAKEN: Any = object()
+"""What a row or a handler gives that does not apply: nothing was done."""
+
+MOST_STEPS = 20_000
+"""So many steps of a lane at one instant, while no byte of the stream is used, are a circle in which nothing waits."""
+
+
+class CircleError(Exception):
+    """Steps go round without waiting."""
+
+
+class State(enum.Enum):
+    """What a run is doing: nothing that takes time, waiting for rows, for a time, for a service, or it is over.
+
+    HELD: it waits to send, because replies to earlier requests are due.
+    """
+
+    GOING = "going"
+    HELD = "held"
+    RECEIVING = "receiving"
+    PAUSING = "pausing"
+    ASKING = "asking"
+    DONE = "done"
+
+
+class Rows:
+    """Rows of a step, or its `always` rows: for each frame the function that tries the rows which name it, in order.
+
+    `named`: for frames that the exchange does not expect; `expected`: for those that it does; `others`: for expected
+    frames that no row names. `order`: the frames in the order of the rows; EXPECTED stands for those of the exchange.
+    """
+
+    EXPECTED = ""
+    __slots__ = ("_known", "expected", "named", "order", "others")
+
+    def __init__(
+        self, named: Mapping[str, Any], expected: Mapping[str, Any], others: Any | None, order: tuple[str, ...]
+    ) -> None:
+        self.named = named
+        self.expected = expected
+        self.others = others
+        self.order = order
+        self._known: dict[tuple[str, ...], tuple[dict[str, Any], tuple[str, ...]]] = {}
+
+    def of(self, expected: tuple[str, ...]) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """The functions by frame, and the frames in order, for an exchange that expects these."""
+        found = self._known.get(expected)
+        if found is None:
+            table = {name: (self.expected if name in expected else self.named)[name] for name in self.named}
+            if self.others is not None:
+                table = {**dict.fromkeys(expected, self.others), **table}
+            order = [one for name in self.order for one in (expected if name == self.EXPECTED else (name,))]
+            found = self._known[expected] = table, tuple(dict.fromkeys(order))
+        return found
+
+
+class CompiledStep:
+    """A step, as its generated functions tell it: what it reacts to while it waits, and its time limits.
+
+    `queue_rows`: queue or None, queue that has to have room or None, function. `numbered`: a late reply to it is never
+    taken for another one. `back`: what goes on with the results of a call or a service.
+    """
+
+    __slots__ = (
+        "always", "back", "complete", "gap", "handlers", "index", "name", "numbered", "queue_rows", "retries", "rows",
+        "wants_others", "within",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        name: str,
+        index: int,
+        rows: Rows,
+        always: Rows | None = None,
+        queue_rows: tuple[tuple[str | None, str | None, Any], ...] = (),
+        handlers: Mapping[str, Any] | None = None,
+        within: Any = None,
+        complete: Any = None,
+        gap: Any = None,
+        retries: Any = None,
+        back: Any = None,
+        numbered: bool = False,
+    ) -> None:
+        self.name, self.index = name, index
+        self.rows, self.always, self.queue_rows = rows, always, queue_rows
+        self.handlers: Mapping[str, Any] = handlers or {}
+        self.within, self.complete, self.gap, self.retries = within, complete, gap, retries
+        self.back, self.numbered = back, numbered
+        self.wants_others = "on_other" in self.handlers or "on_bad" in self.handlers
+
+
+class CompiledSequence:
+    """A sequence: its class of call frames and the function of its first step. `has_always`: rows for every step."""
+
+    __slots__ = ("begin", "frame", "has_always", "name", "takes")
+
+    def __init__(self, name: str, frame: type[CallFrame], begin: Any, takes: tuple[str, ...], has_always: bool) -> None:
+        self.name, self.frame, self.begin, self.takes, self.has_always = name, frame, begin, takes, has_always
+
+
+class ExchangeContext:
+    """What belongs to one exchange, or to a run without one; its sequences share it.
+
+    `asked` and `last_sent` are what replies have to repeat; `answering` and `last_taken` are what this side answers.
+    `checks_echo`: this is the side that asked. `params`: where parameters are found, those of this exchange first.
+    """
+
+    __slots__ = (
+        "answering", "arguments", "asked", "buffer", "checks_echo", "exchange", "expected", "last_sent", "last_taken",
+        "params", "raw", "refusal", "reply", "reply_buffer", "request", "station",
+    )  # fmt: skip
+
+    if TYPE_CHECKING:
+        reply: Any
+        reply_buffer: Any
+        refusal: Any
+
+    def __init__(self, scope: Scope, exchange: Exchange | None, checks_echo: bool, station: Any = None) -> None:
+        self.exchange = exchange
+        self.checks_echo = checks_echo
+        self.params: Names = scope
+        self.arguments: Mapping[str, Any] = _NOTHING
+        self.expected: tuple[str, ...] = ()
+        self.buffer = self.raw = b""
+        self.request: Any = None
+        self.asked: FrameValue | None = None
+        self.last_sent: FrameValue | None = None
+        self.answering: FrameValue | None = None
+        self.last_taken: FrameValue | None = None
+        if exchange is not None:
+            self.expected = exchange.expected
+            self.buffer = exchange.buffer
+            if exchange.request is not None:
+                self.request = self.asked = exchange.request.copy()
+            if exchange.params:
+                self.params = Names(exchange.params, scope, scope.formulas_for(exchange.params))
+            self.arguments = exchange.arguments
+            if station is None:
+                station = exchange.station
+        self.station = scope["own"] if station is None else station
+
+    def get(self, name: str) -> Any:
+        """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
+        if name in ("request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"):
+            return getattr(self, name, None)
+        return self.arguments[name] if name in self.arguments else self.params.get(name)
+
+    def names(self) -> Names:
+        """All of it by name, for frames whose fields are worked out."""
+        found = Names({**self.arguments, "buffer": self.buffer, "expected": self.expected}, self.params)
+        if self.request is not None or self.exchange is not None:
+            found["request"] = self.request
+        found["station"] = self.station
+        for name in ("reply", "reply_buffer", "refusal"):
+            if hasattr(self, name):
+                found[name] = getattr(self, name)
+        return found
+
+    def answers(self, request: Any) -> Any:
+        """`request` is what this side answers now; the sequences it calls see it too."""
+        self.request = request
+        if not self.checks_echo and type(request) is FrameValue:
+            self.answering = request
+        return request
+
+
+_NOTHING: Mapping[str, Any] = {}
+
+
+class CallFrame:
+    """One sequence of a run's calls. Generated classes add a slot `v_…` for each variable, `c_…` for each counter.
+
+    `it`, `cause`, `frame`, `outcome` and `part` are the language's names. `sent`: what `resend` repeats.
+    """
+
+    __slots__ = (
+        "caller", "cause", "d", "frame", "it", "m", "n", "nested", "outcome", "part", "part_index", "parts", "resends",
+        "run", "s", "sent", "step",
+    )  # fmt: skip
+
+    gives: tuple[tuple[str, Callable[[Any], Any]], ...] = ()
+    variables: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:
+        it: Any
+        cause: str
+        frame: str
+        outcome: str
+        part: dict[str, Any]
+        caller: CallFrame | None
+        d: ExchangeContext
+        m: Any
+        n: Names
+        nested: bool
+        part_index: int
+        parts: list[bytes] | None
+        resends: int
+        run: Run
+        s: Scope
+        sent: tuple[bytes, FrameValue] | None
+        step: CompiledStep
+
+        def __init__(
+            self, run: Run, d: ExchangeContext, caller: CallFrame | None, nested: bool, given: Mapping[str, Any]
+        ) -> None: ...
+
+    def names(self) -> Names:
+        """Variables and what is above them by name, for frames whose fields are worked out."""
+        return Names({name: getattr(self, f"v_{name}") for name in self.variables}, self.d.names())
+
+
+class LaneState:
+    """One lane. `waiting` are exchanges not yet begun, oldest first."""
+
+    def __init__(self, lane: Lane) -> None:
+        self.name = lane.name
+        self.exchange = lane.exchange
+        self.listen = lane.listen
+        self.waiting: deque[Exchange] = deque()
+        self.running: list[Run] = []
+        self.listener: Run | None = None
+        self.held_until = 0
+        self.steps_since = -1
+        self.steps_done = 0
+        self.steps_at = 0
+        self._at_once = None if lane.at_once is None else compile_expression(lane.at_once)
+
+    def runs(self) -> Iterator[Run]:
+        """Those under way: exchanges, older first, then the listener."""
+        yield from self.running
+        if self.listener is not None:
+            yield self.listener
+
+    def at_once(self, scope: Scope) -> int:
+        """How many exchanges may run side by side."""
+        if self._at_once is None:
+            return 1
+        try:
+            return int(self._at_once(scope))
+        except EVALUATION_ERRORS:
+            return 1
+
+
+class Run:
+    """Sequences that call each other, in a lane; `top` is the call frame that is doing something.
+
+    `unsent`: frames handed over that have not left; clocks wait for them. Times: `started` is when the step's clock
+    began, `within` when it runs out before a frame has begun, `candidate` when the first byte of a frame came that fits
+    so far, `deadline` when something has to happen. `agenda` are the sequences it runs one after the other, `doing`
+    what the present one is for. `given_up`: nothing is repeated any more. `asked`: the sequence of an exchange that
+    waits for what it has asked for. `rows`: by frame, what tries the rows of the step; `has_always`: callers may have
+    rows too. `go_on`: what a pause, or a request held back, goes on with.
+    """
+
+    __slots__ = (
+        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "gap", "given_up",
+        "go_on", "has_always", "interest", "kind", "lane", "longest", "machine", "outcome", "pause", "rows", "started",
+        "state", "top", "unsent", "wait_number", "wants_others", "within",
+    )  # fmt: skip
+
+    def __init__(self, machine: Any, lane: LaneState, kind: str) -> None:
+        self.machine = machine
+        self.lane = lane
+        self.kind = kind
+        self.top: CallFrame = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
+        self.agenda: deque[tuple[str, str, ExchangeContext]] = deque()
+        self.doing = kind
+        self.outcome = Outcome(True)
+        self.state = State.GOING
+        self.unsent = 0
+        self.started = 0
+        self.within = NEVER
+        self.complete: int | None = None
+        self.gap: int | None = None
+        self.candidate: int | None = None
+        self.pause = 0
+        self.deadline = NEVER
+        self.clock_waits = False
+        self.wait_number = 0
+        self.interest: tuple[str, ...] = ()
+        self.rows: Mapping[str, Any] = {}
+        self.has_always = False
+        self.wants_others = False
+        self.cause = ""
+        self.given_up = False
+        self.longest = NEVER
+        self.asked: CallFrame | None = None
+        self.go_on: Any = None
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether it is a listener in its first step."""
+        if self.kind != "listen" or self.state is not State.RECEIVING:
+            return False
+        return self.top.caller is None and self.top.step.index == 0
+
+    def calls(self) -> Iterator[CallFrame]:
+        """The call frames, innermost first."""
+        frame: CallFrame | None = self.top
+        while frame is not None:
+            yield frame
+            frame = frame.caller
+
+
+# ---- time limits ----------------------------------------------------------------------------------------------
+
+
+def after(start: int, time: int) -> int:
+    """`start` and `time` later; never stays never."""
+    return start + time if time < NEVER else NEVER
+
+
+def begin_clock(run: Run, now: int) -> None:
+    """The run begins to wait, or its clock is set anew."""
+    waits = run.clock_waits = run.unsent > 0
+    run.started = now
+    if run.state is State.PAUSING:
+        run.deadline = NEVER if waits else after(now, run.pause)
+        return
+    frame = run.top
+    step = frame.step
+    run.complete = None if step.complete is None else int(step.complete(frame))
+    run.gap = None if step.gap is None else int(step.gap(frame))
+    longest = run.longest = NEVER if step.within is None else int(step.within(frame))
+    run.within = within = NEVER if waits or longest >= NEVER else now + longest
+    if run.candidate is None:
+        run.deadline = within
+
+
+def frame_arriving(run: Run, since: int, last: int, receiver_limits: bool) -> None:
+    """Bytes of a frame that fits so far: the first came at `since`, the last at `last`.
+
+    Where neither step nor receiver limits a pause, nor the step the whole, no pause may be longer than `within`.
+    """
+    if run.candidate is None:
+        run.candidate = max(since, run.started)
+    gap = run.gap
+    if gap is None and run.complete is None and not receiver_limits:
+        gap = run.longest
+    deadline = NEVER if gap is None else after(last, gap)
+    if run.complete is not None:
+        deadline = min(deadline, after(run.candidate, run.complete))
+    run.deadline = deadline
+
+
+def frame_gone(run: Run, now: int) -> None:
+    """It was no frame for this run after all."""
+    if run.candidate is not None:
+        if run.within < NEVER:
+            run.within += now - run.candidate
+        run.candidate = None
+        run.deadline = run.within
