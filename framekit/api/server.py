@@ -12,8 +12,8 @@ from framekit.api.async_server import AsyncServer, aserve
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.memory import Memory
 from framekit.blocks.device import Device
+from framekit.blocks.model import DEFAULT_LIMITS
 from framekit.link.observe import Seen
-from framekit.service.serving import DEFAULT_LIMITS
 
 
 class Server:

@@ -12,7 +12,7 @@ from framekit.blocks.given import read_station
 from framekit.blocks.load_fault_plan import read_fault_plan
 from framekit.blocks.load_line import LineLoader
 from framekit.blocks.load_rules import RulesLoader
-from framekit.blocks.model import Channel
+from framekit.blocks.model import DEFAULT_LIMITS, Channel, ConnectionLimits
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
 from framekit.definition.load.reader import Broken, Reader
@@ -86,7 +86,12 @@ class ChannelLoader:
             at=entry.key.at,
             port_at=port_node.at,
             faults=self._faults(keys.get("faults"), port, protocol),
+            limits=self._maybe(self._limits, keys.get("clients")) or DEFAULT_LIMITS,
         )
+        clients = keys.get("clients")
+        if clients is not None and not channel.listens:
+            what = f"channel {entry.key.text} does not listen, so it has no clients"
+            reader.note(clients.at, what, "leave clients out, or listen with an answering role at tcp-listen://")
         if channel.listens and channel.asks:
             what = f"channel {entry.key.text} listens for connections, and nothing it does begins on one"
             reader.note(port_node.at, what, "give it an answering role, or write tcp:// to connect to the other side")
@@ -102,6 +107,19 @@ class ChannelLoader:
             self.reader.note(node.at, what, f"write {port.rstrip('/')}:NUMBER")
             self.spoilt = True
         return found
+
+    def _limits(self, node: Node) -> ConnectionLimits:
+        """What clients of a port that listens may do. Raises Broken."""
+        reader, keys = self.reader, self.reader.mapping(node)
+        idle, connections = keys.get("idle_timeout"), keys.get("connections")
+        try:
+            return ConnectionLimits(
+                DEFAULT_LIMITS.idle if idle is None else reader.time(idle),
+                DEFAULT_LIMITS.per_address if connections is None else reader.number(connections),
+            )
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise reader.broken(node.at, what, todo) from None
 
     def _port(self, node: Node) -> str:
         port = self.reader.text(node)

@@ -215,6 +215,27 @@ class StationRules:
     own_dead: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """What keeps a few clients from locking the others out.
+
+    `idle`: a connection over which no good frame went for so long (ns) is closed. `per_address`: connections that one
+    client address may have at once. Raises ValueError for limits that let no client in.
+    """
+
+    idle: int = 600_000_000_000
+    per_address: int = 64
+
+    def __post_init__(self) -> None:
+        if self.idle <= 0:
+            raise ValueError("the idle time-out is above 0 – write a time such as 10 min, or never")
+        if self.per_address <= 0:
+            raise ValueError("an address may have 1 connection at least")
+
+
+DEFAULT_LIMITS = ConnectionLimits()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
     """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form.
@@ -244,6 +265,7 @@ class Channel:
     faults: FaultPlan | None = None
     wiring: LineSettings = PLAIN
     host: str = ""
+    limits: ConnectionLimits = DEFAULT_LIMITS
     at: Position
     port_at: Position
 

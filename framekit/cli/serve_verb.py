@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
     from framekit.blocks.device import Device
     from framekit.blocks.device_settings import DeviceSettings
+    from framekit.blocks.model import ConnectionLimits
     from framekit.cli.serve_output import ServeOutput
     from framekit.definition.times import LineFormat
-    from framekit.service.serving import ConnectionLimits, Serving, ServingMonitor
+    from framekit.service.serving import Serving, ServingMonitor
     from framekit.service.serving_ports import Served
     from framekit.transport.clock import AsyncioClock
     from framekit.transport.port import Port
@@ -232,8 +233,8 @@ async def begin(
 
 def connection_limits(idle: str | None, per_address: int | None) -> ConnectionLimits:
     """What `--idle-timeout` and `--connections` say. Raises WrongWords."""
+    from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
     from framekit.definition.times import parse_time
-    from framekit.service.serving import DEFAULT_LIMITS, ConnectionLimits
 
     try:
         return ConnectionLimits(

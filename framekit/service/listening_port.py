@@ -44,7 +44,7 @@ class ListeningPort(Port):
             device, self.clock, access=access, server=server, link=counters, load=load, counters=services
         )
         watch = None if monitor is None else lambda port, number, seen: monitor(seen)
-        self.serving = Serving([store], self.clock, channel.line, watch)
+        self.serving = Serving([store], self.clock, channel.line, watch, limits=channel.limits)
 
     def _accept(self, port: AcceptedPort) -> None:
         assert self.serving is not None

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from framekit.blocks.device import Device
+from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
 from framekit.service.device import DeviceService, DeviceStore, stores_of
@@ -26,27 +26,6 @@ ServingMonitor = Callable[[str, int, Seen], None]
 
 MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
-
-
-@dataclass(frozen=True, slots=True)
-class ConnectionLimits:
-    """What keeps a few clients from locking the others out.
-
-    `idle`: a connection over which no good frame went for so long (ns) is closed. `per_address`: connections that one
-    client address may have at once. Raises ValueError for limits that let no client in.
-    """
-
-    idle: int = 600_000_000_000
-    per_address: int = 64
-
-    def __post_init__(self) -> None:
-        if self.idle <= 0:
-            raise ValueError("the idle time-out is above 0 – write a time such as 10 min, or never")
-        if self.per_address <= 0:
-            raise ValueError("an address may have 1 connection at least")
-
-
-DEFAULT_LIMITS = ConnectionLimits()
 
 
 class Serving:

@@ -9,7 +9,9 @@ import socket
 from pathlib import Path
 
 from framekit.blocks.load import load_run
+from framekit.blocks.model import ConnectionLimits
 from framekit.link.observe import Seen
+from framekit.service.listening_port import ListeningPort
 from framekit.service.run import RunService
 from framekit.service.status import run_status
 from framekit.transport.clock import AsyncioClock, VirtualClock
@@ -220,6 +222,39 @@ def test_a_channel_answers_every_sender_of_datagrams_by_itself(tmp_path: Path) -
         finally:
             for transport in transports:
                 transport.close()
+            service.stop()
+
+    asyncio.run(asyncio.wait_for(scenario(), LONGEST))
+
+
+def test_a_channel_says_how_many_connections_an_address_may_have_and_how_long_they_may_be_idle(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        path = tmp_path / "listening.run.yaml"
+        limited = "map: {holding: M100}, clients: {connections: 1, idle_timeout: 90 s}"
+        path.write_text(LISTENING.replace("map: {holding: M100}", limited), "utf-8")
+        opened = asyncio.Event()
+        service = RunService(
+            load_run(path),
+            AsyncioClock(asyncio.get_running_loop()),
+            lambda channel, seen: opened.set() if channel == 1 else None,
+        )
+        service.start()
+        links = []
+        try:
+            await opened.wait()
+            port = service.channels[1].driver.port
+            assert isinstance(port, ListeningPort) and port.serving is not None
+            assert port.serving.limits == ConnectionLimits(idle=90_000_000_000, per_address=1)
+            number = int(port.name.rpartition(":")[2])
+            for _ in range(2):
+                links.append(await asyncio.open_connection("127.0.0.1", number))
+            one, other = links
+            assert await exchanged(one, MODBUS_READ, 13) == MODBUS_REPLY + bytes.fromhex("1234 5678")
+            assert await other[0].read() == b"", "one more is closed"
+            assert port.serving.line_errors == {"connections refused": 1}
+        finally:
+            for _, writer in links:
+                writer.close()
             service.stop()
 
     asyncio.run(asyncio.wait_for(scenario(), LONGEST))

@@ -14,11 +14,12 @@ import pytest
 
 from framekit.blocks.device import load_devices
 from framekit.blocks.device_settings import DeviceSettings
+from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
 from framekit.link.sequences import runtime
-from framekit.service.serving import DEFAULT_LIMITS, MOST_CONNECTIONS, ConnectionLimits, Serving
+from framekit.service.serving import MOST_CONNECTIONS, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
 
