@@ -55,7 +55,8 @@ class DeviceStore:
         if server is None:
             refuses = None if self.faults is None else self.faults.refusal
             server = MemoryServer(
-                device.protocol, codec, self.memory, mapping=device.mapping, refresh=self.refresh, refuses=refuses,
+                device.protocol, codec, self.memory, mapping=device.mapping,
+                refresh=None if self.system is None else self.refresh, refuses=refuses,
                 counters=self.counters,
             )  # fmt: skip
         self.server = server

@@ -18,6 +18,7 @@ from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression.emit import emit
 from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name, names_in
+from framekit.definition.model.sizes import field_names
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.link.addresses import Address, AddressError
@@ -109,7 +110,6 @@ class Matching:
         )
         """Whether one function does everything: one place at most, and no work but the transfer."""
         self._read: dict[bool, Match] = {}
-        self._serve: Serve | None = None
 
     def read(self, request: FrameValue, buffer: bytes, station: Any, names: Names, with_buffer: bool) -> Reading | None:
         """What a request means; None: the row does not fit. Without the buffer: what is beside it is not here yet.
@@ -121,12 +121,10 @@ class Matching:
             function = self._read[with_buffer] = RowWriter(self, with_buffer, False).function()
         return function(request, buffer, station, names)
 
-    @property
-    def serve(self) -> Serve:
-        """Serves a request; what it gives and raises is as for `read`, and RefusedError and what the memory raises."""
-        if self._serve is None:
-            self._serve = RowWriter(self, True, True).function()
-        return self._serve
+    def serving(self) -> Serve:
+        """What serves a request; it gives and raises as `read`, and RefusedError and what the memory raises."""
+        serve: Serve = RowWriter(self, True, True).function()
+        return serve
 
     def holds(self, reading: Reading) -> bool:
         """Whether the row's condition holds; what cannot be told because the place is wrong is no objection."""
@@ -252,10 +250,13 @@ class RowWriter:
             [(rule.when, rule.code) for rule in row.refuse],
         ]
         mentioning += [(reply.when, reply.frame, reply.buffer) for reply in row.reply]
-        protocol = self.shared.protocol
-        mentioning += [protocol.frames[one.frame].segments for one in parts_of(replies, FrameOf)]
-        mentioning += [protocol.layouts[one.layout].segments for one in parts_of(replies, LayoutOf)]
         self.mentioned = {name for part in expressions_of(mentioning) for name in names_in(part.root)}
+        protocol = self.shared.protocol
+        made = [protocol.frames[one.frame].segments for one in parts_of(replies, FrameOf)]
+        made += [protocol.layouts[one.layout].segments for one in parts_of(replies, LayoutOf)]
+        for segments in made:
+            needed = {name for part in expressions_of(segments) for name in names_in(part.root)}
+            self.mentioned |= needed - field_names(segments)
         self.given: dict[str, Any] = {
             **_RUNTIME,
             "address_named": matching.address_named,
@@ -720,10 +721,12 @@ class RowWriter:
 
     def _frame(self, frame: FrameOf) -> str:
         info = self.shared.table.infos[frame.frame]
-        if any(name not in frame.fields for name, _ in info.computed) or frame.fields.keys() & info.numbers.keys():
+        settled = {name: evaluate(Names()) for name, evaluate in info.computed if _is_settled(evaluate)}
+        is_settled = all(name in settled or name in frame.fields for name, _ in info.computed)
+        if not is_settled or frame.fields.keys() & info.numbers.keys():
             return f"frame_made({frame.frame!r}, {self._record(frame.fields)}, {self.names(self.level)})"
         items = {name: self._value(value) for name, value in frame.fields.items()}
-        items |= {name: self.constant(value) for name, value in info.known.items() if name not in items}
+        items |= {name: self.constant(value) for name, value in {**settled, **info.known}.items() if name not in items}
         return f"FrameValue({frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}})"
 
     def _repeats(self, value: Value) -> bool:
@@ -731,10 +734,20 @@ class RowWriter:
         if not isinstance(value, FrameOf):
             return True
         info = self.shared.table.infos[value.frame]
-        if any(name not in value.fields and name not in info.known for name, _, _ in info.echo):
+        there = {*value.fields, *info.known, *(name for name, evaluate in info.computed if _is_settled(evaluate))}
+        if any(name not in there for name, _, _ in info.echo):
             return True
         inner = [value.fields[name] for kind, name, _ in info.shape if kind == "inner" and name in value.fields]
         return any(self._repeats(one) for one in inner)
+
+
+def _is_settled(evaluate: Callable[[Names], Any]) -> bool:
+    """Whether an expression has its value whatever the names are."""
+    try:
+        evaluate(Names())
+    except EVALUATION_ERRORS:
+        return False
+    return True
 
 
 def _is_passed_over(expression: Expression) -> bool:

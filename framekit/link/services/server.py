@@ -31,6 +31,7 @@ from framekit.link.services.matching import (
     MismatchError,
     Reading,
     RefusedError,
+    Serve,
 )
 from framekit.link.services.rows import RowFacts, ServiceRows
 from framekit.link.services.work import BlockRefusedError, CompiledBlock, StartBlock, Work
@@ -107,6 +108,13 @@ class ServedRow:
         reading = self.matching.read(request, buffer, station, names, False)
         return None if reading is None else self.go_on(request, reading, check_only=True)
 
+    def asked(
+        self, request: FrameValue, buffer: bytes, station: Any, names: Names
+    ) -> tuple[CompiledBlock | None, Names] | None:
+        """The exchange that a request asks for, and what it says. None: the row does not fit."""
+        reading = self.matching.read(request, buffer, station, names, True)
+        return None if reading is None else (None if self.work is None else self.work.block, reading.names)
+
     def go_on(self, request: FrameValue, reading: Reading, *, check_only: bool) -> Served:
         """Serves what a request means, where the row's function does not do everything."""
         validate(self.refuse, reading.names, check_only)
@@ -178,6 +186,7 @@ class MemoryServer:
         self.shared = ServiceRows(protocol, codec)
         self._refuse = rules(protocol.server_refusals)
         self._rows: dict[str, list[ServedRow]] = {}
+        self._serving: dict[str, list[tuple[Serve, str]]] = {}
         self.codes = codes = codes_of(protocol)
         for facts in self.shared.served:
             row = ServedRow(facts, self.areas, codes, self._start_block)
@@ -214,12 +223,8 @@ class MemoryServer:
 
         Raises RefusedError for a request that no row is for, and EVALUATION_ERRORS.
         """
-
-        def read(row: ServedRow) -> tuple[CompiledBlock | None, Names] | None:
-            reading = row.matching.read(request, b"", None, names, True)
-            return None if reading is None else (None if row.work is None else row.work.block, reading.names)
-
-        return self._first(request, b"", None, names, read)
+        rows = self._rows.get(request.frame, ())
+        return self._first([(row.asked, row.service) for row in rows], request, b"", None, names)
 
     def refuse(self, request: FrameValue, code: int | None, buffer: bytes, station: Any, names: Names) -> Served:
         """Refuses a request whatever it asks for; without a code as for an address that is out of range."""
@@ -231,26 +236,31 @@ class MemoryServer:
             raise RefusedError(request.refusal)
         if self._refuse:
             validate(self._refuse, Names({"request": request, "buffer": buffer, "station": station}, names), check_only)
-
-        def serve(row: ServedRow) -> Served | None:
-            if check_only:
-                return row.check(request, buffer, station, names)
-            return row.matching.serve(request, buffer, station, names)
-
-        return self._first(request, buffer, station, names, serve)
+        if check_only:
+            checks = [(row.check, row.service) for row in self._rows.get(request.frame, ())]
+            return self._first(checks, request, buffer, station, names)
+        serving = self._serving.get(request.frame)
+        if serving is None:
+            rows = self._rows.get(request.frame, ())
+            serving = self._serving[request.frame] = [(row.matching.serving(), row.service) for row in rows]
+        return self._first(serving, request, buffer, station, names)
 
     def _first(
-        self, request: FrameValue, buffer: bytes, station: Any, names: Names, do: Callable[[ServedRow], Found | None]
-    ) -> Found:
-        """What the first row that fits gives. Raises RefusedError with the best reason why none does."""
+        self, functions: Sequence[tuple[Callable[[FrameValue, bytes, Any, Names], Found | None], str]],
+        request: FrameValue, buffer: bytes, station: Any, names: Names,
+    ) -> Found:  # fmt: skip
+        """What the first row that fits gives, by its function and service.
+
+        Raises RefusedError with the best reason why none does.
+        """
         reason, damaged = "no_service", None
-        for row in self._rows.get(request.frame, ()):
+        for function, service in functions:
             try:
-                found = do(row)
+                found = function(request, buffer, station, names)
             except MismatchError:
                 continue
             except ElsewhereError as error:
-                if error.known and row.service == "write":
+                if error.known and service == "write":
                     reason = "access"
                 elif reason != "access":
                     reason = "unknown"
