@@ -15,8 +15,8 @@ from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
-from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
+from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from benchmarks.row import Row, Target
 from framekit.blocks.device import load_devices
 from framekit.definition.times import parse_format
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock

@@ -21,8 +21,7 @@ from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.link.addresses import Address, AddressError
 from framekit.link.observe import Seen
-from framekit.link.ready import MOST_KEPT
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import MOST_KEPT, TransferResult
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.service.client import Begin
 

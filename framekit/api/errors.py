@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from framekit.blocks.error_codes import ErrorCode, error_code, error_table
 from framekit.link.codes import code_text
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 
 NO_REPLY = ("no_reply", "timeout")
 BAD_REPLIES = ("damaged_reply", "unfit_reply", "exhausted")

@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.api.errors import ExchangeError, FramekitError, error_of
 from framekit.api.typed import Typed
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 from framekit.service.client import ClientService
 from framekit.service.polling import Polling
 

@@ -13,7 +13,7 @@ from typing import Protocol
 from framekit.blocks.error_codes import ErrorCode, error_code, status_word
 from framekit.blocks.model import BLOCKS_IN_SET
 from framekit.link.codes import code_text
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 
 EXPLAINED = ("damaged_frame", "cannot_store", "cannot_send", "bad_setting")
 """Outcomes that say little without their cause."""

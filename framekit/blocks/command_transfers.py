@@ -16,9 +16,9 @@ from framekit.blocks.own_memory import store_pieces
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.events import Command
+from framekit.link.services.client import Client
 from framekit.memory.memory import DeviceMemory
 
 if TYPE_CHECKING:

@@ -17,7 +17,6 @@ from framekit.blocks.operations import Operation, OperationEnd, ParamsOf, fitted
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.client import Client
 from framekit.link.command_scope import CommandScope
 from framekit.link.construct_values import ValueCompiler
 from framekit.link.engine import Engine
@@ -26,6 +25,7 @@ from framekit.link.events import Command as LinkCommand
 from framekit.link.frame_table import Codec
 from framekit.link.scope import Scope
 from framekit.link.services.areas import DeviceAreas, Span, span_of
+from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.services.work import CompiledAfter, CompiledBlock, CompiledPlace, Work, assign, compile_afters
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits

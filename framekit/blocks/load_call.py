@@ -27,7 +27,7 @@ from framekit.definition.nodes import Entry, Mapping, Node
 from framekit.definition.problems import Position, did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar
 from framekit.link.parameters import ParameterError
-from framekit.link.service_arguments import TYPES, checked
+from framekit.link.services.planning import TYPES, checked
 from framekit.link.services.rows import wants_address
 
 _BYTES = ("text", "choice", "bytes")

@@ -13,13 +13,13 @@ from typing import Any, Protocol
 
 from framekit.codec.shown import explain
 from framekit.link.addresses import Address, AddressError
-from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import Command
 from framekit.link.packing import cut_memory, values_of
 from framekit.link.parameters import ParameterError
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of
+from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.work import CompiledAfter, CompiledBlock
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError, UnknownAreaError, unit_bits

@@ -32,7 +32,7 @@ from framekit.definition.model.walk import flat
 from framekit.definition.problems import did_you_mean
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.packing import Packer, join_memory, memory_of, values_of
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory, unit_bits
 from framekit.memory.views import as_signed, from_float
 

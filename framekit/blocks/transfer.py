@@ -24,12 +24,12 @@ from framekit.codec.shown import explain
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import StationType
 from framekit.link.addresses import AddressError
-from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command
 from framekit.link.frame_sender import FrameSender
 from framekit.link.packing import cut_memory, values_of
+from framekit.link.services.client import Client, TransferResult
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 

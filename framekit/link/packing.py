@@ -24,13 +24,14 @@ class Packer:
     `data` is what stands in the frame, `memory` the same elements in memory's form.
     """
 
-    __slots__ = ("bits", "bits_form", "order", "unit")
+    __slots__ = ("_swapped", "bits", "bits_form", "order", "unit")
 
     def __init__(self, packing: Packing, unit: str) -> None:
         self.unit = unit
         self.bits = unit_bits(unit)
         self.bits_form = packing.bits
         self.order = packing.order
+        self._swapped = self.bits // 8 if self.order == "big" and self.bits in (16, 32, 64) else 0
 
     def size(self, start: int, count: int) -> int:
         """Data bytes that `count` elements from `start` on take."""
@@ -60,7 +61,7 @@ class Packer:
     def to_data(self, memory: bytes, start: int, count: int) -> bytes:
         """The data bytes of elements in memory's form."""
         if self.bits > 8:
-            return self._ordered(memory)
+            return swap(memory, self._swapped) if self._swapped else self._ordered(memory)
         if self.bits == 8 or self.bits_form == "packed":
             return memory
         if self.bits_form == "byte_each":
@@ -73,11 +74,11 @@ class Packer:
 
         Raises PackingError for data of another size than `size(start, count)`, and for a byte that is no bit.
         """
-        wanted = self.size(start, count)
+        wanted = count * self.bits // 8 if self.bits > 1 else self.size(start, count)
         if len(data) != wanted:
             raise PackingError(f"{count} × {self.unit} take {wanted} bytes, not {len(data)}")
         if self.bits > 8:
-            return self._ordered(data)
+            return swap(data, self._swapped) if self._swapped else self._ordered(data)
         if self.bits == 8:
             return data
         if self.bits_form == "byte_each":

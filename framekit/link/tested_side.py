@@ -11,13 +11,12 @@ from typing import Any
 from framekit.codec.plain import PlainValues
 from framekit.definition.load.scalars import parse_number
 from framekit.definition.model.protocol import Protocol
-from framekit.link.client import Client
 from framekit.link.conversation import Asked, station_of
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.frame_table import Codec
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import Client, TransferResult
 
 
 class Starter:

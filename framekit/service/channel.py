@@ -11,10 +11,10 @@ from framekit.blocks.model import STATIONED, Block, Channel
 from framekit.blocks.transfer import BlockTransfers, Ended
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.link.arrivals import BadFrame
-from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor
+from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError

@@ -14,13 +14,12 @@ from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
-from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
 from framekit.link.observe import Monitor
+from framekit.link.services.client import Client, Done, TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.transfer import Done
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 from framekit.service.driver import Driver

@@ -24,10 +24,10 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.client import TransferResult
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command as LinkCommand
 from framekit.link.packing import values_of
+from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.service.channel import ChannelService
 from framekit.service.host_channels import ChannelOpener, HostChannels

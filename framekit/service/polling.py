@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from framekit.link.client import Client
 from framekit.link.events import Command
-from framekit.link.transfer import Done, TransferResult
+from framekit.link.services.client import Client, Done, TransferResult
 from framekit.service.client import ClientService, Request
 from framekit.transport.clock import Handle
 

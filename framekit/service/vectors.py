@@ -17,12 +17,12 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation, Vectors
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.link.client import Client
 from framekit.link.conversation import SideUnderTest, run_conversation
 from framekit.link.engine import Engine
 from framekit.link.exchange import Ask
 from framekit.link.frame_table import Codec
 from framekit.link.frame_vectors import run_frame_vector
+from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.tested_side import Starter
 from framekit.memory.memory import DeviceMemory

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from link.service_loop import Loop
 
 from framekit.link.addresses import AddressError
-from framekit.link.client import ServiceError
 from framekit.link.exchange import Asked, Outcome
 from framekit.link.packing import PackingError
+from framekit.link.services.client import ServiceError
 from framekit.link.values import FrameValue
 
 WORDS = """

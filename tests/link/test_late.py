@@ -13,13 +13,12 @@ from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_format
-from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.events import Break, Command, Send
 from framekit.link.exchange import Exchange
 from framekit.link.observe import Seen
+from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.transfer import TransferResult
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 

@@ -9,9 +9,8 @@ from link.link_world import SECOND, Side, compiled, load
 
 from framekit.blocks.memory_settings import memory_of
 from framekit.definition.problems import DefinitionError
-from framekit.link.client import Client, ServiceError
+from framekit.link.services.client import Client, ServiceError, TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 
 CELLS = """

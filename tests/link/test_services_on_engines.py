@@ -12,9 +12,8 @@ from link.service_loop import FRAMES
 from link.test_serving import MALFORMED, with_check
 
 from framekit.blocks.memory_settings import memory_of
-from framekit.link.client import Client
+from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 
 PROTOCOLS = ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp"]

@@ -13,7 +13,7 @@ from link.service_loop import Loop
 from framekit.codec.errors import FrameError
 from framekit.link.addresses import Address
 from framekit.link.evaluate import Names
-from framekit.link.requests import ServiceError
+from framekit.link.services.planning import ServiceError
 from framekit.link.services.work import CompiledBlock
 from framekit.link.values import FrameValue
 from framekit.memory.memory import Area, DeviceMemory

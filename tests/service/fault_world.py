@@ -13,11 +13,11 @@ from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
-from framekit.link.client import Client, TransferResult
 from framekit.link.engine import Engine
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.observe import Seen
 from framekit.link.scope import Scope
+from framekit.link.services.client import Client, TransferResult
 from framekit.service.device import DeviceService
 from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector

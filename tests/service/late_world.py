@@ -17,10 +17,9 @@ from framekit.blocks.memory_settings import memory_of
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import parse_format
-from framekit.link.client import Client
 from framekit.link.events import Command
 from framekit.link.observe import Seen
-from framekit.link.transfer import Done, TransferResult
+from framekit.link.services.client import Client, Done, TransferResult
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock

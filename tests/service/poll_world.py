@@ -14,8 +14,8 @@ from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Send
 from framekit.link.observe import Seen
+from framekit.link.services.client import TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.transfer import TransferResult
 from framekit.memory.memory import DeviceMemory
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService

@@ -9,9 +9,9 @@ import pytest
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import LineFormat
-from framekit.link.client import Client
 from framekit.link.engine import Engine
 from framekit.link.events import Command
+from framekit.link.services.client import Client
 from framekit.service.driver import Driver
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine

@@ -10,7 +10,7 @@ from link.service_loop import codec_of
 
 from framekit.definition.times import NEVER
 from framekit.link.events import CharacterFault, Command
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 from framekit.service.client import ClientService
 from framekit.service.driver import Driver
 from framekit.transport.clock import AsyncioClock, VirtualClock

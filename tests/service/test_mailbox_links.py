@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from transfer_world import TransferWorld
 
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 from framekit.transport.simulated_line import Faults
 
 PLACES = {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}

@@ -10,7 +10,7 @@ import pytest
 from service.fault_world import LINKS, Link
 from service.poll_world import MS, SECOND, ByHand, OnLine, Told
 
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import TransferResult
 from framekit.service.polling import LEAST_PAUSE, Polling
 
 LINES = [link for link in LINKS if link.protocol != "third-party-plc"]

@@ -14,8 +14,7 @@ from transfer_world import TransferWorld
 
 import framekit
 from framekit.cli.main import main
-from framekit.link.client import Client
-from framekit.link.transfer import TransferResult
+from framekit.link.services.client import Client, TransferResult
 
 PROTOCOL = "srtp"
 

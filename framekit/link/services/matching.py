@@ -9,32 +9,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
-from types import CodeType
 from typing import Any
 
-from framekit.codec import support
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression.emit import emit
-from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name, names_in
-from framekit.definition.model.sizes import field_names
+from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.definition.model.walk import expressions_of, parts_of
+from framekit.definition.model.walk import expressions_of, field_names, parts_of
 from framekit.link.addresses import Address, AddressError
 from framekit.link.area_view import code_of
-from framekit.link.construct_values import EACH, read_as, read_layout
-from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.construct_values import EACH, read_layout
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.exchange import Served
-from framekit.link.invert import Inverse, bare_name, inverse_of, is_constant, quotient
+from framekit.link.invert import bare_name, inverse_of, is_constant, quotient
 from framekit.link.packing import PackingError, memory_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names
-from framekit.link.values import FrameValue, attribute, plain
+from framekit.link.services.writing import Level, ValueWriter, Written, code_of_source
+from framekit.link.values import FrameValue, attribute
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 NOT_COMPARED = frozenset({"station", "own"})
-OF_REQUESTS = ("request", "buffer", "station")
 PLACE_NAMES = ("area", "unit", "start", "count", "bytes", "element_bytes", "total")
 WRONG_PLACE = (DeviceMemoryError, AddressError, PackingError)
 
@@ -158,74 +154,6 @@ class Matching:
         raise ElsewhereError(bool(self.codes.get(code)))
 
 
-class _Level:
-    """What is known of names while a function is written: the variable of each, and what is still to be solved.
-
-    `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
-    variables in the order in which names got them. `item`: the variable with the fields of a list's item, `memory` that
-    with the data in memory's form.
-    """
-
-    def __init__(self) -> None:
-        self.values: dict[str, str] = {}
-        self.history: list[tuple[str, str]] = []
-        self.pending: list[tuple[Inverse, str]] = []
-        self.padded = False
-        self.parts: str | None = None
-        self.memory = "None"
-        self.item = "None"
-
-    def put(self, name: str, variable: str) -> None:
-        self.values[name] = variable
-        self.history.append((name, variable))
-
-    @property
-    def held(self) -> str:
-        """Every variable so far, as the items of a tuple."""
-        found = [*self.values.values(), *(variable for _, variable in self.pending)]
-        found += [self.item] * (self.item != "None")
-        return "".join(f"{variable}, " for variable in dict.fromkeys(found))
-
-
-class _Written:
-    """How names are written: as variables where they are known, else looked up in the names of the engine.
-
-    `of_item`: the fields of a list's item are names here, before all others.
-    """
-
-    def __init__(self, level: _Level, of_item: bool = False) -> None:
-        self.level = level
-        self.item = level.item if of_item else "None"
-
-    def name(self, node: Name) -> str:
-        known = self._known(node)
-        return (
-            known
-            if self.item == "None"
-            else f"({self.item}[{node.name!r}] if {node.name!r} in {self.item} else {known})"
-        )
-
-    def _known(self, node: Name) -> str:
-        found = self.level.values.get(node.name)
-        if found is not None:
-            return found
-        if node.name in OF_REQUESTS:
-            return node.name
-        if self.level.parts is not None:
-            return f"said({self.level.parts}, names, {node.name!r})"
-        return f"names[{node.name!r}]"
-
-    def attribute(self, node: Attribute) -> str:
-        return f"attribute({emit(node.value, self)}, {node.name!r})"
-
-    def line_time(self, node: LineTime) -> str:
-        return f"names['line'].{node.unit}({node.count[0]}, {node.count[1]})"
-
-    def call(self, function: str, arguments: list[str]) -> str:
-        owner = "names['functions']" if function in ENGINE_FUNCTIONS else "support"
-        return f"{owner}.{function}({', '.join(arguments)})"
-
-
 class RowWriter:
     """Writes one function of a row: `whole` up to the reply, else up to a `Reading`."""
 
@@ -236,8 +164,8 @@ class RowWriter:
         self.with_buffer, self.whole = with_buffer, whole
         self.inline = whole and matching.is_whole
         self.out = Source(1)
-        self.level = _Level()
-        self.items_found: tuple[str, _Level] | None = None
+        self.level = Level()
+        self.items_found: tuple[str, Level] | None = None
         """The variable with what the items of lists hold, and the names it has in every round."""
         self.back = {**self.row.back, **self.row.back_each}
         self.arguments = {argument.name for argument in self.row.takes}
@@ -270,8 +198,8 @@ class RowWriter:
             "packer": self.facts.packer,
             "views": self.grammar.views,
             "fill_echo": self.shared.table.fill_echo,
-            "frame_made": self.shared.table.made,
         }
+        self.values = ValueWriter(self.shared, self.given, KNOWN)
         self._variables = 0
 
     # ---- variables and constants --------------------------------------------------------------------------
@@ -280,28 +208,7 @@ class RowWriter:
         self._variables += 1
         return f"v{self._variables}"
 
-    def constant(self, value: Any) -> str:
-        """Source of a value that the function brings along."""
-        if value is None or type(value) in (int, bool, str, bytes):
-            return repr(value)
-        name = f"c{len(self.given)}"
-        self.given[name] = value
-        return name
-
-    def source(self, expression: Expression, level: _Level) -> str:
-        """An expression on the names that are known at this point."""
-        return emit(expression.root, _Written(level))
-
-    def names(self, level: _Level) -> str:
-        """A new level of names with everything that is known, for what looks names up by itself."""
-        return f"Names({self.items(level)}, {KNOWN})"
-
-    def items(self, level: _Level) -> str:
-        """All names that are known, as a dictionary."""
-        parts = f"**{level.parts}, " if level.parts else ""
-        return f"{{{parts}{', '.join(f'{name!r}: {value}' for name, value in level.values.items())}}}"
-
-    def let(self, level: _Level, name: str, text: str) -> str:
+    def let(self, level: Level, name: str, text: str) -> str:
         """A name gets a value."""
         variable = self.variable()
         self.out.add(f"{variable} = {text}")
@@ -338,7 +245,7 @@ class RowWriter:
             place = self._targets()
             out.add("pass")
         with out.block("except WRONG_PLACE as error:"):
-            history = self.constant(tuple(self.level.history))
+            history = self.values.constant(tuple(self.level.history))
             known = KNOWN if self.inline else "reading.names"
             out.add(f"reading = wrong_place(error, {known}, {history}, locals(), {self.level.parts or None!r})")
             if self.inline:
@@ -353,13 +260,13 @@ class RowWriter:
         with source.block("def function(request, buffer, station, names):"):
             source.lines.extend(out.lines)
         space = dict(self.given)
-        exec(_code(source.text()), space)
+        exec(code_of_source(source.text()), space)
         return space["function"]
 
     # ---- comparing ----------------------------------------------------------------------------------------
 
     def _match(
-        self, value: Value, actual: str, level: _Level, numbers: Mapping[str, int] | None = None, padded: bool = False
+        self, value: Value, actual: str, level: Level, numbers: Mapping[str, int] | None = None, padded: bool = False
     ) -> None:
         """Writes the comparison of a value with what is there."""
         match value:
@@ -375,7 +282,7 @@ class RowWriter:
             case RecordOf(fields=fields):
                 self._fields(fields, actual, None, level, {}, frozenset())
             case LayoutOf(layout=layout, fields=fields):
-                record, decode = self.variable(), self.constant(self.shared.codec.layouts[layout][1])
+                record, decode = self.variable(), self.values.constant(self.shared.codec.layouts[layout][1])
                 self.out.add(f"{record} = layout_read({decode}, {actual}, {KNOWN}, {padded})")
                 padding = padded_names(self.shared.protocol.layouts[layout].segments)
                 self._fields(fields, record, None, level, {}, padding)
@@ -389,7 +296,7 @@ class RowWriter:
                 self._each(fields, actual)
 
     def _fields(
-        self, fields: Mapping[str, Value], actual: str, inside: str | None, level: _Level,
+        self, fields: Mapping[str, Value], actual: str, inside: str | None, level: Level,
         numbers: Mapping[str, Mapping[str, int]], padding: frozenset[str],
     ) -> None:  # fmt: skip
         for name, value in fields.items():
@@ -406,7 +313,7 @@ class RowWriter:
             self._match(value, part, level, numbers.get(name), name in padding)
 
     def _leaf(
-        self, expression: Expression, actual: str, level: _Level, numbers: Mapping[str, int], padded: bool
+        self, expression: Expression, actual: str, level: Level, numbers: Mapping[str, int], padded: bool
     ) -> None:
         if _is_passed_over(expression):
             return
@@ -414,7 +321,7 @@ class RowWriter:
             constant = compile_expression(expression)(Names())
             if isinstance(constant, str):
                 constant = numbers.get(constant, constant)
-            text = self.constant(constant)
+            text = self.values.constant(constant)
             if padded and isinstance(constant, bytes):  # what follows is padding
                 self.unfit_if(f"not isinstance({actual}, bytes) or not {actual}.startswith({text})")
             else:
@@ -439,7 +346,7 @@ class RowWriter:
         part, found = self.variable(), self.variable()
         header = f"for {part} in {actual}:"
         before = self.items_found
-        level = before[1] if before is not None else _Level()
+        level = before[1] if before is not None else Level()
         if before is not None:  # several lists speak of the same variables
             self.unfit_if(f"len({actual}) != len({before[0]})")
             header = f"for {part}, ({level.held}) in zip({actual}, {before[0]}):"
@@ -461,7 +368,7 @@ class RowWriter:
         if self.items_found is None:
             place = self._target(level)
             if not self.inline:
-                out.add(f"reading.names.update({self.items(level)})")
+                out.add(f"reading.names.update({self.values.items(level)})")
                 if place is not None:
                     self._note_target(level, place, "reading.names")
                     out.add("name_targets(reading)")
@@ -470,17 +377,17 @@ class RowWriter:
         with out.block(f"for {each.held or '_'} in {listed}:"):
             place = self._target(each)
             if place is not None:
-                self._note_target(each, place, f"Names({self.items(each)}, reading.names)")
+                self._note_target(each, place, f"Names({self.values.items(each)}, reading.names)")
         self._solve(level)
-        out.add(f"set_missing(reading.names, {self.items(level)})")
+        out.add(f"set_missing(reading.names, {self.values.items(level)})")
         out.add("name_targets(reading)")
         return None
 
-    def _note_target(self, level: _Level, place: str, names: str) -> None:
+    def _note_target(self, level: Level, place: str, names: str) -> None:
         start, count = level.values["start"], level.values["count"]
         self.out.add(f"reading.targets.append(Target({place}, {start}, {count}, {level.memory}, {names}))")
 
-    def _target(self, level: _Level) -> str | None:
+    def _target(self, level: Level) -> str | None:
         """Writes what place the names of a level mean: the variable with its `AreaUnit`, None if they mean none."""
         back = self.back
         area, unit, fixed = self._area(level)
@@ -500,22 +407,22 @@ class RowWriter:
             place = self.variable()
             self.out.add(f"{place} = own_unit(str({memory}), {unit})")
         elif fixed is not None and "unit" not in level.values:
-            place = self.constant(fixed)
+            place = self.values.constant(fixed)
         else:
             place = self.variable()
             self.out.add(f"{place} = unit_there({area}, {unit})")
         self._complete(level, place)
         return place
 
-    def _word(self, name: str, level: _Level) -> str:
+    def _word(self, name: str, level: Level) -> str:
         """A value of `back`; a bare word that is a unit or an area stands for itself."""
         value = self.back[name]
         word = bare_name(value)
         if word is not None and (name == "unit" or (name in ("area", "memory") and word in self.areas.areas)):
             return repr(word)
-        return emit(value.root, _Written(level, name in self.row.back_each))
+        return emit(value.root, Written(level, name in self.row.back_each))
 
-    def _area(self, level: _Level) -> tuple[str | None, str | None, AreaUnit | None]:
+    def _area(self, level: Level) -> tuple[str | None, str | None, AreaUnit | None]:
         """Area and unit that the request names: by text, `back`, code, or because the row is for one area.
 
         Where they are certain before a request comes: the area in its unit as well.
@@ -532,11 +439,11 @@ class RowWriter:
             return self._by_code(level)
         if len(row.areas) == 1:
             unit = row.units[0] if len(row.units) == 1 else None
-            area = self.let(level, "area", self.constant(self.grammar.views[row.areas[0]]))
+            area = self.let(level, "area", self.values.constant(self.grammar.views[row.areas[0]]))
             return area, repr(unit), self.areas.unit(row.areas[0], unit)
         return None, None, None
 
-    def _by_text(self, level: _Level) -> tuple[str, str, None]:
+    def _by_text(self, level: Level) -> tuple[str, str, None]:
         address = self.variable()
         self.out.add(f"{address} = address_named(str({level.values['text']}))")
         level.parts = self.variable()
@@ -549,7 +456,7 @@ class RowWriter:
             self.let(level, "unit", f"{address}.unit")
         return self.let(level, "area", f"views[{address}.area]"), f"{address}.unit", None
 
-    def _by_code(self, level: _Level) -> tuple[str, str, None]:
+    def _by_code(self, level: Level) -> tuple[str, str, None]:
         found: dict[Any, tuple[Any, str]] = {}
         for code, pairs in self.matching.codes.items():
             for area, unit in pairs:
@@ -557,7 +464,7 @@ class RowWriter:
                     found[code] = (self.grammar.views[area], self._unit_of_row(area, unit, code))
                     break
         named, code = self.variable(), level.values["code"]
-        self.out.add(f"{named} = {self.constant(found)}.get({code})")
+        self.out.add(f"{named} = {self.values.constant(found)}.get({code})")
         with self.out.block(f"if {named} is None:"):
             self.out.add(f"elsewhere({code})")
         return self.let(level, "area", f"{named}[0]"), f"{named}[1]", None
@@ -569,23 +476,23 @@ class RowWriter:
             return unit
         return next((own for own in units if code_of(self.grammar.areas[area], own) == code), unit)
 
-    def _solve(self, level: _Level) -> None:
+    def _solve(self, level: Level) -> None:
         """The names whose values follow from what area it is; `back` goes before them."""
         for inverse, actual in level.pending:
             if inverse.name in self.back:
                 continue
-            value = self.worked_out(inverse.source(actual, lambda other: self.source(other, level)))
+            value = self.worked_out(inverse.source(actual, lambda other: self.values.expression(other, level)))
             if inverse.name in level.values:
                 self.unfit_if(f"{level.values[inverse.name]} != {value}")
             else:
                 level.put(inverse.name, value)
 
-    def _complete(self, level: _Level, place: str) -> None:
+    def _complete(self, level: Level, place: str) -> None:
         """Writes start, count, sizes and data of a place."""
         values, fixed = level.values, self.given.get(place)
         self.let(level, "start", f"int({values['start']})" if "start" in values else "0")
         if isinstance(fixed, AreaUnit):
-            packer = self.constant(self.facts.packer(fixed.unit))
+            packer = self.values.constant(self.facts.packer(fixed.unit))
             unit = fixed.unit
             self.let(level, "unit", repr(unit))
         else:
@@ -628,11 +535,11 @@ class RowWriter:
         """Writes condition, refusals, the transfer and the reply."""
         level, out, row = self.level, self.out, self.row
         if self.matching.when is not None:
-            holds = self.worked_out(self.source(self.matching.when, level))
+            holds = self.worked_out(self.values.expression(self.matching.when, level))
             self.unfit_if(f"not {holds}")
         for rule in row.refuse:
-            with out.block(f"if {self.source(rule.when, level)}:"):
-                out.add(f"raise RefusedError(int({self.source(rule.code, level)}))")
+            with out.block(f"if {self.values.expression(rule.when, level)}:"):
+                out.add(f"raise RefusedError(int({self.values.expression(rule.code, level)}))")
         if place is not None:
             self._check(place)
         if row.service == "read":
@@ -649,7 +556,7 @@ class RowWriter:
             if reply.when is None:
                 self._reply(reply.frame, reply.buffer)
                 return
-            with out.block(f"if {self.source(reply.when, level)}:"):
+            with out.block(f"if {self.values.expression(reply.when, level)}:"):
                 self._reply(reply.frame, reply.buffer)
         out.add("return Served(None)")
 
@@ -669,15 +576,15 @@ class RowWriter:
         start, count = level.values["start"], level.values["count"]
         fixed, memory, data = self.given.get(place), self.variable(), self.variable()
         if not isinstance(fixed, AreaUnit):
-            names = f"{place}.build and {self.names(level)}"
+            names = f"{place}.build and {self.values.names(level)}"
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
             self.out.add(f"{data} = packer({place}.unit).to_data({memory}, {start}, {count})")
             return data
         if fixed.most and fixed.bits % 8 == 0 and fixed.offset % 8 == 0:
-            read, size, first = self.constant(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
+            read, size, first = self.values.constant(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
             self.out.add(f"{memory} = {read}({f'{first} + ' if first else ''}{start} * {size}, {count} * {size})")
         else:
-            names = "None" if fixed.build is None else self.names(level)
+            names = "None" if fixed.build is None else self.values.names(level)
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
         packer = self.facts.packer(fixed.unit)
         if packer.bits == 8 or (packer.bits > 8 and packer.order == "little"):
@@ -685,69 +592,17 @@ class RowWriter:
         if packer.order == "big" and packer.bits in (16, 32, 64):
             self.out.add(f"{data} = support.swap({memory}, {packer.bits // 8})")
         else:
-            self.out.add(f"{data} = {self.constant(packer)}.to_data({memory}, {start}, {count})")
+            self.out.add(f"{data} = {self.values.constant(packer)}.to_data({memory}, {start}, {count})")
         return data
 
     def _reply(self, frame: FrameOf | None, buffer: Value | None) -> None:
         reply = "None"
         if frame is not None:
             reply = self.variable()
-            self.out.add(f"{reply} = {self._value(frame)}")
-            if self._repeats(frame):
+            self.out.add(f"{reply} = {self.values.value(frame, self.level)}")
+            if self.values.repeats(frame):
                 self.out.add(f"fill_echo({reply}, request)")
-        self.out.add(f"return Served({reply}{'' if buffer is None else f', {self._value(buffer)}'})")
-
-    def _value(self, value: Value) -> str:
-        """Source of a value of the definition."""
-        match value:
-            case Expression():
-                return self.source(value, self.level)
-            case FrameOf():
-                return self._frame(value)
-            case RecordOf(fields=fields):
-                return self._record(fields)
-            case ListOf(items=items):
-                return f"[{', '.join(self._value(item) for item in items)}]"
-            case LayoutOf(layout=layout, fields=fields):
-                encode = self.constant(self.shared.codec.layouts[layout][0])
-                return f"{encode}(plain({self._record(fields)}), {self.names(self.level)})"
-            case ReadAs(layout=layout, source=source):
-                codec = self.constant(self.shared.codec.layouts[layout])
-                return f"read_as({codec}, {self._value(source)}, {self.names(self.level)})"
-        raise TypeError(f"no value of one request: {value!r}")
-
-    def _record(self, fields: Mapping[str, Value]) -> str:
-        return f"{{{', '.join(f'{name!r}: {self._value(value)}' for name, value in fields.items())}}}"
-
-    def _frame(self, frame: FrameOf) -> str:
-        info = self.shared.table.infos[frame.frame]
-        settled = {name: evaluate(Names()) for name, evaluate in info.computed if _is_settled(evaluate)}
-        is_settled = all(name in settled or name in frame.fields for name, _ in info.computed)
-        if not is_settled or frame.fields.keys() & info.numbers.keys():
-            return f"frame_made({frame.frame!r}, {self._record(frame.fields)}, {self.names(self.level)})"
-        items = {name: self._value(value) for name, value in frame.fields.items()}
-        items |= {name: self.constant(value) for name, value in {**settled, **info.known}.items() if name not in items}
-        return f"FrameValue({frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}})"
-
-    def _repeats(self, value: Value) -> bool:
-        """Whether a frame, or one inside it, repeats something of the request that is not given."""
-        if not isinstance(value, FrameOf):
-            return True
-        info = self.shared.table.infos[value.frame]
-        there = {*value.fields, *info.known, *(name for name, evaluate in info.computed if _is_settled(evaluate))}
-        if any(name not in there for name, _, _ in info.echo):
-            return True
-        inner = [value.fields[name] for kind, name, _ in info.shape if kind == "inner" and name in value.fields]
-        return any(self._repeats(one) for one in inner)
-
-
-def _is_settled(evaluate: Callable[[Names], Any]) -> bool:
-    """Whether an expression has its value whatever the names are."""
-    try:
-        evaluate(Names())
-    except EVALUATION_ERRORS:
-        return False
-    return True
+        self.out.add(f"return Served({reply}{'' if buffer is None else f', {self.values.value(buffer, self.level)}'})")
 
 
 def _is_passed_over(expression: Expression) -> bool:
@@ -777,11 +632,6 @@ def part_of(actual: Any, name: str) -> Any:
 def item_of(before: dict[str, Any] | None, part: Any) -> dict[str, Any]:
     """The fields of an item, of all lists that have one for each."""
     return {**(before or {}), **(part if isinstance(part, dict) else {})}
-
-
-def said(parts: Mapping[str, Any], names: Names, name: str) -> Any:
-    """A name that an address may have said."""
-    return parts[name] if name in parts else names[name]
 
 
 def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, padded: bool) -> dict[str, Any]:
@@ -834,22 +684,14 @@ def name_targets(reading: Reading) -> None:
         names[EACH] = [target.names for target in targets]
 
 
-@lru_cache(512)
-def _code(source: str) -> CodeType:
-    return compile(source, "<service row>", "exec")
-
-
 _RUNTIME: dict[str, Any] = {
     "DamagedBufferError": DamagedBufferError,
     "EVALUATION_ERRORS": EVALUATION_ERRORS,
-    "FrameValue": FrameValue,
-    "Names": Names,
     "Reading": Reading,
     "RefusedError": RefusedError,
     "Served": Served,
     "Target": Target,
     "WRONG_PLACE": WRONG_PLACE,
-    "attribute": attribute,
     "cannot_be": cannot_be,
     "item_of": item_of,
     "layout_read": layout_read,
@@ -857,12 +699,8 @@ _RUNTIME: dict[str, Any] = {
     "name_targets": name_targets,
     "no_data": no_data,
     "part_of": part_of,
-    "plain": plain,
     "quotient": quotient,
-    "read_as": read_as,
-    "said": said,
     "set_missing": set_missing,
-    "support": support,
     "values_of": values_of,
     "wrong_place": wrong_place,
 }

@@ -1,0 +1,537 @@
+"""The client of a protocol: READ and WRITE by address, and every other service, as exchanges of an engine.
+
+Requests are made and replies are read by the rows of the definition; the link procedure is the engine's. A transfer is
+its exchanges one after the other: it succeeds or fails as a whole, a part that fails fails the rest. A read that
+depends on nothing but its own arguments and settings is planned once. Nothing is retried here. Language reference,
+sections 11 and 13.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from framekit.codec.shown import explain
+from framekit.definition.model import protocol as model
+from framekit.definition.model.values import FrameOf, LayoutOf
+from framekit.definition.model.walk import expressions_of, parts_of
+from framekit.link.addresses import Address
+from framekit.link.construct_values import EACH, Compute, compile_value
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.events import Command
+from framekit.link.exchange import Asked, Exchange, Outcome
+from framekit.link.frame_table import Codec
+from framekit.link.packing import cut_memory, join_memory, memory_of, reader_of
+from framekit.link.scope import Scope
+from framekit.link.services.planning import Piece, Plan, Planner, ServiceError, arguments_of
+from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
+from framekit.link.services.rows import RowFacts, ServiceRows
+from framekit.link.values import FrameValue
+from framekit.memory.memory import unit_bits
+
+__all__ = ["Client", "Done", "ServiceError", "TransferResult"]
+
+MOST_KEPT = 1024
+"""So many reads are kept; then all are forgotten, since nobody repeats so many."""
+
+
+class Starts(Protocol):
+    """What a client needs of an engine: its names, and exchanges started on it."""
+
+    @property
+    def scope(self) -> Any: ...
+
+    def start(self, exchange: Exchange, now: int) -> list[Command]: ...
+
+
+@dataclass(slots=True)
+class TransferResult:
+    """How a transfer ended. `outcome` is '' or a word such as no_reply, refused, unfit_reply; `cause` says more.
+
+    `values` are the elements read, `data` the same in memory's form, both empty unless `ok`. `code` is the device's own
+    when it refused, `meaning` its name. `exchanges` counts those that were started, `written` the elements that are
+    known to be written, also when a later part failed. `gives` are a service's results, `reply` is the last reply,
+    `raw` its bytes and `buffer` those beside it.
+    """
+
+    ok: bool
+    values: list[int] = field(default_factory=list)
+    data: bytes = b""
+    outcome: str = ""
+    cause: str = ""
+    code: int | None = None
+    meaning: str = ""
+    exchanges: int = 0
+    written: int = 0
+    gives: dict[str, Any] = field(default_factory=dict)
+    reply: FrameValue | None = None
+    raw: bytes = b""
+    buffer: bytes = b""
+
+
+Done = Callable[[TransferResult], None]
+
+
+class ClientRow:
+    """A row as the client uses it."""
+
+    def __init__(self, facts: RowFacts, errors: ErrorReader) -> None:
+        row, shared = facts.row, facts.shared
+
+        def compiled(value: Any) -> Compute:
+            return compile_value(value, shared.protocol, shared.codec, shared.table)
+
+        self.facts = facts
+        self.errors = errors
+        self.request = None if row.request is None else compiled(row.request)
+        self.buffer = None if row.buffer is None else compiled(row.buffer)
+        self.gives = [(name, compiled(value)) for name, value in row.gives.items()]
+        self.reply = ReplyReader(facts)
+        self.reads = row.service == "read"
+
+    def prepared(self, pieces: tuple[Piece, ...], offered: Names, station: Any, params: Mapping[str, Any]) -> Prepared:
+        """An exchange of a plan, worked out. Raises ServiceError."""
+        facts, sequences = self.facts, self.facts.shared.protocol.sequences
+        try:
+            request = None if self.request is None else self.request(offered)
+            buffer = b"" if self.buffer is None else self.buffer(offered)
+            run = None if facts.run is None else facts.run(offered)
+        except EVALUATION_ERRORS as error:
+            raise ServiceError(f"the request of row '{facts.row.name}' cannot be made: {explain(error)}") from None
+        arguments: dict[str, Any] = {}
+        sequence = sequences.get(str(run)) if pieces and request is None else None
+        if sequence is not None:  # a procedure carries the transfer: it takes what it names
+            arguments = {name: offered[name] for name in sequence.takes if name in offered}
+        written = sum(piece.count for piece in pieces if piece.data is not None)
+        return Prepared(self, pieces, offered, run, station, request, buffer, arguments, params, None, written)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """One exchange of a row, as often as it is asked for: what it sends, and what its replies are judged by.
+
+    `written`: how many elements it writes.
+    """
+
+    row: ClientRow
+    pieces: tuple[Piece, ...]
+    names: Names
+    run: str | None
+    station: Any
+    request: FrameValue | None
+    buffer: bytes
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)
+    inside: Any = None
+    written: int = 0
+
+    def exchange(self, on_done: Callable[[Outcome], None]) -> Exchange:
+        """A new one to start."""
+        row = self.row
+        return Exchange(
+            self.run, self.station, self.request, self.buffer, row.reply.expected, row.facts.row.outside_session,
+            on_done, self.inside, self.arguments, self.params,
+        )  # fmt: skip
+
+    def answer(self, outcome: Outcome) -> TransferResult | tuple[list[bytes], dict[str, Any]]:
+        """What an exchange brought: the data of its pieces and a service's results.
+
+        Anything but a fitting reply is a failure.
+        """
+        row, reply = self.row, outcome.reply
+        try:
+            if reply is not None and reply.frame in row.reply.error_frames:
+                refusal = row.errors.refusal(reply, Names({"request": self.request}, self.names))
+                if refusal is not None:
+                    word = outcome.outcome or refusal.outcome
+                    return TransferResult(
+                        False, outcome=word, cause=outcome.cause, code=refusal.code, meaning=refusal.meaning
+                    )
+            if not outcome.ok:
+                return TransferResult(False, outcome=outcome.outcome, cause=outcome.cause)
+            gives = self._gives(outcome) if row.gives else {}
+            if not self.pieces:
+                blocks = row.reply.blocks(outcome, self.names)
+                return [], {"data": blocks} if blocks and not row.gives else gives
+            if row.request is None:
+                return [], gives  # a procedure that wrote
+            data = row.reply.data(outcome, self.pieces, self.names)
+            if row.reads and len(data) != len(self.pieces):
+                raise UnfitReplyError("the reply brings no data")
+            return data, gives
+        except EVALUATION_ERRORS as error:
+            return TransferResult(False, outcome="unfit_reply", cause=explain(error))
+
+    def _gives(self, outcome: Outcome) -> dict[str, Any]:
+        known = Names(outcome.results, self.names)
+        known.update(request=self.request, reply=outcome.reply, buffer=outcome.buffer)
+        return {name: compute(known) for name, compute in self.row.gives}
+
+
+class TransferPlan:
+    """A whole transfer: its exchanges, and the units and counts of what is to be read."""
+
+    __slots__ = ("_read", "exchanges", "plans", "wanted")
+
+    def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[tuple[str, int]]) -> None:
+        self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
+        self._read: Callable[[bytes], Iterable[int]] | None = None
+        if len(wanted) == len(plans) == len(exchanges) == len(exchanges[0].pieces) == 1:
+            unit, count = wanted[0]
+            bits = plans[0].bits
+            if not plans[0].skip and exchanges[0].pieces[0].bits == bits == count * unit_bits(unit):
+                self._read = reader_of(unit, count)
+
+    def result(self, data: Sequence[bytes]) -> TransferResult:
+        """What it comes to when all exchanges have brought these data."""
+        if self._read is not None:
+            return TransferResult(True, list(self._read(data[0])), data[0])
+        if not self.wanted:
+            return TransferResult(True)
+        parts, place = [], 0
+        for plan in self.plans:
+            pieces = [piece for exchange in plan.exchanges for piece in exchange]
+            brought = data[place : place + len(pieces)]
+            whole = join_memory([(part, piece.bits) for part, piece in zip(brought, pieces, strict=True)])
+            parts.append((cut_memory(whole, plan.skip, plan.bits), plan.bits))  # what was read to be aligned goes
+            place += len(pieces)
+        whole, first = join_memory(parts), 0
+        values: list[int] = []
+        for unit, count in self.wanted:
+            bits = count * unit_bits(unit)
+            values.extend(reader_of(unit, count)(cut_memory(whole, first, bits)))
+            first += bits
+        return TransferResult(True, values, whole)
+
+
+class ReadyReads:
+    """Reads by what was asked for. They hold as long as no parameter changes; rows that read more are never kept."""
+
+    def __init__(self, scope: Names) -> None:
+        self._scope = scope if isinstance(scope, Scope) else None
+        self._settings = -1
+        self._kept: dict[Hashable, TransferPlan] = {}
+        self._lasting: dict[RowFacts, bool] = {}
+
+    def find(self, key: Hashable) -> TransferPlan | None:
+        """What was kept for this."""
+        scope = self._scope
+        if scope is None:
+            return None
+        if scope.settings != self._settings:
+            self._settings = scope.settings
+            self._kept.clear()
+        return self._kept.get(key)
+
+    def keep(self, key: Hashable, read: TransferPlan) -> None:
+        """Keeps a read for the next who asks, if it will be the same then."""
+        if self._scope is None or not all(_is_plain(one.request) for one in read.exchanges):
+            return
+        facts = read.exchanges[0].row.facts
+        if not all(self._lasts(row, self._scope) for row in facts.shared.rows[facts.row.service]):
+            return
+        if len(self._kept) >= MOST_KEPT:
+            self._kept.clear()
+        self._kept[key] = read
+
+    def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
+        """Whether what a row makes of a place depends on nothing that changes by itself."""
+        known = self._lasting.get(facts)
+        if known is None:
+            row, protocol = facts.row, facts.shared.protocol
+            sent = [row.request, row.buffer]
+            made: Sequence[Any] = [
+                *(protocol.frames[part.frame].segments for part in parts_of(sent, FrameOf)),
+                *(protocol.layouts[part.layout].segments for part in parts_of(sent, LayoutOf)),
+            ]
+            used = expressions_of([row.when, row.limit, row.run, sent, made])
+            known = self._lasting[facts] = not any(scope.changes(part) for part in used)
+        return known
+
+
+def _is_plain(request: FrameValue | None) -> bool:
+    """Whether a request may be sent again and again: nothing inside it takes note of being sent."""
+    return request is None or not any(isinstance(value, (FrameValue, dict, list)) for value in request.fields.values())
+
+
+class Transfer:
+    """One transfer under way. `start` hands an exchange to the engine."""
+
+    __slots__ = (
+        "__weakref__",
+        "_data",
+        "_gives",
+        "_going",
+        "_last",
+        "_next",
+        "_on_done",
+        "_over",
+        "_plan",
+        "_start",
+        "_under_way",
+        "_written",
+    )  # fmt: skip
+
+    def __init__(self, plan: TransferPlan, start: Callable[[Exchange], None], on_done: Done) -> None:
+        self._plan = plan
+        self._start = start
+        self._on_done = on_done
+        self._next = 0
+        self._going = self._over = False
+        self._under_way: Exchange | None = None
+        self._data: list[bytes] = []
+        self._gives: dict[str, Any] = {}
+        self._written = 0
+        self._last = NOTHING_YET
+
+    def go(self) -> None:
+        """Starts exchanges as long as their outcomes come at once."""
+        if self._going:
+            return
+        self._going = True
+        exchanges = self._plan.exchanges
+        while self._under_way is None and not self._over:
+            if self._next == len(exchanges):
+                result = self._plan.result(self._data)
+                result.gives = self._gives
+                self._end(result)
+                break
+            prepared = exchanges[self._next]
+            self._next += 1
+            self._under_way = exchange = prepared.exchange(self._ended)
+            self._start(exchange)
+        self._going = False
+
+    def _ended(self, outcome: Outcome) -> None:
+        prepared = self._plan.exchanges[self._next - 1]
+        if self._under_way is not None:
+            self._under_way.on_done = _told  # nothing is left that refers to itself, so it is freed at once
+        self._under_way = None
+        self._last = outcome
+        answer = prepared.answer(outcome)
+        if isinstance(answer, TransferResult):
+            self._end(answer)
+            return
+        data, gives = answer
+        self._data.extend(data)
+        self._gives.update(gives)
+        self._written += prepared.written
+        self.go()
+
+    def _end(self, result: TransferResult) -> None:
+        self._over = True
+        result.exchanges, result.written = self._next, self._written
+        result.reply, result.raw, result.buffer = self._last.reply, self._last.raw, self._last.buffer
+        self._on_done(result)
+
+
+NOTHING_YET = Outcome(False)
+
+
+def _told(outcome: Outcome) -> None:
+    """An exchange is told once how it ended."""
+
+
+class Client:
+    """READ, WRITE and other services over one engine.
+
+    Every method returns the engine's commands and calls `on_done` exactly once, perhaps before it returns. What cannot
+    be asked at all is raised before anything is sent: AddressError, ServiceError, PackingError (all ValueError).
+    `params` are names for this transfer alone, its rows and its sequences; they go before the protocol's parameters.
+    """
+
+    def __init__(self, protocol: model.Protocol, codec: Codec, engine: Starts) -> None:
+        self.engine = engine
+        self.shared = ServiceRows(protocol, codec)
+        self.grammar = self.shared.grammar
+        self.planner = Planner(self.shared)
+        self.grammar.serves = lambda address: self.planner.serves(address, self._names(None, None))
+        errors = ErrorReader(self.shared)
+        default = protocol.station.default
+        self._default_station = None if default is None else compile_expression(default)(Names())
+        self._ready = ReadyReads(engine.scope)
+        self._rows = {facts: ClientRow(facts, errors) for rows in self.shared.rows.values() for facts in rows}
+
+    # ---- read and write -----------------------------------------------------------------------------------
+
+    def read(
+        self, address: str | Address, *, station: Any = None, unit: str | None = None, count: int = 1,
+        params: Mapping[str, Any] | None = None, now: int, on_done: Done,
+    ) -> list[Command]:  # fmt: skip
+        """Reads `count` elements of `unit` (default: the address's own)."""
+        key = None if params else (address, unit, count, station)
+        ready = None if key is None else self._ready.find(key)
+        if ready is None:
+            names = self._names(station, params)
+            place, elements = self._place(address, unit, count)
+            plan = self.planner.plan("read", Piece(place, elements), names)
+            ready = self._planned([plan], [(unit or place.unit, count)], names)
+            if key is not None:
+                self._ready.keep(key, ready)
+        return self._begin(ready, now, on_done)
+
+    def write(
+        self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,
+        params: Mapping[str, Any] | None = None, now: int, on_done: Done,
+    ) -> list[Command]:  # fmt: skip
+        """Writes the values to as many elements."""
+        names = self._names(station, params)
+        place, elements = self._place(address, unit, len(values))
+        piece = Piece(place, elements, memory_of(values, unit or place.unit))
+        return self._begin(self._planned([self.planner.plan("write", piece, names)], [], names), now, on_done)
+
+    def read_variables(
+        self, addresses: Sequence[str | Address], *, station: Any = None, unit: str | None = None,
+        params: Mapping[str, Any] | None = None, now: int, on_done: Done,
+    ) -> list[Command]:  # fmt: skip
+        """Reads one element each; in lists where the protocol has them, else one by one. Values in the order asked."""
+        names = self._names(station, params)
+        pieces = [Piece(*self._place(address, unit, 1)) for address in addresses]
+        plans = self.planner.plan_list("read", pieces, names)
+        wanted = [(unit or piece.address.unit, 1) for piece in pieces]
+        return self._begin(self._planned(plans, wanted, names), now, on_done)
+
+    def write_variables(
+        self, addresses: Sequence[str | Address], values: Sequence[int], *, station: Any = None,
+        unit: str | None = None, params: Mapping[str, Any] | None = None, now: int, on_done: Done,
+    ) -> list[Command]:  # fmt: skip
+        """Writes one value each."""
+        if len(addresses) != len(values):
+            raise ServiceError(f"there are {len(addresses)} addresses for {len(values)} values")
+        names = self._names(station, params)
+        pieces = []
+        for address, value in zip(addresses, values, strict=True):
+            place, elements = self._place(address, unit, 1)
+            pieces.append(Piece(place, elements, memory_of([value], unit or place.unit)))
+        plans = self.planner.plan_list("write", pieces, names)
+        return self._begin(self._planned(plans, [], names), now, on_done)
+
+    def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
+        """What a request is made of. Raises ParameterError for a parameter that does not fit."""
+        scope = self.engine.scope
+        names = Names(scope.worked_out(params), scope, scope.formulas_for(params)) if params else Names(None, scope)
+        names["station"] = self._default_station if station is None else station
+        return names
+
+    def _planned(self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], names: Names) -> TransferPlan:
+        """The exchanges of all plans; `wanted` are the units and counts to be read. Raises ServiceError."""
+        given = given_in(names)
+        exchanges = [self._prepared(plan, pieces, names, given) for plan in plans for pieces in plan.exchanges]
+        return TransferPlan(plans, exchanges, wanted)
+
+    def _prepared(self, plan: Plan, pieces: tuple[Piece, ...], names: Names, params: Mapping[str, Any]) -> Prepared:
+        offered = names
+        if pieces:
+            variables = [self.planner.offered(plan, piece) for piece in pieces]
+            offered = Names({} if len(pieces) > 1 else variables[0], names)
+            offered[EACH] = variables
+        return self._rows[plan.facts].prepared(pieces, offered, names["station"], params)
+
+    def _begin(self, plan: TransferPlan, now: int, on_done: Done) -> list[Command]:
+        commands: list[Command] = []
+        engine = self.engine
+
+        def start(exchange: Exchange) -> None:
+            commands.extend(engine.start(exchange, max(now, engine.scope.now)))
+
+        Transfer(plan, start, on_done).go()
+        return commands
+
+    def _place(self, address: str | Address, unit: str | None, count: int) -> tuple[Address, int]:
+        """Where `count` elements of `unit` begin, and how many elements of the place's own unit they are.
+
+        A place that is at no multiple of a larger unit stays in its own: a double word may begin at any word.
+        """
+        if count < 1:
+            raise ServiceError("there is nothing to transfer: the count is 0")
+        place = self.grammar.parse(address) if isinstance(address, str) else address
+        if unit is not None and unit != place.unit:
+            width = unit_bits(unit)
+            if width % place.unit_bits == 0 and place.first_bit % width:
+                count *= width // place.unit_bits
+            else:
+                place = self.grammar.in_unit(place, unit)
+        self.grammar.check(place, count)
+        return place, count
+
+    # ---- other services -----------------------------------------------------------------------------------
+
+    def call(
+        self, service: str, arguments: Mapping[str, Any] | None = None, *, station: Any = None,
+        addresses: Sequence[str | Address] = (), unit: str | None = None, count: int = 1,
+        params: Mapping[str, Any] | None = None, now: int, on_done: Done,
+    ) -> list[Command]:  # fmt: skip
+        """Runs any service but read and write. One address stands for `count` elements, several for one each."""
+        return self._call(service, arguments or {}, station, addresses, unit, count, params, on_done, None, now)
+
+    def ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
+        """For the engine's `ask` steps: a service whose exchanges run inside the step. A refusal is a failure."""
+
+        def ended(result: TransferResult) -> None:
+            cause = result.cause or result.meaning
+            done(Outcome(result.ok, result.outcome, cause, results=result.gives, raw=result.raw))
+
+        self._call(service, arguments, station, (), None, 1, done.params, ended, done, self.engine.scope.now)
+
+    def _call(
+        self, service: str, arguments: Mapping[str, Any], station: Any, addresses: Sequence[str | Address],
+        unit: str | None, count: int, params: Mapping[str, Any] | None, on_done: Done, inside: Any, now: int,
+    ) -> list[Command]:  # fmt: skip
+        rows = self.shared.rows.get(service)
+        if not rows or service in ("read", "write"):
+            known = ", ".join(name for name in self.shared.rows if name not in ("read", "write"))
+            hint = f"known: {known}" if known else "this protocol has none beside read and write"
+            raise ServiceError(f"there is no service '{service}' to call – {hint}")
+        names = self._names(station, params)
+        each = count if len(addresses) == 1 else 1
+        pieces = [Piece(*self._place(address, unit, each)) for address in addresses]
+        facts, offered = self._row_for(rows, arguments, pieces, names)
+        plan = Plan(
+            facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
+        )
+        prepared = self._prepared(plan, tuple(pieces), offered, given_in(names))
+        arguments = {argument.name: offered[argument.name] for argument in facts.row.takes}
+        prepared = replace(prepared, arguments=arguments, inside=inside)
+        return self._begin(TransferPlan([plan], [prepared], []), now, on_done)
+
+    def _row_for(
+        self, rows: Sequence[RowFacts], arguments: Mapping[str, Any], pieces: list[Piece], names: Names
+    ) -> tuple[RowFacts, Names]:
+        """The first row that takes these arguments and addresses and whose condition holds."""
+        problem: ServiceError | None = None
+        for facts in rows:
+            if bool(pieces) != facts.wants_address or (len(pieces) > 1 and not facts.has_each):
+                continue
+            if facts.single and any(piece.count > 1 for piece in pieces):
+                continue
+            if len(pieces) > 1 and len(pieces) > facts.row.most_variables:
+                problem = ServiceError(f"'{facts.row.service}' takes at most {facts.row.most_variables} addresses")
+                continue
+            if not _may_hold(facts.when, names):
+                continue
+            try:
+                offered = Names(arguments_of(facts, arguments, names), names)
+                if facts.when is None or facts.when(offered):
+                    return facts, offered
+            except ServiceError as error:
+                problem = problem or error
+            except EVALUATION_ERRORS as error:
+                problem = ServiceError(
+                    f"the condition of row '{facts.row.name}' cannot be worked out: {explain(error)}"
+                )
+        kind = f"{len(pieces)} addresses" if pieces else "no address"
+        raise problem or ServiceError(f"no row of '{rows[0].row.service}' fits these arguments and {kind}")
+
+
+def given_in(names: Names) -> dict[str, Any]:
+    """The parameters that were given for one transfer alone, worked out."""
+    return {name: value for name, value in names.items() if name != "station"}
+
+
+def _may_hold(when: Evaluate | None, names: Names) -> bool:
+    """Whether a row's condition may hold: False only where that is sure without the arguments of the call."""
+    try:
+        return when is None or bool(when(names))
+    except EVALUATION_ERRORS:
+        return True

@@ -1,0 +1,198 @@
+"""Values of a definition as Python source: what the functions of service rows are written of.
+
+Names that are known are variables, all others are looked up when the function runs. File text gets in by `repr` and the
+expression emitter only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from types import CodeType
+from typing import Any
+
+from framekit.codec import support
+from framekit.definition.expression.emit import emit
+from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name
+from framekit.definition.model.values import FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.link.construct_values import read_as
+from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Names
+from framekit.link.invert import Inverse
+from framekit.link.services.rows import ServiceRows
+from framekit.link.values import FrameValue, attribute, plain
+
+OF_REQUESTS = ("request", "buffer", "station")
+"""Parameters of the function of a served row."""
+
+
+class Level:
+    """What is known of names while a function is written: the variable of each, and what is still to be solved.
+
+    `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
+    variables in the order in which names got them. `item`: the variable with the fields of a list's item, `memory` that
+    with the data in memory's form.
+    """
+
+    def __init__(self) -> None:
+        self.values: dict[str, str] = {}
+        self.history: list[tuple[str, str]] = []
+        self.pending: list[tuple[Inverse, str]] = []
+        self.padded = False
+        self.parts: str | None = None
+        self.memory = "None"
+        self.item = "None"
+
+    def put(self, name: str, variable: str) -> None:
+        self.values[name] = variable
+        self.history.append((name, variable))
+
+    @property
+    def held(self) -> str:
+        """Every variable so far, as the items of a tuple."""
+        found = [*self.values.values(), *(variable for _, variable in self.pending)]
+        found += [self.item] * (self.item != "None")
+        return "".join(f"{variable}, " for variable in dict.fromkeys(found))
+
+
+class Written:
+    """How names are written: as variables where they are known, else looked up in the names of the engine.
+
+    `of_item`: the fields of a list's item are names here, before all others.
+    """
+
+    def __init__(self, level: Level, of_item: bool = False) -> None:
+        self.level = level
+        self.item = level.item if of_item else "None"
+
+    def name(self, node: Name) -> str:
+        known = self._known(node)
+        return (
+            known
+            if self.item == "None"
+            else f"({self.item}[{node.name!r}] if {node.name!r} in {self.item} else {known})"
+        )
+
+    def _known(self, node: Name) -> str:
+        found = self.level.values.get(node.name)
+        if found is not None:
+            return found
+        if node.name in OF_REQUESTS:
+            return node.name
+        if self.level.parts is not None:
+            return f"said({self.level.parts}, names, {node.name!r})"
+        return f"names[{node.name!r}]"
+
+    def attribute(self, node: Attribute) -> str:
+        return f"attribute({emit(node.value, self)}, {node.name!r})"
+
+    def line_time(self, node: LineTime) -> str:
+        return f"names['line'].{node.unit}({node.count[0]}, {node.count[1]})"
+
+    def call(self, function: str, arguments: list[str]) -> str:
+        owner = "names['functions']" if function in ENGINE_FUNCTIONS else "support"
+        return f"{owner}.{function}({', '.join(arguments)})"
+
+
+class ValueWriter:
+    """Writes values. `given` is what the function brings along, `known` the source of the names below its own."""
+
+    def __init__(self, shared: ServiceRows, given: dict[str, Any], known: str) -> None:
+        self.shared, self.given, self.known = shared, given, known
+        given.update(
+            {
+                "FrameValue": FrameValue,
+                "Names": Names,
+                "attribute": attribute,
+                "frame_made": shared.table.made,
+                "plain": plain,
+                "read_as": read_as,
+                "said": said,
+                "support": support,
+            }
+        )
+
+    def constant(self, value: Any) -> str:
+        """Source of a value that the function brings along."""
+        if value is None or type(value) in (int, bool, str, bytes):
+            return repr(value)
+        name = f"c{len(self.given)}"
+        self.given[name] = value
+        return name
+
+    def expression(self, expression: Expression, level: Level) -> str:
+        """An expression on the names that are known at this point."""
+        return emit(expression.root, Written(level))
+
+    def names(self, level: Level) -> str:
+        """A new level of names with everything that is known, for what looks names up by itself."""
+        return f"Names({self.items(level)}, {self.known})"
+
+    def items(self, level: Level) -> str:
+        """All names that are known, as a dictionary."""
+        parts = f"**{level.parts}, " if level.parts else ""
+        return f"{{{parts}{', '.join(f'{name!r}: {value}' for name, value in level.values.items())}}}"
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def value(self, value: Value, level: Level) -> str:
+        """Source of a value of the definition."""
+        match value:
+            case Expression():
+                return self.expression(value, level)
+            case FrameOf():
+                return self._frame(value, level)
+            case RecordOf(fields=fields):
+                return self._record(fields, level)
+            case ListOf(items=items):
+                return f"[{', '.join(self.value(item, level) for item in items)}]"
+            case LayoutOf(layout=layout, fields=fields):
+                encode = self.constant(self.shared.codec.layouts[layout][0])
+                return f"{encode}(plain({self._record(fields, level)}), {self.names(level)})"
+            case ReadAs(layout=layout, source=source):
+                codec = self.constant(self.shared.codec.layouts[layout])
+                return f"read_as({codec}, {self.value(source, level)}, {self.names(level)})"
+        raise TypeError(f"no value of one request: {value!r}")
+
+    def _record(self, fields: Mapping[str, Value], level: Level) -> str:
+        return f"{{{', '.join(f'{name!r}: {self.value(value, level)}' for name, value in fields.items())}}}"
+
+    def _frame(self, frame: FrameOf, level: Level) -> str:
+        info = self.shared.table.infos[frame.frame]
+        settled = {name: evaluate(Names()) for name, evaluate in info.computed if _is_settled(evaluate)}
+        is_settled = all(name in settled or name in frame.fields for name, _ in info.computed)
+        if not is_settled or frame.fields.keys() & info.numbers.keys():
+            return f"frame_made({frame.frame!r}, {self._record(frame.fields, level)}, {self.names(level)})"
+        items = {name: self.value(value, level) for name, value in frame.fields.items()}
+        items |= {name: self.constant(value) for name, value in {**settled, **info.known}.items() if name not in items}
+        return f"FrameValue({frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}})"
+
+    def repeats(self, value: Value) -> bool:
+        """Whether a frame, or one inside it, repeats something of the request that is not given."""
+        if not isinstance(value, FrameOf):
+            return True
+        info = self.shared.table.infos[value.frame]
+        there = {*value.fields, *info.known, *(name for name, evaluate in info.computed if _is_settled(evaluate))}
+        if any(name not in there for name, _, _ in info.echo):
+            return True
+        inner = [value.fields[name] for kind, name, _ in info.shape if kind == "inner" and name in value.fields]
+        return any(self.repeats(one) for one in inner)
+
+
+def _is_settled(evaluate: Callable[[Names], Any]) -> bool:
+    """Whether an expression has its value whatever the names are."""
+    try:
+        evaluate(Names())
+    except EVALUATION_ERRORS:
+        return False
+    return True
+
+
+def said(parts: Mapping[str, Any], names: Names, name: str) -> Any:
+    """A name that an address may have said."""
+    return parts[name] if name in parts else names[name]
+
+
+@lru_cache(512)
+def code_of_source(source: str) -> CodeType:
+    """Compiled once: many devices serve by the same rows."""
+    return compile(source, "<service row>", "exec")
