@@ -20,7 +20,7 @@ from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.times import NEVER
-from framekit.link.station_fields import station_fields
+from framekit.link.frame_faults import station_fields
 
 if TYPE_CHECKING:
     from framekit.blocks.device import Device

@@ -98,7 +98,7 @@ def check_file(name: str) -> Checked:
 def _protocol(path: Path) -> Checked:
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.load import load_protocol
-    from framekit.link.address_check import check_addresses
+    from framekit.link.addresses import check_addresses
 
     protocol = load_protocol(path)
     problems = [*protocol.warnings, *check_matrices(protocol)]
@@ -175,7 +175,7 @@ def _vectors(path: Path) -> Checked:
 def _memory(path: Path) -> Checked:
     from framekit.blocks.block_settings import check_items
     from framekit.blocks.profile_places import check_profile
-    from framekit.link.address_check import check_addresses
+    from framekit.link.addresses import check_addresses
     from framekit.memory.profile import load_profile
 
     profile = load_profile(path)

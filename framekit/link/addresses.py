@@ -1,25 +1,307 @@
 """Addresses as users write them, and the places they mean: `%MW100`, `40010`, `N7:0`, `T4:2.ACC`, `%R3`.
 
-The grammar takes forms, areas and tables, so it serves protocols and memory profiles alike; it knows neither. Places
-are counted in units over the whole area, from 0. Language reference, section 10.
+A form takes a text apart and writes an address in it; patterns are made once, one for all areas that have the same
+widths. The grammar takes forms, areas and tables, so it serves protocols and memory profiles alike; it knows neither.
+Places are counted in units over the whole area, from 0. At the end forms are tried out: what one prints has to mean the
+same place when it is read again, by any form. Language reference, sections 10 and 14.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from framekit.definition.model.services import AddressForm, Area
-from framekit.definition.model.values import Table
-from framekit.definition.problems import did_you_mean
-from framekit.link.address_forms import FormMatcher
-from framekit.link.area_view import AreaView, area_views
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.model.services import AddressForm, Area, Literally, Maybe, Part
+from framekit.definition.model.values import Constant, Table
+from framekit.definition.problems import Problem, did_you_mean
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.invert import Inverse, inverse_of
 from framekit.link.variables import table_values
 from framekit.memory.memory import unit_bits
+from framekit.memory.profile import ProfileArea
+
+# ---- areas in expressions ----------------------------------------------------------------------------------
+
+
+class AreaView(str):
+    """An area's name. `area.COLUMN` is its value; a column that names a table is that table."""
+
+    columns: Mapping[str, Any]
+
+    def language_attribute(self, name: str) -> Any:
+        """Raises KeyError for a column the area does not have."""
+        return self.columns[name]
+
+
+def area_views(areas: Mapping[str, Area], tables: Mapping[str, Table]) -> dict[str, AreaView]:
+    """The views of all areas."""
+    values = {name: table_values(table) for name, table in tables.items()}
+
+    def column(value: Constant) -> Any:
+        return values[value] if isinstance(value, str) and value in values else value
+
+    views = {}
+    for name, area in areas.items():
+        view = AreaView(name)
+        view.columns = {"size": area.size, **{key: column(value) for key, value in area.columns.items()}}
+        views[name] = view
+    return views
+
+
+def code_of(area: Area, unit: str) -> Constant | None:
+    """What names the area on the wire when it is addressed in `unit`; an only code stands for every unit."""
+    if unit in area.codes:
+        return area.codes[unit]
+    return next(iter(area.codes.values())) if len(area.codes) == 1 else None
+
+
+# ---- one form ----------------------------------------------------------------------------------------------
+
+
+_DIGITS = {10: "[0-9]", 16: "[0-9A-Fa-f]", 8: "[0-7]"}
+_FORMATS = {10: "d", 16: "X", 8: "o"}
+_MOST_PLACES = 18
+"""Numbers without a width are cut here; no area is that large."""
+
+Parts = dict[str, Any]
+
+
+class _MissingColumnError(Exception):
+    """The area lacks a column that the form needs, or has no places for a number there."""
+
+
+class FormMatcher:
+    """A form with the areas it can name. `units` are the units a `{unit}` part may stand for, by its key."""
+
+    def __init__(self, form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
+        self.form = form
+        self.areas = areas
+        entries = tables[form.units_table].entries if form.units_table is not None else {}
+        self.units = {str(key): str(unit) for key, unit in entries.items()}
+        self._units_read = {self._folded(key): unit for key, unit in self.units.items()}
+        self.fixed_area = form.area if isinstance(form.area, str) else None
+        self.area_of = None if form.area is None or isinstance(form.area, str) else compile_expression(form.area)
+        self.results = _in_order(form)
+        self.start_inverse: Inverse | None = None if "start" not in form.results else inverse_of(form.results["start"])
+        self.flat = [part for item in form.parts for part in (item.parts if isinstance(item, Maybe) else (item,))]
+        self.patterns = self._patterns()
+        if not self.has_start:
+            raise ValueError(f'the address form "{form.text}" does not say where a place is: it needs a start')
+
+    @property
+    def has_start(self) -> bool:
+        return "start" in self.form.results or any(isinstance(p, Part) and p.name == "start" for p in self.flat)
+
+    # ---- patterns -----------------------------------------------------------------------------------------
+
+    def _patterns(self) -> list[tuple[re.Pattern[str], dict[str, list[str | None]]]]:
+        """One pattern for the areas that share one, with the area names behind every text that may stand for them."""
+        naming = [part for part in self.flat if isinstance(part, Part) and part.what in ("area", "column")]
+        if not naming:
+            return [(self._compiled(self._pattern(self.fixed_area, "")), {"": [self.fixed_area]})]
+        groups: dict[tuple[str, str], dict[str, list[str | None]]] = {}
+        for name in [self.fixed_area] if self.fixed_area else self.areas:
+            for text in self._area_texts(naming[0], name):
+                try:
+                    key = (self._pattern(name, "\0"), "" if len(naming) == 1 else name)
+                except _MissingColumnError:
+                    continue
+                groups.setdefault(key, {}).setdefault(self._folded(text), []).append(name)
+        result = []
+        for (pattern, _), texts in groups.items():
+            longest_first = sorted(texts, key=len, reverse=True)
+            result.append((self._compiled(pattern.replace("\0", "|".join(map(re.escape, longest_first)))), texts))
+        return result
+
+    def _compiled(self, pattern: str) -> re.Pattern[str]:
+        return re.compile(pattern, re.IGNORECASE | re.ASCII if self.form.any_case else 0)
+
+    def _folded(self, text: str) -> str:
+        """A word of the form as texts are looked up that are written so."""
+        return text.lower() if self.form.any_case else text
+
+    def _area_texts(self, part: Part, name: str) -> list[str]:
+        area = self.areas[name]
+        if part.what == "column":
+            return [_column(area, part.name)]
+        return [name, *(area.aliases if isinstance(area, ProfileArea) else ())]
+
+    def _pattern(self, area: str | None, texts: str) -> str:
+        pattern, number = "", 0
+        for item in self.form.parts:
+            inner = ""
+            for part in item.parts if isinstance(item, Maybe) else (item,):
+                inner += self._piece(part, area, texts, number)
+                number += 1
+            pattern += f"(?:{inner})?" if isinstance(item, Maybe) else inner
+        return pattern
+
+    def _piece(self, part: Literally | Part, area: str | None, texts: str, number: int) -> str:
+        if isinstance(part, Literally):
+            return re.escape(part.text)
+        if part.what in ("area", "column"):
+            first = next(p for p in self.flat if isinstance(p, Part) and p.what in ("area", "column"))
+            if part is first:
+                return f"(?P<area>{texts})"
+            assert area is not None
+            return re.escape(self._area_texts(part, area)[0])
+        if part.what == "unit":
+            return f"(?P<p{number}>{'|'.join(map(re.escape, sorted(self.units, key=len, reverse=True)))})"
+        if part.what == "word":
+            return f"(?P<p{number}>\\w+)"
+        least, most = self._places(part, area)
+        return f"(?P<p{number}>{_DIGITS[part.base]}{{{least or 1},{most or _MOST_PLACES}}})"
+
+    def _places(self, part: Part, area: str | None) -> tuple[int | None, int | None]:
+        return self._width(part.least, area), self._width(part.most, area)
+
+    def _width(self, width: int | str | None, area: str | None) -> int | None:
+        if not isinstance(width, str):
+            return width
+        places = None if area is None else self.areas[area].columns.get(width)
+        if not isinstance(places, int) or places == 0:
+            raise _MissingColumnError
+        return places
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    def match(self, text: str) -> Iterator[tuple[str | None, Parts]]:
+        """The areas and parts that `text` can mean in this form, the longest area name first."""
+        found = []
+        for pattern, texts in self.patterns:
+            match = pattern.fullmatch(text)
+            if match is not None:
+                named = self._folded(match["area"]) if "area" in pattern.groupindex else ""
+                found.append((named, texts[named], self._values(match)))
+        found.sort(key=lambda item: -len(item[0]))
+        return ((area, parts) for _, areas, parts in found for area in areas)
+
+    def _values(self, match: re.Match[str]) -> Parts:
+        parts: Parts = {}
+        for number, part in enumerate(self.flat):
+            if isinstance(part, Part) and part.what in ("unit", "number", "word"):
+                text = match[f"p{number}"]
+                if part.what == "unit":
+                    parts["unit"] = self._units_read[self._folded(text)]
+                else:
+                    parts[part.name] = int(text, part.base) if text and part.what == "number" else text
+        return parts
+
+    def evaluate(self, parts: Parts, names: Names) -> Parts:
+        """The parts with the form's results beside them. Raises EVALUATION_ERRORS: then the form does not fit."""
+        found = Names(parts, names)
+        for name, evaluate in self.results:
+            found[name] = evaluate(found)
+        return dict(found)
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    def can_print(self, area: str, unit: str) -> bool:
+        """Whether addresses of this area and unit can be written in this form at all."""
+        if self.fixed_area not in (None, area) or self.area_of is not None:
+            return False
+        return unit in self._written_units(area)
+
+    def _written_units(self, area: str) -> tuple[str, ...]:
+        if self.units:
+            return tuple(self.units.values())
+        return (self.form.unit or self.areas[area].unit,)
+
+    def print(self, area: str, unit: str, start: int, parts: Mapping[str, Any], names: Names) -> str | None:
+        """The text of a place; None if this form cannot show it."""
+        if not self.can_print(area, unit):
+            return None
+        known = dict(parts)
+        if self.start_inverse is not None:
+            try:
+                known[self.start_inverse.name] = self.start_inverse.solve(start, names)
+            except EVALUATION_ERRORS:
+                return None
+        elif "start" in self.form.results:
+            return None
+        known["start"] = start
+        text = ""
+        for item in self.form.parts:
+            if isinstance(item, Maybe):
+                text += "".join(piece or "" for piece in self._optional(item, area, unit, known))
+                continue
+            piece = self._written(item, area, unit, known)
+            if piece is None:
+                return None
+            text += piece
+        return text
+
+    @property
+    def variable(self) -> int:
+        """How many things a text of this form says."""
+        return sum(isinstance(part, Part) for part in self.flat)
+
+    def sample(self, area: str) -> str | None:
+        """A text of this form, which may mean no place that is there; None where the area has none.
+
+        What a column of the area says is taken from there, every other number is 1.
+        """
+        columns = self.areas[area].columns
+        unit = self._written_units(area)[0]
+        known = {part.name: columns.get(part.name, 1) for part in self.flat if isinstance(part, Part)}
+        known |= {part.name: part.name for part in self.flat if isinstance(part, Part) and part.what == "word"}
+        if self.fixed_area not in (None, area):
+            return None
+        pieces: list[str | None] = []
+        for item in self.form.parts:
+            pieces += self._optional(item, area, unit, known) if isinstance(item, Maybe) else [
+                self._written(item, area, unit, known)
+            ]  # fmt: skip
+        return None if None in pieces else "".join(piece or "" for piece in pieces)
+
+    def _optional(self, item: Maybe, area: str, unit: str, known: Mapping[str, Any]) -> list[str | None]:
+        pieces = [self._written(part, area, unit, known) for part in item.parts]
+        return pieces if any(isinstance(part, Part) for part in item.parts) and None not in pieces else []
+
+    def _written(self, part: Literally | Part, area: str, unit: str, known: Mapping[str, Any]) -> str | None:
+        if isinstance(part, Literally):
+            return part.text
+        if part.what in ("area", "column"):
+            return self._area_texts(part, area)[0]
+        if part.what == "unit":
+            return next((key for key, value in self.units.items() if value == unit), None)
+        value = known.get(part.name)
+        if part.what == "word" or not isinstance(value, int):
+            return value if isinstance(value, str) else None
+        try:
+            least, most = self._places(part, area)
+        except _MissingColumnError:
+            return None
+        text = format(value, f"0{least or 1}{_FORMATS[part.base]}")
+        return None if value < 0 or len(text) > (most or _MOST_PLACES) else text
+
+
+def _column(area: Area, name: str) -> str:
+    """The text of an area's column; an area without it goes by its own name."""
+    return str(area.columns.get(name, area.name))
+
+
+def _in_order(form: AddressForm) -> list[tuple[str, Evaluate]]:
+    """The results so that each stands behind those it mentions. Raises ValueError for a circle."""
+    waiting = dict(form.results)
+    ordered: list[tuple[str, Evaluate]] = []
+    while waiting:
+        ready = [
+            name for name, expression in waiting.items() if not (names_in(expression.root) & waiting.keys()) - {name}
+        ]
+        if not ready:
+            raise ValueError(f'the results of the address form "{form.text}" depend on each other in a circle')
+        for name in ready:
+            ordered.append((name, compile_expression(waiting.pop(name))))
+    return ordered
+
+
+# ---- all forms ---------------------------------------------------------------------------------------------
+
 
 MOST_EXAMPLES, MOST_AREAS = 4, 12
 """How many forms and areas a message names."""
@@ -210,3 +492,68 @@ class AddressGrammar:
     @property
     def _form_texts(self) -> str:
         return ", ".join(form.form.text for form in self._wire or self._forms)
+
+
+# ---- forms tried out ---------------------------------------------------------------------------------------
+
+
+STARTS = (0, 1, 2, 7, 8, 9, 10, 11, 15, 16, 17, 31, 99, 100, 101, 255, 256, 999, 1000, 4095, 9999)
+"""Places that are tried, and the last one of the area."""
+
+
+def check_addresses(
+    forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> list[Problem]:
+    """One problem at most for every pair of forms."""
+    alone = [AddressGrammar([form], areas, tables) for form in forms]
+    found: dict[tuple[int, int], Problem] = {}
+    for place, grammar in enumerate(alone):
+        for meant, text in _texts(forms[place], grammar):
+            for other, reading in enumerate(alone):
+                read = _read(reading, text)
+                pair = (min(place, other), max(place, other))
+                if read is not None and not _agree(meant, read) and pair not in found:
+                    found[pair] = _problem(forms, place, other, text, meant, read)
+    return list(found.values())
+
+
+def _texts(form: AddressForm, grammar: AddressGrammar) -> Iterator[tuple[Address, str]]:
+    """Addresses as this form writes them, with the places they were written for."""
+    units = {form.unit} if form.unit else set()
+    for name, area in grammar.areas.items():
+        for unit in sorted(units or {area.unit, "bit", "byte", "word", "dword", "lword"}):
+            last = area.size * area.element_bits // unit_bits(unit) - 1
+            for start in (*(start for start in STARTS if start < last), last):
+                if start < 0:
+                    continue
+                meant = Address(name, unit, start)
+                try:
+                    yield meant, grammar.print(meant)
+                except AddressError:
+                    break
+
+
+def _read(grammar: AddressGrammar, text: str) -> Address | None:
+    try:
+        return grammar.parse(text)
+    except AddressError:
+        return None
+
+
+def _agree(one: Address, other: Address) -> bool:
+    return (one.area, one.unit, one.start) == (other.area, other.unit, other.start)
+
+
+def _problem(forms: Sequence[AddressForm], place: int, other: int, text: str, meant: Address, read: Address) -> Problem:
+    if place == other:
+        what = f"'{text}' is written for {_place(meant)} and read as {_place(read)}"
+        return Problem(forms[place].at, what, "correct start, or the numbers of the form")
+    first, second = (meant, read) if place < other else (read, meant)
+    what = (
+        f"'{text}' is {_place(first)} by the form \"{forms[min(place, other)].text}\", and {_place(second)} by this one"
+    )
+    return Problem(forms[max(place, other)].at, what, "give the numbers other places, or another sign between them")
+
+
+def _place(address: Address) -> str:
+    return f"{address.unit} {address.start} of {address.area}"

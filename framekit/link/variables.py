@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from framekit.codec.python.runtime import RangeTable
 from framekit.definition.model.segments import Bits, Choose, Data, Field, Record, Repeat, Segment, Wrap
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.definition.model.values import Table
@@ -173,34 +174,6 @@ class StateTable(dict[Any, Any]):
         if not self._in_range(key):
             raise ValueError(f"{key!r} is not a key of a table {self.limits[0]}..{self.limits[1]}")
         dict.__setitem__(self, key, self.fit(value))
-
-
-class RangeTable(dict[Any, Any]):
-    """A table of a definition some of whose keys are ranges."""
-
-    __slots__ = ("ranges",)
-
-    def __init__(self, entries: Mapping[Any, Any], ranges: tuple[tuple[int, int, Any], ...]) -> None:
-        super().__init__(entries)
-        self.ranges = ranges
-
-    def __missing__(self, key: Any) -> Any:
-        if isinstance(key, int):
-            for first, last, value in self.ranges:
-                if first <= key <= last:
-                    return value
-        raise KeyError(key)
-
-    def __contains__(self, key: object) -> bool:
-        return dict.__contains__(self, key) or any(
-            isinstance(key, int) and first <= key <= last for first, last, _ in self.ranges
-        )
-
-    def get(self, key: Any, default: Any = None) -> Any:
-        try:
-            return self[key]
-        except KeyError:
-            return default
 
 
 def table_values(table: Table) -> dict[Any, Any]:

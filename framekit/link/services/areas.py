@@ -13,8 +13,7 @@ from typing import Any
 
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area
-from framekit.link.addresses import Address, AddressGrammar
-from framekit.link.area_view import code_of
+from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import Names
 from framekit.link.frame_table import Codec
 from framekit.link.packing import cut_memory

@@ -17,8 +17,7 @@ from framekit.definition.expression.emit import emit
 from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import expressions_of, field_names, parts_of
-from framekit.link.addresses import Address, AddressError
-from framekit.link.area_view import code_of
+from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.exchange import Served

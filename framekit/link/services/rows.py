@@ -14,8 +14,7 @@ from framekit.definition.model.segments import Data, Segment
 from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.walk import everything, expressions_of, parts_of
-from framekit.link.addresses import Address, AddressGrammar
-from framekit.link.area_view import code_of
+from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.invert import bare_name
