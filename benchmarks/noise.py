@@ -20,8 +20,8 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.link.services.client import Client
 from framekit.link.engine import Engine
+from framekit.link.services.client import Client
 
 PIECE = 4096
 BLOCK = 1500

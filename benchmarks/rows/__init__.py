@@ -2,6 +2,6 @@
 
 MODULES = (
     "codecs", "libraries", "receiver", "noise", "capture",
-    "poll", "channels", "line_use", "idle_blocks", "trigger", "startup", "memory",
+    "poll", "services", "channels", "line_use", "idle_blocks", "trigger", "startup", "memory",
 )  # fmt: skip
 """The modules in the order of the table."""
