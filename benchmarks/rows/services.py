@@ -2,7 +2,8 @@
 
 Each server is a process of its own: `framekit serve --quiet`, and pymodbus's for Modbus TCP; its time is what the
 system counts for it. Each client is in this process. Every protocol that comes with framekit is asked by its own client
-at its own server; pymodbus's client at pymodbus's server stands beside all of them, round by round.
+at its own server, but for SNP and SNP-X: TCP carries no break. pymodbus's client at pymodbus's server stands beside all
+of them, round by round.
 """
 
 from __future__ import annotations
@@ -41,11 +42,10 @@ PLACES = {
     "mldp": "%MW100",
     "srtp": "%R1",
     "ccm": "%R1",
-    "snp": "%R1",
-    "snp-x": "%R1",
     "df1": "N7:0",
 }
-NO_STATION = ("srtp", "snp")
+STATIONS: dict[str, dict[str, Any]] = {"srtp": {}, "ccm": {"station": 1, "own": 2}}
+"""Who asks whom; all others have stations, and ask station 1."""
 TARGETS = {("modbus-tcp", "serve"): 0.7, ("modbus-tcp", "read"): 0.8}
 TARGETS |= {(name, "serve"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
 TARGETS |= {(name, "read"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
@@ -163,9 +163,8 @@ def run(rounds: int) -> list[Row]:
 
             clients["pymodbus"] = their_reads
             for name, place in PLACES.items():
-                line = framekit.aconnect(
-                    name, f"tcp://127.0.0.1:{sides[name].port}", station=None if name in NO_STATION else 1
-                )
+                asking: dict[str, Any] = STATIONS.get(name, {"station": 1})
+                line = framekit.aconnect(name, f"tcp://127.0.0.1:{sides[name].port}", **asking)
                 clients[name] = reads_of(await opened.enter_async_context(line), place)
             service = blocks_of(sides["modbus-tcp"].port, Path(stack.enter_context(TemporaryDirectory())))
             service.start()

@@ -685,7 +685,7 @@ def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: b
         raise ValueError("nobody here serves requests")
     if type(request) is not FrameValue:
         raise TypeError("only a frame can be served")
-    served = machine.server.serve(request, buffer, station, check_only, a.names())
+    served = machine.server.serve(request, buffer, station, check_only, d.params)
     if served.trouble:
         machine.show("trouble", frame=request.frame, reason=served.trouble)
     d.reply, d.reply_buffer, d.refusal = served.reply, served.reply_buffer, served.refusal
