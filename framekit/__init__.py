@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from typing import Any
 
     from framekit.api.async_client import AsyncClient, aconnect
-    from framekit.api.async_run import AsyncRun
-    from framekit.api.async_server import AsyncServer, aserve
     from framekit.api.client import Client, connect
     from framekit.api.codec import Protocol, load
     from framekit.api.errors import (
@@ -26,9 +24,9 @@ if TYPE_CHECKING:
         RequestError,
     )
     from framekit.api.memory import Memory
-    from framekit.api.results import Answer, Frame, Reading
-    from framekit.api.run import Run, VirtualRun
-    from framekit.api.server import Server, serve
+    from framekit.api.run import AsyncRun, Run, VirtualRun
+    from framekit.api.server import AsyncServer, Server, aserve, serve
+    from framekit.api.values import Answer, Frame, Reading
     from framekit.blocks.block_status import BlockStatus, Failure
     from framekit.blocks.error_codes import ErrorCode
     from framekit.codec.batch.result import Batch
@@ -41,8 +39,6 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "api.async_client": ("AsyncClient", "aconnect"),
-    "api.async_run": ("AsyncRun",),
-    "api.async_server": ("AsyncServer", "aserve"),
     "api.client": ("Client", "connect"),
     "api.codec": ("Protocol", "load"),
     "api.errors": (
@@ -50,9 +46,9 @@ _HOMES = {
         "RequestError",
     ),
     "api.memory": ("Memory",),
-    "api.results": ("Answer", "Frame", "Reading"),
-    "api.run": ("Run", "VirtualRun"),
-    "api.server": ("Server", "serve"),
+        "api.run": ("AsyncRun", "Run", "VirtualRun"),
+    "api.server": ("AsyncServer", "Server", "aserve", "serve"),
+    "api.values": ("Answer", "Frame", "Reading"),
     "blocks.block_status": ("BlockStatus", "Failure"),
     "blocks.error_codes": ("ErrorCode",),
     "codec.batch.result": ("Batch",),

@@ -1,32 +1,60 @@
-"""The client for asyncio: reads, writes and services of one device line, as coroutines.
+"""The client for asyncio: reads, writes, services, frames and polls of one device line, as coroutines.
 
-It turns typed values into transfers and back, and failures into exceptions.
+It waits and raises, and turns typed values into transfers and back; what goes over the line is the service layer's
+business.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, overload
+import contextlib
+import inspect
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, overload
 
-from framekit.api.async_line import OPEN_WITHIN, AsyncLine, frame_of
-from framekit.api.errors import LineClosedError, RequestError, error_of
-from framekit.api.poll import OnError, OnValues, Poll
-from framekit.api.results import Answer, Reading
-from framekit.api.settings import LineSettings, ProtocolGiven, checked_params, line_settings, protocol_of
-from framekit.api.typed import FloatType, IntType, Order, TextType, Typed, Value, typed, typed_each, values_given
+from framekit.api.errors import ExchangeError, FramekitError, LineClosedError, NoReplyError, RequestError, error_of
+from framekit.api.settings import ClientSettings, ProtocolGiven, checked_params, line_settings, protocol_of
+from framekit.api.values import (
+    Answer,
+    FloatType,
+    Frame,
+    IntType,
+    Reading,
+    TextType,
+    Typed,
+    Value,
+    typed,
+    typed_each,
+    values_given,
+)
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.blocks.load_channel import needs_own
 from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
+from framekit.codec.shown import explain
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import DefinitionError, did_you_mean
 from framekit.link.addresses import Address, AddressError
 from framekit.link.observe import Seen
 from framekit.link.services.client import MOST_KEPT, TransferResult
+from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
-from framekit.service.client import Begin
+from framekit.memory.views import Order
+from framekit.service.client import Begin, ClientService
+from framekit.service.device import DeviceService
+from framekit.service.ending import LONGEST_FAREWELL
+from framekit.service.polling import Polling
+from framekit.service.ports import devices_of, port_for
+from framekit.transport.clock import AsyncioClock
+
+OPEN_WITHIN = 15.0
+"""How long opening a port may take where nothing else is said (s)."""
 
 
-class AsyncClient(AsyncLine):
+class AsyncClient:
     """A client on a port, made by `framekit.aconnect`. `async with` opens and closes it; so do `await` and `close`.
 
     It belongs to the loop in which it was opened; its tasks may call it side by side. A call that is cancelled leaves
@@ -34,12 +62,153 @@ class AsyncClient(AsyncLine):
     """
 
     def __init__(
-        self, settings: LineSettings, *, open_within: float = OPEN_WITHIN, monitor: Callable[[Seen], None] | None = None
+        self,
+        settings: ClientSettings,
+        *,
+        open_within: float = OPEN_WITHIN,
+        monitor: Callable[[Seen], None] | None = None,
     ) -> None:
-        super().__init__(settings, open_within=open_within, monitor=monitor)
+        self.settings = settings
+        self._open_within = open_within
+        self._monitor = monitor
+        self._service: ClientService | None = None
+        self._devices: list[DeviceService] = []
+        self._troubles, self._last_trouble = 0, ""
+        self._opening: asyncio.Future[None] | None = None
+        self._waiting: list[tuple[tuple[str, ...], asyncio.Future[FrameValue]]] = []
+        self._why = "it has not been opened"
         self._command_turn = asyncio.Lock()
         self._polls: list[Poll] = []
         self._known_reads: dict[tuple[str, str | None, Order | None, int], Typed] = {}
+
+    def __repr__(self) -> str:
+        settings = self.settings
+        station = "" if settings.station is None else f", station {settings.station!r}"
+        state = "open" if self.is_open else "not open"
+        return f"<{type(self).__name__} of {settings.protocol.name} on {settings.port}{station}, {state}>"
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    async def open(self) -> Self:
+        """Opens the port. Raises LineClosedError, DefinitionError for a wrong device, RequestError for no port."""
+        if self._service is not None:
+            return self
+        loop = asyncio.get_running_loop()
+        self._service = service = self._make(AsyncioClock(loop))
+        self._opening = loop.create_future()
+        try:
+            for device in self._devices:
+                device.start()
+            service.start()
+            async with asyncio.timeout(self._open_within):
+                await self._opening
+        except TimeoutError:
+            self.close_now()
+            raise LineClosedError(f"{self.settings.port} did not open in {self._open_within:g} s", "closed") from None
+        except BaseException:
+            self.close_now()
+            raise
+        return self
+
+    def _make(self, clock: AsyncioClock) -> ClientService:
+        settings = self.settings
+        channel = settings.channel()
+        found = devices_of(channel, Path.cwd())
+        try:
+            port, self._devices = port_for(channel, found, clock)
+            for device in self._devices:
+                device.watch_troubles(self._trouble)
+            return ClientService(
+                settings.protocol, port, clock, role=settings.role, params=settings.params, line=settings.line,
+                own=settings.own, on_state=self._on_state, on_frame=self._on_frame, monitor=self._monitor,
+            )  # fmt: skip
+        except ValueError as error:
+            if isinstance(error, DefinitionError):
+                raise
+            raise RequestError(str(error)) from None
+
+    def _trouble(self, what: str) -> None:
+        """A simulated device could not do what it should."""
+        self._troubles, self._last_trouble = self._troubles + 1, what
+        if self._monitor is not None:
+            self._monitor(Seen("", "trouble", 0 if self._service is None else self._service.clock.now(), reason=what))
+
+    def _new_trouble(self) -> Callable[[], str]:
+        """What tells the last thing that a simulated device could not do since it told before; '' for none."""
+        told = self._troubles
+
+        def tell() -> str:
+            nonlocal told
+            before, told = told, self._troubles
+            return self._last_trouble if told > before else ""
+
+        return tell
+
+    async def close(self) -> None:
+        """Closes the port; calls under way raise LineClosedError. Closing twice does nothing.
+
+        Where the protocol has sessions, what is under way is waited for and the session closed first, for 5 s at most.
+        """
+        self._stop_polls()  # the session is closed when the line has come to rest
+        service = self._service
+        if service is not None and service.has_session:
+            left = asyncio.Event()
+            service.close_session(left.set)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LONGEST_FAREWELL / 1e9):
+                    await left.wait()
+        self.close_now()
+        await asyncio.sleep(0)
+
+    def close_now(self) -> None:
+        """As `close`, without letting the loop go on: network connections are told at its next turn."""
+        self._stop_polls()
+        service, self._service = self._service, None
+        if service is None:
+            return
+        self._why = "it was closed"
+        service.stop()
+        for device in self._devices:
+            device.stop()
+        self._fail_waiting()
+
+    def __await__(self) -> Generator[Any, None, Self]:
+        return self.open().__await__()
+
+    async def __aenter__(self) -> Self:
+        return await self.open()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open now. One that was lost is opened again by itself."""
+        return self._service is not None and self._service.is_open
+
+    @property
+    def protocol(self) -> Protocol:
+        """The definition that is spoken."""
+        return self.settings.protocol
+
+    def _on_state(self, is_open: bool, reason: str) -> None:
+        opening = self._opening
+        if not is_open:
+            self._why = reason
+            self._fail_waiting()
+        if opening is not None and not opening.done():
+            if is_open:
+                opening.set_result(None)
+            else:
+                opening.set_exception(LineClosedError(reason, "closed", reason))
+
+    def _working(self) -> ClientService:
+        """The service, which is open."""
+        if self._service is None or not self._service.is_open:
+            raise LineClosedError(f"{self.settings.port} is not open: {self._why}", "closed", self._why)
+        return self._service
 
     # ---- reading ------------------------------------------------------------------------------------------
 
@@ -125,14 +294,6 @@ class AsyncClient(AsyncLine):
             raise RequestError(str(error)) from None
         self._polls = [*(one for one in self._polls if one.is_running), poll]
         return poll
-
-    async def close(self) -> None:
-        self._stop_polls()  # the session is closed when the line has come to rest
-        await super().close()
-
-    def close_now(self) -> None:
-        self._stop_polls()
-        super().close_now()
 
     def _stop_polls(self) -> None:
         for poll in self._polls:
@@ -294,6 +455,71 @@ class AsyncClient(AsyncLine):
             raise error_of(result, trouble())
         return result
 
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    async def send(self, frame: str, fields: Mapping[str, Any] | None = None) -> None:
+        """Sends a frame by itself and returns when it has left. Raises RequestError, LineClosedError."""
+        service = self._working()
+        self._known(frame)
+        left: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        try:
+            service.send(frame, fields or {}, lambda sent: None if left.done() else left.set_result(sent))
+        except (ValueError, LookupError, TypeError) as error:
+            raise RequestError(f"frame '{frame}': {explain(error)}") from None
+        if not await left:
+            raise LineClosedError(f"the line was closed before '{frame}' had left", "closed")
+
+    async def wait_for(self, *frames: str, timeout: float | None = None) -> Frame:
+        """The next frame of one of these names (of any, without names) that no exchange took.
+
+        One that came before the call counts, if nobody took it. `timeout` in seconds. Raises NoReplyError when that is
+        over, LineClosedError, RequestError where frames are only looked for during exchanges.
+        """
+        service = self._working()
+        for name in frames:
+            self._known(name)
+        role = None if self.settings.role is None else self.protocol.roles[self.settings.role]
+        if role is not None and not any(lane.listen for lane in role.lanes):
+            what = f"the role '{role.name}' listens only while it asks – connect with frames_alone=True"
+            raise RequestError(what)
+        there = service.take_frame(frames)
+        if there is not None:
+            return frame_of(there)
+        future: asyncio.Future[FrameValue] = asyncio.get_running_loop().create_future()
+        waiting = (frames, future)
+        self._waiting.append(waiting)
+        try:
+            async with asyncio.timeout(timeout):
+                return frame_of(await future)
+        except TimeoutError:
+            raise NoReplyError(f"no {' or '.join(frames) or 'frame'} came in {timeout:g} s", "timeout") from None
+        finally:
+            if waiting in self._waiting:
+                self._waiting.remove(waiting)
+
+    def _known(self, frame: str) -> None:
+        if frame not in self.protocol.frames:
+            hint = did_you_mean(frame, self.protocol.frames)
+            raise RequestError(f"'{self.protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+
+    def _on_frame(self) -> None:
+        """A frame that nobody took has come: whoever waits for it longest gets it."""
+        assert self._service is not None
+        for waiting in list(self._waiting):
+            names, future = waiting
+            if future.done():
+                continue
+            found = self._service.take_frame(names)
+            if found is not None:
+                future.set_result(found)
+                self._waiting.remove(waiting)
+
+    def _fail_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for _, future in waiting:
+            if not future.done():
+                future.set_exception(LineClosedError(f"the line was closed: {self._why}", "closed", self._why))
+
 
 def aconnect(
     protocol: ProtocolGiven,
@@ -315,3 +541,118 @@ def aconnect(
         params=params,
     )  # fmt: skip
     return AsyncClient(settings, open_within=open_within, monitor=monitor)
+
+
+OnValues = Callable[[tuple[Any, ...]], None]
+OnError = Callable[[FramekitError], None]
+
+
+class Poll:
+    """Reads that follow each other until `stop`, made by `AsyncClient.poll`. `reads` and `failures` count them.
+
+    `await` waits for the end, and raises what it ended with; who gives up waiting stops nothing. Raises ValueError for
+    what cannot be asked.
+    """
+
+    def __init__(
+        self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
+        on_error: OnError | None, trouble: Callable[[], str],
+    ) -> None:  # fmt: skip
+        if not isinstance(every, int | float) or not 0 <= every < math.inf:
+            raise ValueError(f"every is {every!r}: it is the seconds from one read to the next, 0 or more")
+        _check_callback("on_values", on_values)
+        if on_error is not None:
+            _check_callback("on_error", on_error)
+        self.failures = 0
+        self._address, self._every = address, every
+        self._error: Exception | None = None
+        self._reads = 0
+        self._how = how
+        self._on_values = on_values
+        self._on_error = on_error
+        self._trouble = trouble
+        self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._polling = Polling(
+            service, address, station=station, unit=how.unit, count=how.units, every=round(every * 1e9),
+            on_result=self._result,
+        )  # fmt: skip
+        self._polling.start()
+
+    @property
+    def reads(self) -> int:
+        """How many have ended well."""
+        return self._reads
+
+    @property
+    def is_running(self) -> bool:
+        """Whether more will be read."""
+        return self._polling.is_running
+
+    def stop(self) -> None:
+        """Ends it: the callbacks are not called any more."""
+        self._polling.stop()
+        if not self._ended.done():
+            self._ended.set_result(None)
+
+    def __repr__(self) -> str:
+        how, first = self._how, self._address
+        what = first if how.count == 1 else f"{how.count} × {how.type} from {first} on"
+        often = f"every {self._every:g} s" if self._every else "without pause"
+        state = "running" if self.is_running else "stopped"
+        if not self.is_running and self._error is not None:
+            state = f"ended by {self._error!r}"
+        return f"<Poll of {what}, {often}: {self.reads} reads, {self.failures} failures, {state}>"
+
+    def __await__(self) -> Generator[Any, None, None]:
+        yield from asyncio.wait([self._ended]).__await__()  # cancelled, it leaves the end to come, and others waiting
+        self._ended.result()
+
+    def _result(self, result: TransferResult) -> None:
+        try:
+            if not result.ok:
+                raise error_of(result, self._trouble())
+            values = tuple(self._how.values(result.data, result.values))
+        except ExchangeError as error:
+            self._failed(error)
+        else:
+            self._numbers(values)
+
+    def _failed(self, error: ExchangeError) -> None:
+        self.failures += 1
+        if self._on_error is None:
+            self._fail(error)
+            return
+        try:
+            self._on_error(error)
+        except Exception as another:
+            self._fail(another)
+
+    def _numbers(self, values: tuple[Any, ...]) -> None:
+        self._reads += 1
+        try:
+            self._on_values(values)
+        except Exception as error:  # whatever it is, it belongs to whoever waits for the end
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._polling.stop()
+        if not self._ended.done():
+            self._error = error
+            self._ended.set_exception(error)
+
+
+def _check_callback(name: str, callback: object) -> None:
+    """Raises ValueError for what cannot be called, or would have to be awaited: its values would be lost silently."""
+    if not callable(callback):
+        raise ValueError(f"{name} has to be a plain function, not {callback!r}")
+    if inspect.iscoroutinefunction(callback):
+        raise ValueError(
+            f"{name} has to be a plain function: it is called, not awaited – for tasks, hand over an asyncio.Queue's "
+            "put_nowait"
+        )
+
+
+def frame_of(value: FrameValue) -> Frame:
+    """A frame of the engine as users get it."""
+    fields = {name: plain(item) for name, item in value.complete().items()}
+    return Frame(value.frame, fields, value.raw or b"", value.refusal)

@@ -11,18 +11,17 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from types import TracebackType
 from typing import Any, TypeVar, overload
 
-from framekit.api.async_client import AsyncClient
-from framekit.api.async_line import OPEN_WITHIN
+from framekit.api.async_client import OPEN_WITHIN, AsyncClient
 from framekit.api.errors import LineClosedError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
-from framekit.api.results import Answer, Frame, Reading
 from framekit.api.settings import ProtocolGiven, line_settings
-from framekit.api.typed import FloatType, IntType, Order, TextType, Value
+from framekit.api.values import Answer, FloatType, Frame, IntType, Reading, TextType, Value
 from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address
 from framekit.link.observe import Seen
 from framekit.memory.memory import DeviceMemory
+from framekit.memory.views import Order
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from framekit.api.errors import RequestError
-from framekit.api.results import Frame
 from framekit.api.settings import ProtocolGiven, checked_params, checked_station, protocol_of
+from framekit.api.values import Frame
 from framekit.codec.batch.cut import Cut
 from framekit.codec.batch.result import Batch
 from framekit.codec.codec import compile_protocol

@@ -11,10 +11,11 @@ from functools import partial
 from typing import Any
 
 from framekit.api.errors import ReplyError, RequestError
-from framekit.api.typed import Order, Typed, Value, typed, values_given
+from framekit.api.values import Typed, Value, typed, values_given
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryError, Watch, unit_bits
+from framekit.memory.views import Order
 
 Do = Callable[[Callable[[], Any]], Any]
 """Carries a function out where the memory is at home, and gives its result."""

@@ -42,7 +42,7 @@ def protocol_of(given: ProtocolGiven) -> Protocol:
 
 
 @dataclass(frozen=True, slots=True)
-class LineSettings:
+class ClientSettings:
     """A checked line. `station` is the other side's where a call names none.
 
     `names_own`, `names_station`: whether requests name the asking side, and the other one.
@@ -90,12 +90,12 @@ def line_settings(
     own: Any = None,
     station: Any = None,
     params: Mapping[str, Any] | None = None,
-) -> LineSettings:
+) -> ClientSettings:
     """Raises DefinitionError for a wrong definition, RequestError for a setting that does not fit it."""
     found = protocol_of(protocol)
     if found.kind != "protocol":
         raise RequestError(f"'{found.name}' is carried by other protocols, it has no line of its own")
-    return LineSettings(
+    return ClientSettings(
         protocol=found,
         port=found.line.port_of(_port(port)),
         role=None if frames_alone else _role(found, role),

@@ -1,6 +1,7 @@
 """`framekit check FILE …`: every problem of definitions, devices, runs, vectors, profiles, fault plans, jobs, at once.
 
-For a run it also says how much of their time its channels need.
+For a run it also says how much of their time its channels need. `framekit test PROTOCOL` runs the vectors beside a
+definition, frames and conversations.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, near, print_json, status_of, told_once
+from framekit.cli.common import VerbError, add_json, add_protocol, near, print_json, status_of, told_once
 
 if TYPE_CHECKING:
     from framekit.blocks.feasibility import ChannelLoad
@@ -27,13 +28,13 @@ class Checked:
     loads: tuple[ChannelLoad, ...] = ()
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="a YAML file, or the name of a shipped protocol")
     parser.add_argument("--load", action="store_true", help="show what each block of a run takes of its channel's time")
     add_json(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_check(arguments: argparse.Namespace) -> int:
     results = [(name, check_file(name)) for name in arguments.files]
     status = status_of(problem for _, checked in results for problem in checked.problems)
     if arguments.json:
@@ -50,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show_loads(checked: Checked, in_full: bool) -> None:
     """A line for each channel with cycles; in full, every channel with a table of its blocks."""
-    from framekit.cli.load_output import load_line, load_table
+    from framekit.cli.run_output import load_line, load_table
 
     for load in checked.loads:
         if in_full:
@@ -62,7 +63,7 @@ def _show_loads(checked: Checked, in_full: bool) -> None:
 def _file_as_json(checked: Checked) -> dict[str, Any]:
     found = {"what": checked.what, "problems": [_as_json(one) for one in checked.problems]}
     if checked.loads:
-        from framekit.cli.load_output import load_data
+        from framekit.cli.run_output import load_data
 
         found["channels"] = [load_data(load) for load in checked.loads]
     return found
@@ -203,3 +204,28 @@ CHECKS = {
     "protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory, "faults": _faults,
     "jobs": _jobs,
 }  # fmt: skip
+
+
+def add_test_arguments(parser: argparse.ArgumentParser) -> None:
+    add_protocol(parser)
+    add_json(parser)
+
+
+def run_test(arguments: argparse.Namespace) -> int:
+    from framekit.definition.load.library import definition_path
+    from framekit.service.vectors import run_vectors, vectors_path
+
+    results = run_vectors(arguments.protocol, Path.cwd())
+    if not results:
+        path = definition_path(arguments.protocol, Path.cwd())
+        raise VerbError(f"there are no vectors beside '{near(str(path))}' – write {near(str(vectors_path(path)))}")
+    failed = [result for result in results if result.problems]
+    if arguments.json:
+        print_json([{"kind": one.kind, "name": one.name, "problems": one.problems} for one in results])
+        return int(bool(failed))
+    for result in results:
+        print(f"{'FAILED' if result.problems else 'ok':<8}{result.kind}: {result.name}")
+        for problem in result.problems:
+            print(f"        {problem}")
+    print(f"{len(results) - len(failed)} passed, {len(failed)} failed")
+    return int(bool(failed))

@@ -1,21 +1,45 @@
-"""What several verbs share: naming a protocol, assignments, hex input, tables. No verb's work is done here."""
+"""What several verbs share: what can go wrong, options, a protocol's name, assignments, hex input, seen frames."""
 
 from __future__ import annotations
 
 import argparse
+import asyncio
+import logging
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.main import WrongWords
 from framekit.codec.shown import explain
 
 if TYPE_CHECKING:
+    from framekit.codec.plain import PlainValues
     from framekit.codec.stored import StoredCodec
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.problems import Problem
+    from framekit.definition.times import LineFormat
+    from framekit.link.observe import Seen
     from framekit.link.scope import Scope
+    from framekit.service.frame_log import FrameFilter
+
+
+class VerbError(Exception):
+    """What a verb was asked for can't be done; the message says why."""
+
+    status = 1
+    """The exit status."""
+
+
+class WordsError(VerbError):
+    """The command line is wrong: an option, a name or a value in it. Nothing was done."""
+
+    status = 2
+
+
+class PortError(VerbError):
+    """The port cannot be opened."""
+
+    status = 3
 
 
 def add_protocol(parser: argparse.ArgumentParser, **options: Any) -> None:
@@ -34,6 +58,44 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_line(parser: argparse.ArgumentParser) -> None:
+    """--speed and --format."""
+    parser.add_argument("--speed", type=int, help="line speed in bits a second; default: the protocol's")
+    parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
+
+
+def add_params(parser: argparse.ArgumentParser) -> None:
+    """--param NAME=VALUE."""
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="NAME=VALUE", help="parameter of the protocol; may be repeated"
+    )
+
+
+def add_filter(parser: argparse.ArgumentParser) -> None:
+    """--filter, --frame and --bad."""
+    parser.add_argument("--filter", default="", metavar="TEXT", help="only what has this in its name, reason or bytes")
+    parser.add_argument("--frame-name", default="", metavar="NAME", help="only frames whose name has this in it")
+    parser.add_argument("--bad", action="store_true", help="only bad frames and noise")
+
+
+LEVELS = ("debug", "info", "warning", "error")
+
+
+def add_capture(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--capture", metavar="FILE", type=Path,
+        help="write everything on the lines to FILE: JSON lines (.jsonl), else pcap, a file for each channel",
+    )  # fmt: skip
+
+
+def add_screen(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--screen", action="store_true", help="show it live in the terminal; needs the extra 'screen'")
+
+
+def add_log(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--log", choices=LEVELS, metavar="LEVEL", help=f"log to standard error: {', '.join(LEVELS)}")
+
+
 def told(problem: Problem) -> str:
     """A problem as it is printed: with the path as seen from the current folder."""
     from dataclasses import replace
@@ -46,7 +108,7 @@ def status_of(problems: Iterable[Problem]) -> int:
     wrong = [problem for problem in problems if not problem.warning]
     if not wrong:
         return 0
-    return 1 if any(problem.at.line for problem in wrong) else WrongWords.status
+    return 1 if any(problem.at.line for problem in wrong) else WordsError.status
 
 
 def told_once(problems: Iterable[Problem]) -> list[str]:
@@ -70,6 +132,12 @@ def near(file: str) -> str:
     """A path relative to the current folder, where it lies below that."""
     path = Path(file)
     return str(path.relative_to(Path.cwd())) if path.is_absolute() and path.is_relative_to(Path.cwd()) else file
+
+
+def why_not(error: OSError) -> str:
+    """Why the system refused something, and about which file."""
+    text = error.strerror or str(error)
+    return f"{near(str(error.filename))}: {text}" if error.filename is not None else text
 
 
 def load(name: str) -> Protocol:
@@ -102,17 +170,17 @@ def assignment(text: str) -> tuple[str, Any]:
 
     name, equals, value = text.partition("=")
     if not equals or not name:
-        raise WrongWords(f"'{text}' is not NAME=VALUE")
+        raise WordsError(f"'{text}' is not NAME=VALUE")
     if value[:1] in ("{", "[", '"'):
         try:
             return name, json.loads(value)
         except json.JSONDecodeError as error:
-            raise WrongWords(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
+            raise WordsError(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
     return name, value
 
 
 def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Scope:
-    """Names for a codec: parameters and state with the given settings. Raises WrongWords for those that do not fit."""
+    """Names for a codec: parameters and state with the given settings. Raises WordsError for those that do not fit."""
     from framekit.link.parameters import ParameterError
     from framekit.link.scope import Scope
 
@@ -123,7 +191,7 @@ def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Sco
             if name not in protocol.params:
                 set_variable(scope, protocol, name, value)
     except ParameterError as error:
-        raise WrongWords(str(error)) from None
+        raise WordsError(str(error)) from None
     return scope
 
 
@@ -135,17 +203,17 @@ def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> Non
 
     if name not in protocol.state:
         hint = did_you_mean(name, [*protocol.params, *protocol.state])
-        raise WrongWords(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
+        raise WordsError(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
     parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
     parse = parsers.get(protocol.state[name].type, parse_number)
     try:
         scope.set(name, parse(value) if isinstance(value, str) else value)
     except (ValueError, TypeError) as error:
-        raise WrongWords(f"variable '{name}': {explain(error)}") from None
+        raise WordsError(f"variable '{name}': {explain(error)}") from None
 
 
 def duration_of(text: str | None) -> int | None:
-    """The time of `--for` (ns); None where there is none. Raises WrongWords."""
+    """The time of `--for` (ns); None where there is none. Raises WordsError."""
     from framekit.definition.times import parse_time
 
     if text is None:
@@ -153,32 +221,77 @@ def duration_of(text: str | None) -> int | None:
     try:
         return parse_time(text)
     except ValueError as error:
-        raise WrongWords(f"--for: {error}") from None
+        raise WordsError(f"--for: {error}") from None
 
 
-def why_not(error: OSError) -> str:
-    """Why the system refused something, and about which file."""
-    text = error.strerror or str(error)
-    return f"{near(str(error.filename))}: {text}" if error.filename is not None else text
+def existing(file: Path) -> Path:
+    """A file to be read. Raises WordsError where there is none."""
+    if file.is_dir():
+        raise WordsError(f"{file}: this is a folder, not a file – name a file in it")
+    if not file.exists():
+        raise WordsError(f"{file}: there is no such file – check its name and folder")
+    return file
 
 
 def hex_bytes(text: str) -> bytes:
-    """Bytes from hex digits with any spacing; `-` reads standard input. Raises WrongWords."""
+    """Bytes from hex digits with any spacing; `-` reads standard input. Raises WordsError."""
     if text == "-":
         text = sys.stdin.read()
     try:
         return bytes.fromhex("".join(text.replace("0x", " ").replace(",", " ").replace(":", " ").split()))
     except ValueError:
-        raise WrongWords("these are not bytes – write pairs of hex digits") from None
+        raise WordsError("these are not bytes – write pairs of hex digits") from None
 
 
-def existing(file: Path) -> Path:
-    """A file to be read. Raises WrongWords where there is none."""
-    if file.is_dir():
-        raise WrongWords(f"{file}: this is a folder, not a file – name a file in it")
-    if not file.exists():
-        raise WrongWords(f"{file}: there is no such file – check its name and folder")
-    return file
+def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | None:
+    """Speed and format of the command line, else the protocol's; None on connections. Raises WordsError."""
+    from framekit.definition.times import parse_format
+
+    line = protocol.line
+    if line.kind == "stream" and arguments.speed is None and arguments.format is None:
+        return None
+    try:
+        speed = line.speed if arguments.speed is None else arguments.speed
+        return parse_format(arguments.format or line.format, speed)
+    except ValueError as error:
+        raise WordsError(str(error)) from None
+
+
+def params_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The parameters of the command line."""
+    return dict(assignment(text) for text in arguments.param)
+
+
+def filter_of(arguments: argparse.Namespace) -> FrameFilter:
+    """What the command line wants to see."""
+    from framekit.service.frame_log import FrameFilter
+
+    return FrameFilter(frame=arguments.frame_name, bad_only=arguments.bad, text=arguments.filter)
+
+
+def period_of(text: str | None) -> int:
+    """The time of --status-every (ns); 0 without one. Raises WordsError."""
+    from framekit.definition.times import parse_time
+
+    if text is None:
+        return 0
+    try:
+        period = parse_time(text)
+    except ValueError as error:
+        raise WordsError(f"--status-every: {error}") from None
+    if not period:
+        raise WordsError("--status-every: write a time above 0")
+    return period
+
+
+def begin_log(level: str | None) -> None:
+    """Sends the log of framekit to standard error; without a level nothing is logged."""
+    if level is not None:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
+        logger = logging.getLogger("framekit")
+        logger.handlers[:] = [one for one in logger.handlers if isinstance(one, logging.NullHandler)] + [handler]
+        logger.setLevel(level.upper())
 
 
 def spaced(data: bytes) -> str:
@@ -199,3 +312,75 @@ def print_json(value: Any) -> None:
     import json
 
     print(json.dumps(value, ensure_ascii=False))
+
+
+class Unread:
+    """Watches a loop: `stop` is called when something could not be printed because nobody reads it; `error` is why."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, stop: Callable[[], None]) -> None:
+        self.error: BrokenPipeError | None = None
+        self._stop = stop
+        loop.set_exception_handler(self._raised)
+
+    def _raised(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        if not isinstance(error, BrokenPipeError):
+            loop.default_exception_handler(context)
+            return
+        self.error = error
+        self._stop()
+
+    def check(self) -> None:
+        """Raises the error, if there was one."""
+        if self.error is not None:
+            raise self.error
+
+
+LONGEST_SHOWN = 64
+"""Bytes of a frame that a line shows."""
+
+
+def what_was_seen(seen: Seen) -> str:
+    """The frame's name, of a bad one with the reason and where the fault is; or what else happened."""
+    if seen.kind == "bad":
+        segment = f", {seen.segment}" if seen.segment else ""
+        return f"bad {seen.frame}".rstrip() + f" ({seen.reason} at byte {seen.place}{segment})"
+    if seen.kind in ("open", "closed", "trouble", "not_taken"):
+        return f"{seen.kind.replace('_', ' ')} {seen.reason}".rstrip()
+    return seen.frame or seen.kind
+
+
+def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOWN) -> str:
+    """The bytes as hex pairs or as ASCII, no more than `longest` of them."""
+    from framekit.service.frame_log import ascii_of
+
+    cut = " …" if len(data) > longest else ""
+    return (ascii_of(data[:longest]) if as_ascii else spaced(data[:longest])) + cut
+
+
+def seen_text(seen: Seen, time: float | str, where: str, as_ascii: bool = False) -> str:
+    """Time (seconds, or a text), where it was seen, direction, frame, size and bytes."""
+    arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
+    size = f"{len(seen.raw):4d} " if seen.raw else "     "
+    place = f"{where} " if where else ""
+    told = time if isinstance(time, str) else f"{time:10.3f}"
+    return f"{told}  {place}{arrow} {what_was_seen(seen):<22}{size}{shown_bytes(seen.raw, as_ascii)}".rstrip()
+
+
+def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> dict[str, Any]:
+    """The same with the frame's fields, and without what is empty; `more` stands behind the time."""
+    line = {
+        "event": seen.kind,
+        "time": seconds,
+        **more,
+        "direction": seen.direction,
+        "frame": seen.frame,
+        "size": len(seen.raw) or "",
+        "bytes": spaced(seen.raw),
+        "fields": plain.to_plain(seen.frame, seen.fields),
+        "reason": seen.reason,
+        "repeated": seen.repeated or "",
+    }
+    if seen.kind == "bad":
+        line |= {"segment": seen.segment, "offset": seen.place}
+    return {key: value for key, value in line.items() if value not in ("", {})}

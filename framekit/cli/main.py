@@ -9,12 +9,13 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
-from collections.abc import Sequence
-from types import ModuleType
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from framekit import __version__
-from framekit.cli.words import Parser
+from framekit.cli.common import VerbError
 
 VERBS = {
     "check": "check definitions and run files",
@@ -35,27 +36,53 @@ VERBS = {
     "completion": "print a shell's completion script",
 }
 
+TOGETHER = {
+    "device_verbs": ("read", "write", "call"),
+    "frame_verbs": ("encode", "decode", "frames", "generate"),
+    "line_verbs": ("monitor", "replay", "loopback"),
+    "check_verb": ("check", "test"),
+}
+"""Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""
+
 READS_ITSELF = ("check", "test", "completion", "loopback")
 """Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
-
-class Failure(Exception):  # noqa: N818 - a message for the user, not a fault of the program
-    """What a verb was asked for can't be done; the message says why."""
-
-    status = 1
-    """The exit status."""
+_CHOICE = re.compile(r"invalid choice: '(?P<word>[^']*)' \(choose from (?P<choices>.*)\)")
 
 
-class WrongWords(Failure):
-    """The command line is wrong: an option, a name or a value in it. Nothing was done."""
+class Parser(argparse.ArgumentParser):
+    """As its base; `verbs` are those that it has, by name."""
 
-    status = 2
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.verbs: dict[str, Parser] = {}
+
+    def error(self, message: str) -> NoReturn:
+        """Tells what is wrong and ends with status 2."""
+        match = _CHOICE.search(message)
+        if match is not None:
+            near = _near(match["word"], re.findall(r"[^\s',]+", match["choices"]))
+            message += f" – {near}" if near else ""
+        super().error(message)
+
+    def refuse(self, unknown: Sequence[str]) -> NoReturn:
+        """Tells that these words have no place here."""
+        options = [word.partition("=")[0] for word in unknown if len(word) > 1 and word.startswith("-")]
+        if not options:
+            self.error(f"nothing takes {', '.join(repr(word) for word in unknown)}")
+        known = [option for action in self._actions for option in action.option_strings]
+        told = []
+        for option in options:
+            near = _near(option, known)
+            told.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
+        self.error("; ".join(told))
 
 
-class NoPort(Failure):
-    """The port cannot be opened."""
+def _near(word: str, known: Sequence[str]) -> str:
+    from framekit.definition.problems import did_you_mean
 
-    status = 3
+    hint = did_you_mean(word, known)
+    return hint if hint.startswith("did you mean") else ""
 
 
 def build_parser(only: str | None = None) -> Parser:
@@ -66,7 +93,7 @@ def build_parser(only: str | None = None) -> Parser:
     for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
         one = parser.verbs[verb] = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
         if only is None or only == verb:
-            importlib.import_module(f"framekit.cli.{verb}_verb").add_arguments(one)
+            _function(verb, f"add_{verb}_arguments")(one)
     return parser
 
 
@@ -77,15 +104,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed, unknown = parser.parse_known_args(words)
     if unknown:
         parser.verbs[parsed.verb].refuse(unknown)
-    module = importlib.import_module(f"framekit.cli.{parsed.verb}_verb")
     try:
-        return _run(module, parsed)
+        return _run(parsed)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except Failure as failure:
+    except VerbError as failure:
         print(f"framekit {parsed.verb}: {failure}", file=sys.stderr)
         return failure.status
     except ValueError as error:
@@ -99,15 +125,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return status_of(error.problems)
 
 
-def _run(module: ModuleType, parsed: argparse.Namespace) -> int:
+def _function(verb: str, name: str) -> Callable[[Any], Any]:
+    """A function of a verb's module, which is imported now."""
+    if verb == "completion":
+        return add_completion_arguments if name.startswith("add") else run_completion
+    module = next((module for module, verbs in TOGETHER.items() if verb in verbs), f"{verb}_verb")
+    found: Callable[[Any], Any] = getattr(importlib.import_module(f"framekit.cli.{module}"), name)
+    return found
+
+
+def _run(parsed: argparse.Namespace) -> int:
     """Carries a verb out; definitions come from the user's cache folder where that holds them."""
+    run = _function(parsed.verb, f"run_{parsed.verb}")
     if parsed.verb in READS_ITSELF:
-        return int(module.run(parsed))
+        return int(run(parsed))
     from framekit.codec.stored import kept_library
     from framekit.definition.keeping import kept_by
 
     with kept_by(kept_library()):
-        return int(module.run(parsed))
+        return int(run(parsed))
+
+
+def add_completion_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "shell", choices=("bash", "zsh", "tcsh"), help="which shell; put the output where it reads such scripts"
+    )
+
+
+def run_completion(arguments: argparse.Namespace) -> int:
+    try:
+        import shtab
+    except ImportError:
+        raise VerbError("completion needs the package shtab – install framekit[completion]") from None
+    print(shtab.complete(build_parser(), shell=arguments.shell))
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What `framekit run` shows: frames as they go by, and the blocks with their counters; as text or as JSON lines."""
+"""What is printed of a run: what it does, its status, the load of its channels, for people or as JSON."""
 
 from __future__ import annotations
 
@@ -7,28 +7,222 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import table, told
-from framekit.cli.load_output import percent, what_of
-from framekit.cli.main import Failure
-from framekit.cli.seen_output import seen_data, seen_text
+from framekit.blocks.feasibility import milliseconds
+from framekit.cli.common import VerbError, seen_data, seen_text, table, told
 from framekit.definition.problems import plural
+from framekit.definition.times import format_time
+from framekit.link.codes import code_text
 from framekit.memory.memory import unit_bits
 
 if TYPE_CHECKING:
     from framekit.blocks.block_state import BlockState
-    from framekit.blocks.feasibility import ChannelLoad
-    from framekit.blocks.model import Run
+    from framekit.blocks.block_status import BlockStatus
+    from framekit.blocks.feasibility import BlockLoad, ChannelLoad
+    from framekit.blocks.jobs.diagnosis import JobStatus
+    from framekit.blocks.model import Block, Run
     from framekit.blocks.removed_blocks import RemovedBlocks
     from framekit.blocks.run_edit import Edit
     from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
     from framekit.service.run import RunService
+    from framekit.service.status import ChannelStatus, JobsStatus, RunStatus
     from framekit.transport.clock import Clock
+
+
+LOAD_HEAD = ("block", "what", "starts", "frames", "bytes", "takes", "load", "note")
+
+
+def load_line(load: ChannelLoad) -> str:
+    """`channel 1 (19200 8E1): load 6.9 %, line 4.9 %`."""
+    line = "" if load.line is None else f", line {percent(load.line)}"
+    settings = "" if load.channel.line is None else f" ({load.channel.line})"
+    return f"channel {load.channel.number}{settings}: load {percent(load.busy)}{line}"
+
+
+def load_table(load: ChannelLoad) -> str:
+    """Every block of a channel, with what its exchanges take."""
+    return table([_load_row(one) for one in load.blocks], LOAD_HEAD)
+
+
+def load_data(load: ChannelLoad) -> dict[str, Any]:
+    """The same for programs; times in seconds, loads from 0 to 1 and more."""
+    return {
+        "channel": load.channel.number,
+        "settings": None if load.channel.line is None else str(load.channel.line),
+        "load": round(load.busy, 6),
+        "line": None if load.line is None else round(load.line, 6),
+        "blocks": [_load_data(one) for one in load.blocks],
+    }
+
+
+def percent(part: float) -> str:
+    return f"{100 * part:.1f} %"
+
+
+def what_of(block: Block) -> str:
+    """`READ M0100, M0110`, `SEND WR.REQ`."""
+    from framekit.blocks.jobs.order import Command
+
+    if isinstance(block.job, Command):
+        slot = "ALL" if block.job.slot is None else str(block.job.slot)
+        order = block.job.order
+        return f"{block.instruction.upper()} {slot}" + (f" {order.kind} {order.remote}".rstrip() if order else "")
+    return f"{block.instruction.upper()} {block.frame or block.service or ', '.join(block.targets)}"
+
+
+def _load_row(one: BlockLoad) -> tuple[str, ...]:
+    cost = one.cost
+    starts = "as it comes" if one.block.instruction == "receive" else "on demand"
+    if one.period:
+        starts = f"every {format_time(one.period)}"
+    note = cost.doubt
+    if one.missed:
+        note = "; ".join(filter(None, (f"misses {percent(one.missed)}", note)))
+    return (
+        one.block.label, what_of(one.block), starts, str(cost.frames), str(cost.bytes),
+        milliseconds(cost.duration), percent(one.busy) if one.period else "-", note,
+    )  # fmt: skip
+
+
+def _load_data(one: BlockLoad) -> dict[str, Any]:
+    return {
+        "set": one.block.set,
+        "block": one.block.number,
+        "period": None if one.period is None else one.period / 1e9,
+        "frames": one.cost.frames,
+        "bytes": one.cost.bytes,
+        "takes": one.cost.duration / 1e9,
+        "load": round(one.busy, 6),
+        "missed": round(one.missed, 6),
+        "note": one.cost.doubt,
+    }
+
+
+CHANNEL_HEAD = (
+    "channel", "driver", "station", "line", "mode", "state", "services", "errors", "frames", "bad", "line load", "why",
+)  # fmt: skip
+JOB_HEAD = ("job", "what", "host", "state", "every", "left", "good", "refused", "late", "broken off", "last")
+BLOCK_HEAD = ("set", "block", "what", "channel", "state", "done", "failed", "overruns", "last failure")
+
+
+def status_text(status: RunStatus, began: int) -> str:
+    """The channels, the blocks and the jobs; `began`: when the run did, by its clock."""
+    parts = [table([channel_row(one) for one in status.channels], CHANNEL_HEAD)] if status.channels else []
+    blocks = [block_row(one) for one in status.blocks]
+    parts.append(table([*blocks, *(removed_row(one) for one in status.removed)], BLOCK_HEAD))
+    if status.jobs is not None:
+        parts += jobs_text(status.jobs, began)
+    return "\n\n".join(parts)
+
+
+def jobs_text(jobs: JobsStatus, began: int) -> list[str]:
+    """The slots that have had a job, what became of commands, and the log."""
+    rows = [job_row(one) for one in jobs.slots if one.kind]
+    counters = jobs.counters
+    kinds = "".join(f", {number} {kind}" for kind, number in sorted(counters.kinds.items()))
+    commands = (
+        f"commands: {counters.taken} taken{kinds}; {counters.refused} refused, {counters.lost} lost, "
+        f"{plural(counters.faults, 'fault')}"
+    )
+    events = [f"{(event.at - began) / 1e9:.3f} s {event.what}" for event in jobs.log]
+    log = "\n".join([f"events: {jobs.events}" + (f", the last {len(events)}:" if events else ""), *events])
+    return [*([table(rows, JOB_HEAD)] if rows else []), commands, log]
+
+
+def job_row(one: JobStatus) -> tuple[str, ...]:
+    """A slot with the job in it, or that was in it last."""
+    every = "-" if not one.period else format_time(one.period)
+    left = "-" if one.left is None else str(one.left)
+    counters = one.counters
+    return (
+        str(one.slot), f"{one.kind} {one.remote or one.own}", one.host or "-", one.state, every, left,
+        str(counters.good), str(counters.refused), str(counters.late + counters.over_period), str(counters.ended),
+        f"{code_text(one.word)} {one.text}".rstrip(),
+    )  # fmt: skip
+
+
+def channel_row(one: ChannelStatus) -> tuple[str, ...]:
+    driver = one.driver if one.role is None else f"{one.driver} {one.role}"
+    line = f"{one.line} {one.line_type}".strip() or "-"
+    why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
+    return (
+        str(one.number), driver, "-" if one.station is None else str(one.station), line, one.mode, one.state,
+        str(one.services), str(one.errors), str(one.frames_in), str(one.bad),
+        "-" if one.load is None else percent(one.load), why or "-",
+    )  # fmt: skip
+
+
+def block_state(one: BlockStatus) -> str:
+    """One word: off, dead, runs, waits, ready."""
+    if not one.enabled:
+        return "off"
+    if one.running:
+        return "runs"
+    if one.waiting:
+        return "waits"
+    return "dead" if one.dead else "ready"
+
+
+def block_row(one: BlockStatus) -> tuple[str, ...]:
+    what = f"{one.instruction} {one.name}".rstrip()
+    return (
+        str(one.set), str(one.block), what, str(one.channel), block_state(one), str(one.done), str(one.failed),
+        str(one.overruns), "-" if one.last_failure is None else str(one.last_failure),
+    )  # fmt: skip
+
+
+def removed_row(one: RemovedBlocks) -> tuple[str, ...]:
+    """What is left of blocks that an edit took out."""
+    why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
+    return (
+        "-", "-", plural(one.blocks, "removed block"), str(one.channel), "gone", str(one.done), str(one.failed),
+        str(one.overruns), why or "-",
+    )  # fmt: skip
+
+
+def status_data(status: RunStatus, began: int) -> dict[str, Any]:
+    """The same for programs; times in seconds of the run."""
+    blocks = []
+    for one in status.blocks:
+        block = {name: value for name, value in asdict(one).items() if name not in ("last_failure", "last_end")}
+        block |= {"state": block_state(one), "error": one.error}
+        block["last_failure"] = None if one.last_failure is None else str(one.last_failure)
+        blocks.append(block)
+    channels = [_plain(asdict(one)) for one in status.channels]
+    time = (status.at - began) / 1e9
+    shown = {"event": "status", "time": time, "run": status.run, "channels": channels, "blocks": blocks}
+    if status.removed:
+        shown["removed"] = [asdict(one) for one in status.removed]
+    return shown if status.jobs is None else shown | {"jobs": _jobs_data(status.jobs, began)}
+
+
+def _jobs_data(jobs: JobsStatus, began: int) -> dict[str, Any]:
+    def seconds(at: int | None) -> float | None:
+        return None if at is None else (at - began) / 1e9
+
+    slots = []
+    for one in (one for one in jobs.slots if one.kind):
+        slot = asdict(one)
+        slot |= {"period": one.period / 1e9, "last_good": seconds(one.last_good), "last_error": seconds(one.last_error)}
+        slots.append(slot)
+    log = [
+        {"time": seconds(one.at), "event": one.name, "slot": one.slot, "word": one.word, "text": one.what}
+        for one in jobs.log
+    ]
+    return {"slots": slots, "log": log, "events": jobs.events, "commands": asdict(jobs.counters)}
+
+
+def _plain(channel: dict[str, Any]) -> dict[str, Any]:
+    station, load = channel["station"], channel["load"]
+    channel["station"] = station.hex(" ").upper() if isinstance(station, bytes) else station
+    channel["load"] = None if load is None else round(load, 6)
+    return channel
+
 
 MOST_WORDS = 12
 
 
-class Output:
+class RunOutput:
     """Watches a run. `service` makes the run's service with this output as its monitor."""
 
     def __init__(self, run: Run, loads: tuple[ChannelLoad, ...] = ()) -> None:
@@ -39,7 +233,7 @@ class Output:
         self.at_work: RunService | None = None
 
     def service(self, run: Run, clock: Clock) -> RunService:
-        """Raises DefinitionError for a wrong device, Failure for a port of no known kind."""
+        """Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
         from framekit.definition.problems import DefinitionError
         from framekit.service.run import RunService
 
@@ -48,7 +242,7 @@ class Output:
         except DefinitionError:
             raise
         except ValueError as error:
-            raise Failure(str(error)) from None
+            raise VerbError(str(error)) from None
         self.began = clock.now()  # not before devices and protocols are there, which takes its time
         return self.at_work
 
@@ -77,7 +271,7 @@ class Output:
         raise NotImplementedError
 
 
-class TextOutput(Output):
+class TextOutput(RunOutput):
     """A line for everything seen, and a table at the end."""
 
     def seen(self, channel: int, seen: Seen) -> None:
@@ -96,7 +290,7 @@ class TextOutput(Output):
         rows += [_removed_row(one) for one in service.removed]
         print()
         print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
-        loads = [row for load in self.loads if (row := _load_row(load, service))]
+        loads = [row for load in self.loads if (row := _measured_row(load, service))]
         if loads:
             print("\n" + table(loads, ("channel", "settings", "line load expected", "measured")))
         stored = [line for state in service.states.values() for line in _stored(service, state)]
@@ -107,7 +301,7 @@ class TextOutput(Output):
             print("\n" + table(status, ("channel", "status", "value")))
 
 
-class JsonOutput(Output):
+class JsonOutput(RunOutput):
     """One JSON object a line: `seen` for what goes by, `block` and `channel` for each of these at the end."""
 
     def seen(self, channel: int, seen: Seen) -> None:
@@ -216,7 +410,7 @@ def measured_load(load: ChannelLoad, service: RunService) -> float | None:
     return service.channels[load.channel.number].driver.load.share(service.clock.now())
 
 
-def _load_row(load: ChannelLoad, service: RunService) -> tuple[str, ...] | None:
+def _measured_row(load: ChannelLoad, service: RunService) -> tuple[str, ...] | None:
     measured = measured_load(load, service)
     if measured is None or load.line is None:
         return None

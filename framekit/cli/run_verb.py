@@ -1,21 +1,43 @@
-"""`framekit run RUN.yaml`: carries a run out, showing frames as they go by and the blocks' counters at the end."""
+"""`framekit run FILE`: carries out a run file, in real time or simulated, printed or live on the screen."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import gc
 import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from framekit.cli.common import add_json, duration_of, told_once, why_not
-from framekit.cli.main import Failure, WrongWords
-from framekit.cli.watch_options import Watch, add_watch
+from framekit.cli.common import (
+    VerbError,
+    WordsError,
+    add_capture,
+    add_json,
+    add_log,
+    add_screen,
+    begin_log,
+    duration_of,
+    period_of,
+    print_json,
+    told_once,
+    why_not,
+)
+from framekit.cli.screen.session import LiveSession
+from framekit.service.frame_log import FrameLog
+from framekit.service.live_view import LineOf, LiveView
+from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
     from framekit.blocks.model import Run
-    from framekit.cli.run_output import Output
+    from framekit.cli.run_output import RunOutput
+    from framekit.service.capture import Capture
+    from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
 
 
@@ -26,7 +48,7 @@ class Watched(NamedTuple):
     content: bytes | None
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", metavar="RUN.yaml", type=Path, help="the run file")
     parser.add_argument(
         "--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s; default: run on"
@@ -48,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_run(arguments: argparse.Namespace) -> int:
     from framekit.blocks.feasibility import load_problems
     from framekit.blocks.load import load_run
     from framekit.cli.run_output import JsonOutput, TextOutput
@@ -57,14 +79,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
-        raise WrongWords("--virtual needs --for TIME")
-    watch = Watch(arguments)
+        raise WordsError("--virtual needs --for TIME")
+    watch = RunWatch(arguments)
     if arguments.virtual and arguments.watch:
-        raise WrongWords("--watch is for runs in real time – leave --virtual out")
+        raise WordsError("--watch is for runs in real time – leave --virtual out")
     if arguments.virtual and arguments.control and not arguments.screen:
-        raise WrongWords("--control is for runs in real time – leave --virtual out")
+        raise WordsError("--control is for runs in real time – leave --virtual out")
     if arguments.screen and arguments.watch:
-        raise WrongWords("--watch tells its edits in lines – leave --screen out")
+        raise WordsError("--watch tells its edits in lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
     loads = loads_of(loaded)
@@ -83,22 +105,19 @@ def run(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise Failure(why_not(error)) from None
+        raise VerbError(why_not(error)) from None
     return 1 if problems else 0
 
 
-def _live(loaded: Run, watch: Watch, arguments: argparse.Namespace, duration: int | None) -> int:
+def _live(loaded: Run, watch: RunWatch, arguments: argparse.Namespace, duration: int | None) -> int:
     """The run in the live display; simulated time goes on as real time does."""
-    from framekit.cli.screen.session import RunSession
     from framekit.cli.screen.show import show
 
     return show(RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control))
 
 
-def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> list[str]:
+def _virtual(loaded: Run, output: RunOutput, watch: RunWatch, duration: int) -> list[str]:
     """Runs for a simulated time; what could not be kept or captured."""
-    from framekit.transport.clock import VirtualClock
-
     clock = VirtualClock()
     service = output.service(loaded, clock)
     watch.begin(service, clock)
@@ -113,15 +132,13 @@ def _virtual(loaded: Run, output: Output, watch: Watch, duration: int) -> list[s
 
 
 async def _real(
-    loaded: Run, output: Output, watch: Watch, duration: int | None, watched: Watched | None, controlled: bool
+    loaded: Run, output: RunOutput, watch: RunWatch, duration: int | None, watched: Watched | None, controlled: bool
 ) -> list[str]:
     """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured.
 
     `watched` is the file whose changes count.
     """
-    from framekit.cli.control_lines import control
-    from framekit.cli.unread import Unread
-    from framekit.transport.clock import AsyncioClock
+    from framekit.cli.common import Unread
 
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
@@ -154,7 +171,7 @@ async def _real(
     return problems
 
 
-async def _watch_file(watched: Watched, service: RunService, output: Output) -> None:
+async def _watch_file(watched: Watched, service: RunService, output: RunOutput) -> None:
     """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
     from framekit.service.file_watch import FileWatch, reasons
 
@@ -169,9 +186,215 @@ async def _watch_file(watched: Watched, service: RunService, output: Output) -> 
     await files.watch()
 
 
-def _summary(service: RunService, output: Output, watch: Watch) -> list[str]:
+def _summary(service: RunService, output: RunOutput, watch: RunWatch) -> list[str]:
     output.summary(service)
     problems = [*service.problems, *watch.end()]
     for problem in problems:
         output.warning(problem)
     return problems
+
+
+def add_watch(parser: argparse.ArgumentParser) -> None:
+    """--screen, --ascii, --capture, --status, --status-every and --log."""
+    add_screen(parser)
+    parser.add_argument("--ascii", action="store_true", help="show bytes as ASCII instead of hex")
+    add_capture(parser)
+    parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
+    parser.add_argument(
+        "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
+    )
+    add_log(parser)
+
+
+class RunWatch:
+    """Watches one run as the command line asks: `begin` before it starts, `end` when it has stopped."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        """Raises WordsError."""
+        self._path: Path | None = arguments.capture
+        self._json: bool = arguments.json
+        self._capture: Capture | None = None
+        self._service: RunService | None = None
+        self._captured: set[int] = set()
+        self._missing: list[str] = []
+        self._began = 0
+        self._every = period_of(arguments.status_every)
+        self._at_end: bool = arguments.status or arguments.status_every is not None
+        begin_log(arguments.log)
+
+    def begin(self, service: RunService, clock: Clock, silent: bool = False) -> None:
+        """Puts the capture around the ports and asks for the times of the status, unless `silent`. Raises OSError."""
+        self._service, self._began = service, clock.now()
+        if self._path is not None:
+            from framekit.service.capture import Capture
+
+            self._capture = Capture(self._path, tuple(service.channels), clock)
+            self._captured = set(service.channels)
+            for number, channel in service.channels.items():
+                self._tap(number, channel)
+            service.on_channel = self._tap
+        if silent:
+            return
+        if self._every:
+            clock.call_at(self._began + self._every, self._next)
+        if hasattr(signal, "SIGUSR1"):
+            with contextlib.suppress(RuntimeError):
+                asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, self.show)
+
+    def _tap(self, number: int, channel: ChannelService) -> None:
+        """Puts the capture around the port of a channel; one that came later has no place in it."""
+        if self._capture is None:
+            return
+        if number in self._captured:
+            channel.driver.port = self._capture.around(number, channel.driver.port)
+        else:
+            self._missing.append(f"channel {number} came later: it is not in the capture")
+
+    def _next(self) -> None:
+        if self._service is not None and self._service.running:
+            self.show()
+            clock = self._service.clock
+            clock.call_at(clock.now() + self._every, self._next)
+
+    def at_end(self) -> None:
+        """Shows the status for the last time, where it was asked for."""
+        if self._at_end:
+            self.show()
+
+    def show(self) -> None:
+        """Prints the status as it is now."""
+        from framekit.cli.run_output import status_data, status_text
+        from framekit.service.status import run_status
+
+        if self._service is None:
+            return
+        status = run_status(self._service)
+        if self._json:
+            print_json(status_data(status, self._began))
+        else:
+            print(f"\nstatus at {(status.at - self._began) / 1e9:.3f} s\n{status_text(status, self._began)}\n")
+        sys.stdout.flush()
+
+    def end(self) -> list[str]:
+        """Ends the capture; what is not in it is told."""
+        if self._capture is None:
+            return []
+        self._capture.close()
+        return [*self._capture.troubles, *self._missing]
+
+
+def control(service: RunService, output: RunOutput, stop: Callable[[], None]) -> None:
+    """Begins to read; the end of the input ends the control, not the run. `stop` is called for the line `stop`."""
+    from framekit.service.control import ControlError, carry_out
+
+    loop = asyncio.get_running_loop()
+
+    def take(line: str) -> None:
+        if not service.running:
+            return
+        if line.strip().lower() == "stop":
+            stop()
+            return
+        try:
+            carry_out(service, line)
+        except ControlError as error:
+            output.warning(f"control: {error}")
+
+    def read() -> None:
+        with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed: nobody listens any more
+            for line in sys.stdin:
+                loop.call_soon_threadsafe(take, line)
+
+    threading.Thread(target=read, name="framekit-control", daemon=True).start()
+
+
+class RunSession(LiveSession):
+    """A run; with `virtual` on simulated time that goes on as real time does. `duration` None: until it is ended.
+
+    `controlled`: it takes control lines.
+    """
+
+    def __init__(
+        self, run: Run, watch: RunWatch, *, virtual: bool, duration: int | None, controlled: bool = False
+    ) -> None:
+        self.controls = controlled
+        self.title = f"run {run.name}"
+        self.run = run
+        self.watch = watch
+        self.service: RunService | None = None
+        self.problems: list[str] = []
+        self._duration = duration
+        self._virtual = VirtualClock() if virtual else None
+        self._view: LiveView | None = None
+        self._stopped = False
+
+    def control(self, line: str) -> str:
+        from framekit.service.control import ControlError, carry_out
+
+        if line.strip().lower() == "stop":
+            self._stopped = True
+        elif self.service is not None:
+            try:
+                carry_out(self.service, line)
+            except ControlError as error:
+                return str(error)
+        return ""
+
+    def begin(self) -> LiveView:
+        """Raises DefinitionError, ValueError, OSError."""
+        from framekit.service.run import RunService
+
+        clock: Clock = self._virtual or AsyncioClock(asyncio.get_running_loop())
+        channels = self.run.channels
+        log = FrameLog(
+            {number: channel.protocol for number, channel in channels.items()},
+            {number: channel.role for number, channel in channels.items()},
+            {number: channel.params for number, channel in channels.items()},
+        )
+        self.service = service = RunService(self.run, clock, log.add)
+        self.watch.begin(service, clock, silent=True)
+        lines = {number: _line_of(channel) for number, channel in service.channels.items()}
+        tapped = service.on_channel
+
+        def came(number: int, channel: ChannelService) -> None:
+            """A channel that jobs wanted."""
+            model = channel.channel
+            log.know(number, model.protocol, model.role, model.params)
+            lines[number] = _line_of(channel)
+            tapped(number, channel)
+
+        service.on_channel = came
+        self._view = LiveView(log, clock, lines, service.status)
+        service.start()
+        return self._view
+
+    def step(self, duration: int) -> None:
+        if self._virtual is not None:
+            self._virtual.run_for(duration)
+
+    @property
+    def is_over(self) -> bool:
+        if self._stopped:
+            return True
+        return self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
+
+    async def end(self) -> None:
+        if self.service is not None:
+            left = asyncio.Event()
+            self.service.finish(left.set)
+            if self._virtual is None:
+                await left.wait()
+            while not left.is_set() and self._virtual is not None and self._virtual.advance():
+                pass
+            self.problems = [*self.service.problems, *self.watch.end()]
+            self.lost = bool(self.problems)
+
+
+def _line_of(channel: ChannelService) -> LineOf:
+    model = channel.channel
+    line = "" if model.line is None else f" {model.line}"
+    return LineOf(f"{model.protocol.name} {model.role or ''}".rstrip() + line, _state(channel), channel.driver.load)
+
+
+def _state(channel: ChannelService) -> Callable[[], str]:
+    return lambda: channel.state

@@ -5,30 +5,51 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import json
 import signal
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import add_json, duration_of, told, why_not
-from framekit.cli.main import Failure, NoPort, WrongWords
-from framekit.cli.watch_options import add_capture, add_log, add_screen, begin_log, period_of
+from framekit.cli.common import (
+    PortError,
+    VerbError,
+    WordsError,
+    add_capture,
+    add_json,
+    add_log,
+    add_screen,
+    begin_log,
+    duration_of,
+    period_of,
+    seen_data,
+    seen_text,
+    table,
+    told,
+    why_not,
+)
+from framekit.cli.screen.session import LiveSession
+from framekit.service.frame_log import FrameLog
+from framekit.service.line_load import LineLoad
+from framekit.service.live_view import LineOf, LiveView
+from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable
 
     from framekit.blocks.device import Device
     from framekit.blocks.device_settings import DeviceSettings
     from framekit.blocks.model import ConnectionLimits
-    from framekit.cli.serve_output import ServeOutput
     from framekit.definition.times import LineFormat
+    from framekit.link.observe import Seen
     from framekit.service.serving import Serving, ServingMonitor
     from framekit.service.serving_ports import Served
-    from framekit.transport.clock import AsyncioClock
     from framekit.transport.port import Port
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "devices", nargs="+", metavar="PROTOCOL",
         help="name of a shipped protocol, a YAML file, or a device file; several devices share the line",
@@ -78,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_serve(arguments: argparse.Namespace) -> int:
     begin_log(arguments.log)
     duration, every = duration_of(arguments.duration), period_of(arguments.status_every)
     devices = _devices(arguments.devices, _settings(arguments), arguments.faults)
@@ -112,12 +133,12 @@ def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not (name.strip() and equals and value.strip()):
-            raise WrongWords(f"'{text}' is not {form}")
+            raise WordsError(f"'{text}' is not {form}")
         yield name.strip(), value.strip()
 
 
 def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None) -> list[Device]:
-    """Raises DefinitionError, and WrongWords for devices that can't share a line."""
+    """Raises DefinitionError, and WordsError for devices that can't share a line."""
     from framekit.blocks.device import load_devices
     from framekit.blocks.load_fault_plan import with_faults
     from framekit.service.serving_ports import check_line
@@ -127,7 +148,7 @@ def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None)
     try:
         check_line(found)
     except ValueError as error:
-        raise WrongWords(str(error)) from None
+        raise WordsError(str(error)) from None
     return found
 
 
@@ -137,7 +158,7 @@ def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
     try:
         return line_of(device, arguments.speed, arguments.format)
     except ValueError as error:
-        raise WrongWords(str(error)) from None
+        raise WordsError(str(error)) from None
 
 
 # ---- serving ----------------------------------------------------------------------------------------------
@@ -145,7 +166,6 @@ def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
 
 def _live(arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None) -> int:
     """The devices in the live display."""
-    from framekit.cli.screen.serve_session import ServeSession
     from framekit.cli.screen.show import show
 
     return show(ServeSession(arguments, devices, line, duration))
@@ -156,11 +176,8 @@ async def _serve(
 ) -> int:
     """Serves until the time is over, or SIGINT or SIGTERM asks to stop; the exit status.
 
-    Raises NoPort when the port can't be had.
+    Raises PortError when the port can't be had.
     """
-    from framekit.cli.serve_output import JsonServeOutput, TextServeOutput
-    from framekit.transport.clock import AsyncioClock
-
     loop = asyncio.get_running_loop()
     clock = AsyncioClock(loop)
     ended = asyncio.Event()
@@ -212,7 +229,7 @@ async def begin(
     lost: Callable[[str], None],
     stack: contextlib.ExitStack,
 ) -> tuple[Serving, Served]:
-    """Serves on the port that is asked for, until `stack` ends; also how the port is called. Raises Failure.
+    """Serves on the port that is asked for, until `stack` ends; also how the port is called. Raises VerbError.
 
     `lost` is told at the end what the capture could not keep.
     """
@@ -232,7 +249,7 @@ async def begin(
 
 
 def connection_limits(idle: str | None, per_address: int | None) -> ConnectionLimits:
-    """What `--idle-timeout` and `--connections` say. Raises WrongWords."""
+    """What `--idle-timeout` and `--connections` say. Raises WordsError."""
     from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
     from framekit.definition.times import parse_time
 
@@ -242,13 +259,13 @@ def connection_limits(idle: str | None, per_address: int | None) -> ConnectionLi
             per_address=DEFAULT_LIMITS.per_address if per_address is None else per_address,
         )
     except ValueError as error:
-        raise WrongWords(str(error)) from None
+        raise WordsError(str(error)) from None
 
 
 def _captured(
     path: Path | None, clock: AsyncioClock, stack: contextlib.ExitStack, lost: Callable[[str], None]
 ) -> Callable[[Port], Port] | None:
-    """Puts a capture around every port; it ends with `stack`. Raises Failure."""
+    """Puts a capture around every port; it ends with `stack`. Raises VerbError."""
     from framekit.service.capture import Capture
 
     if path is None:
@@ -256,7 +273,7 @@ def _captured(
     try:
         capture = Capture(path, (1,), clock)
     except OSError as error:
-        raise Failure(why_not(error)) from None
+        raise VerbError(why_not(error)) from None
 
     def close() -> None:
         capture.close()
@@ -270,15 +287,15 @@ def _captured(
 async def _open(
     url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: contextlib.ExitStack
 ) -> Served:
-    """Opens the port, or begins to listen; how it is called. Raises NoPort when that can't be done."""
+    """Opens the port, or begins to listen; how it is called. Raises PortError when that can't be done."""
     from framekit.service.serving_ports import begin_serving
 
     try:
         return await begin_serving(url, serving, clock, first_state, stack)
     except OSError as error:
-        raise NoPort(f"{url}: {error.strerror}" if error.strerror else str(error)) from None
+        raise PortError(f"{url}: {error.strerror}" if error.strerror else str(error)) from None
     except ValueError as error:
-        raise WrongWords(str(error)) from None
+        raise WordsError(str(error)) from None
 
 
 def warnings_of(device: Device) -> list[str]:
@@ -289,3 +306,222 @@ def warnings_of(device: Device) -> list[str]:
         what = f"the memory has no area for {', '.join(missing)} of {device.protocol.name}"
         found.append(f"{what}: requests for them are refused – add --map {missing[0]}=ADDRESS")
     return found
+
+
+class ServeOutput:
+    """Watches devices. `began` is when time began; `lost` is called when nobody reads the output any more."""
+
+    def __init__(self, devices: Sequence[Device], began: int, lost: Callable[[], None]) -> None:
+        self.devices = devices
+        self.began = began
+        self.lost = lost
+        self.is_ready = False
+        self._trouble: OSError | None = None
+
+    def line(self, text: str) -> None:
+        """Prints a line at once. When that can't be done, serving ends."""
+        if self._trouble is None:
+            try:
+                print(text, flush=True)
+            except OSError as error:
+                self._trouble = error
+                self.lost()
+
+    def check(self) -> None:
+        """Raises OSError when something could not be printed."""
+        if self._trouble is not None:
+            raise self._trouble
+
+    def seen(self, port: str, number: int, seen: Seen) -> None:
+        """Every device hears what comes: the first one's ears are enough."""
+        if self.is_ready and (number == 0 or seen.direction == "out" or seen.kind == "trouble"):
+            self.show(port, number, seen)
+
+    def show(self, port: str, number: int, seen: Seen) -> None:
+        raise NotImplementedError
+
+    def warning(self, text: str) -> None:
+        print(text, file=sys.stderr)
+
+    def ready(self, served: Served) -> None:
+        """The port is open: requests can come."""
+        self.is_ready = True
+        self.show_ready(served)
+
+    def show_ready(self, served: Served) -> None:
+        raise NotImplementedError
+
+    def summary(self, serving: Serving) -> None:
+        raise NotImplementedError
+
+    def status(self, serving: Serving, now: int) -> None:
+        """The same while it goes on."""
+        raise NotImplementedError
+
+    def reasons(self, serving: Serving, number: int) -> dict[str, int]:
+        """Why a device has refused requests, and how often."""
+        from framekit.service.service_counters import refusal_text
+
+        protocol, counters = self.devices[number].protocol, serving.stores[number].counters
+        return {refusal_text(protocol, code): count for code, count in sorted(counters.refused.items())}
+
+
+def _client(port: str) -> str:
+    """A connection by its other side; nothing for the one port there is."""
+    return port.removeprefix("tcp://") if port.startswith("tcp://") else ""
+
+
+class TextServeOutput(ServeOutput):
+    """For people."""
+
+    def show_ready(self, served: Served) -> None:
+        own = list(dict.fromkeys(device.station for device in self.devices if device.own is not None))
+        stations = f" station{'s' if len(own) > 1 else ''} {', '.join(own)}" if own else ""
+        names = dict.fromkeys(device.protocol.name for device in self.devices)
+        self.line(f"ready: {', '.join(names)}{stations} on {served.about}")
+
+    def show(self, port: str, number: int, seen: Seen) -> None:
+        self.line(seen_text(seen, (seen.at - self.began) / 1e9, _client(port)))
+
+    def summary(self, serving: Serving) -> None:
+        rows, reasons, status = [], [], []
+        for number, store in enumerate(serving.stores):
+            own = store.device.station or "-"
+            rows.append((own, str(store.counters.done), str(store.counters.errors)))
+            reasons += [(own, text, str(count)) for text, count in self.reasons(serving, number).items()]
+            status += [(own, name, str(value)) for name, value in serving.published(number).items()]
+        reasons += [("line", text, str(count)) for text, count in sorted(serving.line_errors.items())]
+        self.line("\n" + table(rows, ("station", "services", "errors")))
+        if reasons:
+            self.line("\n" + table(reasons, ("where", "reason", "count")))
+        if status:
+            self.line("\n" + table(status, ("station", "status", "value")))
+
+    def status(self, serving: Serving, now: int) -> None:
+        self.line(f"\nstatus at {(now - self.began) / 1e9:.3f} s")
+        self.summary(serving)
+        self.line("")
+
+
+class JsonServeOutput(ServeOutput):
+    """One JSON object a line."""
+
+    def data(self, line: dict[str, Any]) -> None:
+        self.line(json.dumps(line, ensure_ascii=False))
+
+    def show_ready(self, served: Served) -> None:
+        stations = [_plain(device.own) for device in self.devices if device.own is not None]
+        protocol = self.devices[0].protocol.name
+        ready = {"event": "ready", "protocol": protocol, "port": served.port, "stations": stations}
+        line = served.about.removeprefix(served.port).removeprefix(" at ")
+        self.data({**ready, "line": line} if line else ready)
+
+    def show(self, port: str, number: int, seen: Seen) -> None:
+        from framekit.codec.plain import PlainValues
+
+        device = self.devices[number]
+        where = {"client": _client(port)} if _client(port) else {}
+        if seen.direction == "out" and device.own is not None:
+            where["station"] = _plain(device.own)
+        self.data(seen_data(seen, (seen.at - self.began) / 1e9, PlainValues(device.protocol), **where))
+
+    def summary(self, serving: Serving) -> None:
+        for number, store in enumerate(serving.stores):
+            counters = store.counters
+            line = {
+                "event": "station",
+                "station": _plain(store.device.own),
+                "services": counters.done,
+                "errors": counters.errors,
+                "reasons": self.reasons(serving, number),
+                "status": {name: _plain(value) for name, value in serving.published(number).items()},
+            }
+            self.data({key: value for key, value in line.items() if value not in ({}, None)})
+        self.data({"event": "line", "connections": serving.connections, "reasons": dict(serving.line_errors)})
+
+    def status(self, serving: Serving, now: int) -> None:
+        self.data({"event": "status", "time": (now - self.began) / 1e9})
+        self.summary(serving)
+
+
+def _plain(value: Any) -> Any:
+    return value.hex(" ").upper() if isinstance(value, bytes) else value
+
+
+class ServeSession(LiveSession):
+    """Devices on one line; the first is channel 1, and shows what all of them hear."""
+
+    def __init__(
+        self, arguments: argparse.Namespace, devices: list[Device], line: LineFormat | None, duration: int | None
+    ) -> None:
+        self.title = f"serve {arguments.port}"
+        self.devices = devices
+        self.problems: list[str] = []
+        self.serving: Serving | None = None
+        self._lost: list[str] = []
+        self._arguments = arguments
+        self._line = line
+        self._duration = duration
+        self._stack = contextlib.ExitStack()
+        self._opening: asyncio.Task[None] | None = None
+        self._state = "opening"
+        self._view: LiveView | None = None
+
+    def begin(self) -> LiveView:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        numbered = dict(enumerate(self.devices, 1))
+        log = FrameLog(
+            {number: device.protocol for number, device in numbered.items()},
+            {number: device.role for number, device in numbered.items()},
+            {number: device.params for number, device in numbered.items()},
+        )
+        load = LineLoad(self._line, clock.now())
+        lines = {number: LineOf(self._name(device), lambda: self._state, load) for number, device in numbered.items()}
+        self._view = LiveView(log, clock, lines)
+        self._opening = asyncio.get_running_loop().create_task(self._open(clock, _watcher(log, load)))
+        return self._view
+
+    def _name(self, device: Device) -> str:
+        own = f" station {device.station}" if device.station else ""
+        return f"{device.protocol.name}{own}" + ("" if self._line is None else f" {self._line}")
+
+    async def _open(self, clock: AsyncioClock, monitor: Callable[[str, int, Seen], None]) -> None:
+        for device in self.devices:
+            self.problems += warnings_of(device)
+        try:
+            self.serving, served = await begin(
+                self._arguments, self.devices, self._line, clock, monitor, self._lost.append, self._stack
+            )
+        except VerbError as failure:
+            self.failure = failure
+        else:
+            self._state = f"on {served.about}"
+
+    @property
+    def is_over(self) -> bool:
+        late = self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
+        return late or self.failure is not None
+
+    async def end(self) -> None:
+        if self._opening is not None:
+            self._opening.cancel()
+            await asyncio.gather(self._opening, return_exceptions=True)
+        self._stack.close()
+        self.problems += self._lost
+        self.lost = bool(self._lost)
+
+
+def _watcher(log: FrameLog, load: LineLoad) -> Callable[[str, int, Seen], None]:
+    """Every device hears what comes: the first one's ears are enough."""
+
+    def watch(port: str, number: int, seen: Seen) -> None:
+        sent = seen.direction == "out"
+        if number and not sent and seen.kind != "trouble":
+            return
+        log.add(number + 1, seen)
+        if sent:
+            load.bytes_out += len(seen.raw)
+        else:
+            load.bytes_in += len(seen.raw)
+
+    return watch

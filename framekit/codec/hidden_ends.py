@@ -9,24 +9,27 @@ from collections.abc import Iterator
 
 from framekit.codec.codec import Codec
 from framekit.codec.samples import Sampler
+from framekit.definition.check.frames import takes_rest, title
+from framekit.definition.model.contents import bytes_of
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check, Const, Data, Inner, Segment
+from framekit.definition.model.segments import Check, Const, Data, Inner, Optional, Repeat, Segment
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Problem
-
-_DIGITS = b"0123456789ABCDEF"
 
 
 def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
     """At most one warning a frame. Delimited bodies cannot hold their end: that is checked elsewhere."""
     for frame in protocol.frames.values():
         for place, segment in enumerate(frame.segments[:-1]):
-            end = frame.segments[place + 1]
-            if frame.delimited or not isinstance(segment, Data) or not isinstance(end, Const) or segment.when:
+            if frame.delimited or segment.when:
                 continue
-            warning = _warning(protocol, frame, segment, end, frame.segments[place + 2 :])
-            if warning is not None and _may_hold(segment, end.data[0]):
+            behind = frame.segments[place + 1 :]
+            end = next((one for one in behind if isinstance(one, Const) and one.when is None), None)
+            if end is None:
+                break
+            warning = _warning(protocol, frame, segment, end, behind)
+            if warning is not None:
                 yield warning
                 break
 
@@ -47,18 +50,27 @@ def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
             yield Problem(frame.at, what, todo)
 
 
-def _may_hold(data: Data, byte: int) -> bool:
-    return data.convert != "hex_to_ascii" or byte in _DIGITS
-
-
-def _warning(protocol: Protocol, frame: Frame, data: Data, end: Const, behind: tuple[Segment, ...]) -> Problem | None:
+def _warning(
+    protocol: Protocol, frame: Frame, segment: Segment, end: Const, behind: tuple[Segment, ...]
+) -> Problem | None:
     sign = f"{end.data[0]:02X}"
-    if data.size == "rest":
+    before = behind[: behind.index(end)]
+    open_ended = takes_rest(segment) or (isinstance(segment, Inner) and segment.size == "rest")
+    if open_ended and end.data[0] in bytes_of([segment, *before], protocol.frames):
         guarded = any(check.verify == "error" for check in parts_of(behind, Check))
         where = f"the first {sign} with a fitting check code" if guarded else f"the first {sign}, whatever was meant"
-        what = f"'{data.name}' may hold {sign}, which ends it: '{frame.name}' ends at {where}"
-        return Problem(data.at, what, "give it a size, or send it as digits or in a wrap", warning=True)
-    if protocol.profile is not None and isinstance(data.size, int) and end in frame.tail:
-        what = f"'{data.name}' may hold {sign}, the first byte of the tail: '{frame.name}' ends by its size, not there"
-        return Problem(data.at, what, "nothing to do if the size is right", warning=True)
+        holder, todo = segment, "give it a size, or send it as digits or in a wrap"
+        if isinstance(segment, (Repeat, Optional)):
+            todo = "say by a field how much there is of it, or send it as digits or in a wrap"
+        if end.data[0] not in bytes_of([segment], protocol.frames):
+            holder = next(one for one in before if end.data[0] in bytes_of([one], protocol.frames))
+            todo = "send it as digits, or put it after the end"
+        what = f"{title(holder)} may hold {sign}, which ends it: '{frame.name}' ends at {where}"
+        return Problem(holder.at, what, todo, warning=True)
+    sized = protocol.profile is not None and isinstance(segment, Data) and isinstance(segment.size, int)
+    if sized and not before and end in frame.tail and end.data[0] in bytes_of([segment]):
+        what = (
+            f"{title(segment)} may hold {sign}, the first byte of the tail: '{frame.name}' ends by its size, not there"
+        )
+        return Problem(segment.at, what, "nothing to do if the size is right", warning=True)
     return None

@@ -18,7 +18,7 @@ from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
 from framekit.service.device import DeviceService, DeviceStore, stores_of
 from framekit.transport.clock import Clock
-from framekit.transport.port import AcceptedPort, Listener, Port, SharedPort
+from framekit.transport.port import AcceptedPort, Port, PortListener, SharedPort
 from framekit.transport.schemes import make_listener
 
 ServingMonitor = Callable[[str, int, Seen], None]
@@ -57,7 +57,7 @@ class Serving:
         self.line_errors: Counter[str] = Counter()
         self.connections = 0
         self.limits = limits
-        self.listener: Listener | None = None
+        self.listener: PortListener | None = None
         self._hosts: dict[Port, str] = {}
         self._idle_alarm = clock.alarm(self._close_idle)
 
@@ -67,7 +67,7 @@ class Serving:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
         self._begin(port, lambda state: self.on_state(port.name, state))
 
-    async def listen(self, url: str) -> Listener:
+    async def listen(self, url: str) -> PortListener:
         """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
         self.listener = listener = make_listener(url, self.clock, self.accept)
         await listener.start()

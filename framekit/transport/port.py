@@ -108,7 +108,7 @@ Accepted = Callable[[AcceptedPort], None]
 """Gets the port, not yet opened, of each connection that comes."""
 
 
-class Listener(ABC):
+class PortListener(ABC):
     """Listens somewhere and makes a port of everything that connects. It can listen again after it was stopped.
 
     `name`: where it listens; `reached`: how others name it. Both are exact once it listens.

@@ -18,7 +18,7 @@ from framekit.definition.line_settings import PLAIN, LineSettings
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
     from framekit.transport.clock import AsyncioClock, Clock
-    from framekit.transport.port import Accepted, Listener, Port
+    from framekit.transport.port import Accepted, Port, PortListener
 
 ENTRY_POINTS = "framekit.ports"
 SIMULATED = "sim"
@@ -27,7 +27,7 @@ SIMULATED = "sim"
 Open = Callable[[str, "LineFormat | None", "AsyncioClock", LineSettings], "Port"]
 """Makes a port of a whole URL, not yet opened. Raises ValueError, with a sentence, for what is no such URL."""
 
-Listen = Callable[[str, "AsyncioClock", "Accepted"], "Listener"]
+Listen = Callable[[str, "AsyncioClock", "Accepted"], "PortListener"]
 """Makes a listener of a whole URL, not yet listening. Raises ValueError, with a sentence, for what is no such URL."""
 
 
@@ -64,7 +64,7 @@ def _open_tcp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring
     return TcpPort(*host_and_port(url), clock, wiring.connect_within)
 
 
-def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> Listener:
+def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
     from framekit.transport.tcp import TcpListener
 
     return TcpListener(*host_and_port(url), clock, accepted)
@@ -76,7 +76,7 @@ def _open_udp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring
     return UdpPort(*host_and_port(url), clock, listens=scheme_name(url) == "udp-listen")
 
 
-def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> Listener:
+def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
     from framekit.transport.udp import UdpListener
 
     return UdpListener(*host_and_port(url), clock, accepted)
@@ -188,7 +188,7 @@ def open_port(
     return wired(port, wiring, clock)
 
 
-def make_listener(url: str, clock: Clock, accepted: Accepted) -> Listener:
+def make_listener(url: str, clock: Clock, accepted: Accepted) -> PortListener:
     """A listener, not yet listening. Raises ValueError as `open_port`."""
     kind = scheme_of(url)
     if kind is None or kind.listen is None:

@@ -19,7 +19,7 @@ from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_port import (
+from framekit.transport.serial_device import (
     READ_SIZE,
     SERIAL_ERRORS,
     SerialConnection,

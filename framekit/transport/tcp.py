@@ -8,7 +8,7 @@ import os
 import socket
 
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.port import Accepted, AcceptedPort, Listener, Port, PortEvents
+from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener
 
 CONNECT_WITHIN = 10.0
 """How long making a connection may take (s); some networks never refuse one."""
@@ -229,7 +229,7 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
             connection.transport.resume_reading()
 
 
-class TcpListener(Listener):
+class TcpListener(PortListener):
     """Accepts connections; `accepted` gets a port, not yet opened, for each. `number` 0 asks for any that is free."""
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:

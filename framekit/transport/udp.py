@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.port import Accepted, AcceptedPort, Listener, Port, PortEvents
+from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener
 from framekit.transport.tcp import bracketed
 
 LARGEST = 65_507
@@ -247,7 +247,7 @@ class SenderPort(AcceptedPort):
         self.listener.forget(self)
 
 
-class UdpListener(asyncio.DatagramProtocol, Listener):
+class UdpListener(asyncio.DatagramProtocol, PortListener):
     """Hears datagrams; `accepted` gets a port, not yet opened, for each sender. `number` 0 asks for any that is free.
 
     The port of a sender that has been closed is forgotten: the next datagram of the same sender makes a new one.

@@ -55,6 +55,21 @@ def test_reads_and_writes(simulated: str) -> None:
         assert client.read_many(["40010", "40001"]) == [2, 1]
 
 
+def test_frames_with_a_check_code_before_their_end_constant_are_read_by_what_is_in_them(tmp_path: Path) -> None:
+    """A reply in several frames, each ended by `check, *, CR` or `check, CR`; the bytes beside it are the data."""
+    protocol = tmp_path / "host-link.yaml"
+    protocol.write_bytes((Path(__file__).parents[1] / "data" / protocol.name).read_bytes())
+    device = tmp_path / "d.device.yaml"
+    device.write_text("device: d\nprotocol: host-link\nmemory: {set: {D100: [1, 2, 3, 4]}}\n")
+    frames: list[framekit.Seen] = []
+    with framekit.connect(protocol, f"sim:{device}", monitor=frames.append) as client:
+        assert client.read("D99", 5) == [0, 1, 2, 3, 4]
+        client.write("D30", [7, 8])
+        assert client.read("D0", 120) == [0] * 30 + [7, 8] + [0] * 68 + [1, 2, 3, 4] + [0] * 16
+    named = [seen.frame for seen in frames if seen.frame is not None and seen.direction == "in"]
+    assert named == ["whole", "done", "first", "middle", "middle", "middle", "last"]
+
+
 @pytest.mark.parametrize(
     ("type_", "order", "values", "words"),
     [

@@ -8,7 +8,7 @@ import pytest
 
 import framekit
 from framekit.api.errors import RequestError
-from framekit.api.typed import typed
+from framekit.api.values import typed
 from framekit.blocks.load import load_run
 from framekit.codec.codec import compile_protocol
 from framekit.link.services.rows import ServiceRows

@@ -12,8 +12,7 @@ import pytest
 
 from framekit.blocks.jobs.diagnosis import status_of
 from framekit.blocks.jobs.slot import Slot
-from framekit.cli.commreq_jobs import JobCommands, carry_out_jobs
-from framekit.cli.commreq_run import NO_ANSWER
+from framekit.cli.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
 from framekit.cli.main import build_parser
 from framekit.definition.load import load_protocol
 

@@ -353,8 +353,8 @@ AROUND = (
     "{field: st, type: u8}, {inner: pdu, of: inside}, {check: sum8}",
     "{length: len, type: u16, of: [st, pdu]}, {field: st, type: u8}, {inner: pdu, of: inside, size: len - 1}",
     "{length: len, type: u8, of: [pdu], unit: 2}, {inner: pdu, of: inside, size: 2 * len}, {field: st, type: u8}",
-    "{const: DLE STX}, {wrap: {escape: DLE}, of: [{inner: pdu, of: inside}]}, {field: st, type: u8}, "
-    "{check: crc16-arc, over: [pdu], order: little}",
+    "{const: DLE STX}, {wrap: {escape: DLE}, of: [{inner: pdu, of: inside}]}, {const: DLE ETX}, "
+    "{field: st, type: u8}, {check: crc16-arc, over: [pdu], order: little}",
     "{const: 3A}, {wrap: hex, of: [{field: st, type: u8}, {inner: pdu, of: inside}, {check: lrc}]}, {const: 0D 0A}",
 )
 """What stands around a random frame."""

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from framekit.codec import support
 from framekit.codec.evaluate import EVALUATION_ERRORS, FUNCTIONS, MissingName, evaluate
 from framekit.definition.expression.emit import emit
-from framekit.definition.expression.functions import FUNCTIONS as KNOWN_FUNCTIONS
 from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression.syntax import FUNCTIONS as KNOWN_FUNCTIONS
 from framekit.definition.expression.syntax import Attribute, LineTime, Name
 from framekit.definition.problems import NOWHERE
 

@@ -104,6 +104,42 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 5},
         "05",
     ),
+    "what is in a hex part goes by a field before it": (
+        "[{field: k, type: u8}, {wrap: hex, of: [{field: x, type: u8, when: k > 3}]}, {check: sum8}]",
+        {"k": 5, "x": 3},
+        "05 30 33 68",
+    ),
+    "a hex part with nothing in it": (
+        "[{field: k, type: u8}, {wrap: hex, of: [{field: x, type: u8, when: k > 3}]}, {check: sum8}]",
+        {"k": 1},
+        "01 01",
+    ),
+    "what is in a hex part goes by a field of a record before it": (
+        "[{include: hop, as: h}, {wrap: hex, of: [{data: x, size: h.a}]}, {check: sum8}]",
+        {"h": {"a": 2}, "x": b"ab"},
+        "02 36 31 36 32 D1",
+    ),
+    "a length counts what data are filled up with": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [d, e]}, {data: d, size: k, pad: 2E}, {data: e, size: rest}]",
+        {"k": 3, "d": b"a", "e": b"b"},
+        "03 04 61 2E 2E 62",
+    ),
+    "a length counts what a text is filled up with": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [t, e]}, {field: t, type: ascii, size: k, pad: 2E},"
+        " {data: e, size: rest}]",
+        {"k": 3, "t": "a", "e": b"b"},
+        "03 04 61 2E 2E 62",
+    ),
+    "data that are filled up have their whole length": (
+        "[{field: k, type: u8}, {data: d, size: k, pad: 2E}, {field: n, type: u8, is: len(d)}]",
+        {"k": 3, "d": b"a"},
+        "03 61 2E 2E 03",
+    ),
+    "a frame inside may be empty data": (
+        "[{field: k, type: u8}, {inner: i, of: [open]}]",
+        {"k": 3, "i": {"open": {"d": b""}}},
+        "03",
+    ),
 }
 """By what it shows: a body, values, their bytes."""
 REFUSED: dict[str, tuple[str, str]] = {
@@ -135,6 +171,42 @@ REFUSED: dict[str, tuple[str, str]] = {
         "[{data: d, size: rest}, {const: 03}], size: 9, fill: 00",
         "'d' reaches to the end of the body, and would read what fills 'f' up",
     ),
+    "a frame inside that only silence ends, and a size behind it": (
+        "[{inner: i, of: [open]}, {field: n, type: u8}, {data: d, size: n}, {const: 7E}]",
+        "nothing shows where 'i' ends and 'd' begins – give it a size",
+    ),
+    "a frame inside that may be nothing": (
+        "[{field: k, type: u8}, {inner: i, of: [nothing]}]",
+        "'nothing' may take no bytes, so nothing shows that it is there",
+    ),
+    "digits that a constant may be read as": (
+        "[{wrap: hex, of: [{data: a, size: rest}]}, {text: ab}, {data: b, size: rest}]",
+        "two parts take the rest: nothing shows where the wrap part ends",
+    ),
+    "a rest in a case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{data: a, size: rest}]}, else: []}, {data: b, size: rest}]",
+        "two parts take the rest: nothing shows where the choose part ends",
+    ),
+    "rests in a wrap": (
+        "[{wrap: {escape: DLE}, of: [{data: a, size: rest}, {data: b, size: rest}]}, {const: 10 03}]",
+        "two parts take the rest: nothing shows where 'a' ends",
+    ),
+    "a region that no escape byte need end": (
+        "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{data: a, size: k}]}, {const: 10 03, when: k}, {text: ab}]",
+        "nothing shows where the wrap part ends: no 10 need follow it",
+    ),
+    "a range in another case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{field: a, type: u8}], 2: [{check: sum8, over: a..here}]}}]",
+        "the range of a check ends in a case: 'a'",
+    ),
+    "a range of a record without bytes": (
+        "[{field: k, type: u8}, {include: held, as: v}, {field: a, type: u8}, {check: sum8, over: v..here}]",
+        "'v' takes no bytes – name segments that stand on the wire",
+    ),
+    "a range that begins with what takes no bytes": (
+        "[{field: k, type: u8}, {value: v, read: k}, {field: a, type: u8}, {check: sum8, over: v..here}]",
+        "'v' takes no bytes – name segments that stand on the wire",
+    ),
 }
 """By what it shows: a body, and what is said about it."""
 
@@ -142,8 +214,12 @@ REFUSED: dict[str, tuple[str, str]] = {
 PART = "part: [{field: a, type: u8}, {field: b, type: u8, when: a > 3}]"
 
 
+FRAMES = "open: {body: [{data: d, size: rest}]}, nothing: {body: [{const: 05, when: 1 == 2}]}"
+
+
 def protocol_of(body: str) -> str:
-    return f"protocol: found\nlayouts: {{hop: [{{field: a, type: u8}}], {PART}}}\nframes: {{f: {{body: {body}}}}}"
+    layouts = f"layouts: {{hop: [{{field: a, type: u8}}], {PART}, held: [{{require: k > 3}}]}}"
+    return f"protocol: found\n{layouts}\nframes: {{f: {{body: {body}}}, {FRAMES}}}"
 
 
 @pytest.mark.parametrize("title", FOUND)

@@ -88,6 +88,18 @@ BODIES = {
         "{const: 02}, {data: d, size: rest}, {const: 03}, {check: crc16-modbus}",
         {"d": b"a\x03b\x03\x03c"},
     ),
+    "checked before the constant": (
+        "{const: 02}, {data: d, size: rest}, {check: crc16-modbus}, {const: 03}, {field: a, type: u8}",
+        {"d": b"a\x03b\x03\x03c", "a": 3},
+    ),
+    "digits of a check code before the constant": (
+        "{text: '@'}, {data: d, size: rest, convert: hex_to_ascii}, {check: xor8, as: hex}, {text: '*'}, {const: CR}",
+        {"d": b"*\r*"},
+    ),
+    "a list before the constant": (
+        "{repeat: r, times: rest, of: [{field: a, type: dec, size: 3}]}, {check: sum8, as: hex}, {const: CR}",
+        {"r": [{"a": 1}, {"a": 222}]},
+    ),
     "hex": (
         "{text: ':'}, {wrap: hex, of: [{data: d, size: rest}, {check: lrc8}]}, {const: CR LF}",
         {"d": b"xy"},
@@ -129,6 +141,16 @@ def test_only_leading_constants_say_that_a_frame_does_not_begin_here() -> None:
         assert codec.measure("f", damaged[: place + 1]) == 0, "as soon as it shows"
     assert codec.measure("f", bytes.fromhex("01 01 01 02 06 09")) == 6
     assert codec.measure("f", bytes.fromhex("01 01 01 02 05 08")) == 6
+
+
+def test_a_constant_that_cannot_stand_in_the_content_ends_damaged_frames_too() -> None:
+    codec = codec_of("[{text: '@'}, {data: d, size: rest, convert: hex_to_ascii}, {check: xor8, as: hex}, {const: CR}]")
+    data = codec.encode("f", {"d": b"abc"})
+    for place in range(1, len(data) - 1):
+        assert codec.measure("f", data[:place] + b"0" + data[place + 1 :] + b"@00\r") == len(data)
+    codec = codec_of("[{const: 40}, {data: d, size: rest}, {check: xor8, as: hex}, {const: CR}]")
+    data = codec.encode("f", {"d": b"abc"})
+    assert codec.measure("f", data[:-2] + b"?" + data[-1:]) == -1, "it may be part of the content"
 
 
 def test_lost_ends() -> None:

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression.parse import ExpressionError, parse_expression
 from framekit.definition.expression.syntax import names_in
-from framekit.definition.expression.tokens import ExpressionError
 from framekit.definition.problems import Position
 from framekit.definition.times import NEVER
 from framekit.link.evaluate import Names, compile_expression

@@ -8,7 +8,7 @@ import pytest
 
 from framekit.blocks.load import load_run
 from framekit.blocks.run_edit import Edit, plan_edit
-from framekit.cli.status_output import status_data, status_text
+from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen
 from framekit.service.run import RunService

@@ -8,7 +8,8 @@ import pytest
 
 from framekit.definition.line_settings import PLAIN, LineSettings, Modem
 from framekit.transport.clock import VirtualClock
-from framekit.transport.serial_port import SerialConnection, SerialPort
+from framekit.transport.serial_device import SerialConnection
+from framekit.transport.serial_port import SerialPort
 
 SECOND = 1_000_000_000
 

@@ -15,7 +15,7 @@ from framekit.definition.line_settings import LineSettings
 from framekit.definition.times import LineFormat
 from framekit.transport import schemes
 from framekit.transport.clock import AsyncioClock, VirtualClock
-from framekit.transport.port import Accepted, AcceptedPort, Listener, Port, PortEvents
+from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener
 from framekit.transport.schemes import SCHEMES, Scheme, open_port, scheme_of
 
 LISTENING: dict[str, PipeListener] = {}
@@ -78,7 +78,7 @@ class PipePort(PipeEnd):
         super().open(events)
 
 
-class PipeListener(Listener):
+class PipeListener(PortListener):
     def __init__(self, url: str, clock: AsyncioClock, accepted: Accepted) -> None:
         self.name = self.reached = url
         self.accepted = accepted

@@ -5,22 +5,22 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from framekit.cli.main import Failure
+from framekit.cli.common import VerbError
 
 if TYPE_CHECKING:
-    from framekit.cli.screen.session import Session
+    from framekit.cli.screen.session import LiveSession
 
 MISSING = "the live display needs textual – install framekit with the extra 'screen'"
 
 
-def show(session: Session) -> int:
-    """Until its time is over or somebody quits. Raises Failure, DefinitionError."""
+def show(session: LiveSession) -> int:
+    """Until its time is over or somebody quits. Raises VerbError, DefinitionError."""
     try:
         from framekit.cli.screen.app import MonitorApp
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in ("textual", "rich"):
             raise
-        raise Failure(MISSING) from None
+        raise VerbError(MISSING) from None
     app = MonitorApp(session)
     app.run()
     failure = app.failure or session.failure
@@ -29,7 +29,7 @@ def show(session: Session) -> int:
 
         if isinstance(failure, DefinitionError):
             raise failure
-        raise failure if isinstance(failure, Failure) else Failure(str(failure))
+        raise failure if isinstance(failure, VerbError) else VerbError(str(failure))
     for problem in session.problems:
         print(problem, file=sys.stderr)
     return 1 if session.lost else 0

@@ -170,6 +170,17 @@ class Building:
                 return found | self.waits(type_.size if isinstance(type_.size, Expression) else None)
         return {f"bytes of {name}"}
 
+    def fills_up(self, item: Data | Field) -> bool:
+        """Whether a value that is too short is filled up to a size that others tell."""
+        if isinstance(item, Data):
+            return item.pad is not None and item.size != "rest" and self.size_by_length(item) is None
+        is_filled = item.type.pad is not None or item.type.end is not None
+        return is_filled and isinstance(item.type.size, Expression) and self.size_by_length(item) is None
+
+    def bounded(self, size: Expression, scope: Scope) -> str:
+        """Text of a size that is computed: what is filled up to it has a bound."""
+        return f"{self.module.function('room')}({self.text(size, scope)})"
+
     # ---- room ---------------------------------------------------------------------------------------------
 
     def room(self, names: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
@@ -225,7 +236,8 @@ class Building:
                 text = self.text(type_.size, scope, PRODUCT + 1)
             case Field(long=None):
                 text = f"len({local})"
-                if segment.type.kind not in ("ascii", "bytes") and isinstance(segment.type.size, Expression):
+                is_number = segment.type.kind not in ("ascii", "bytes")
+                if isinstance(segment.type.size, Expression) and (is_number or self.fills_up(segment)):
                     text = self.text(segment.type.size, scope, PRODUCT + 1)
                 elif segment.type.end is not None:
                     text += f" + {len(segment.type.end)}"

@@ -12,8 +12,8 @@ from typing import Any, Literal, Protocol
 
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import AND, ATOM, COMPARE, CONDITIONAL, emit
-from framekit.definition.expression.functions import FUNCTIONS
 from framekit.definition.expression.syntax import (
+    FUNCTIONS,
     Attribute,
     Binary,
     Bytes,

@@ -9,8 +9,8 @@ from framekit.codec.python.branches import default_text
 from framekit.codec.python.building import Building
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.order import Task
-from framekit.codec.python.source import Code, literal, quoted, text_source
-from framekit.definition.expression.emit import AND, COMPARE, OR
+from framekit.codec.python.source import Code, bytes_literal, literal, quoted, text_source
+from framekit.definition.expression.emit import AND, OR
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
 from framekit.definition.model.segments import BitsPart, Count, Data, Field, Length, Segment
 
@@ -66,8 +66,7 @@ class FieldValueWriter(Building):
 
     def _text_size(self, item: Field, size: Expression, scope: Scope, given: Given) -> None:
         """A text or bytes must be as long as other values say."""
-        is_filled = item.type.pad is not None or item.type.end is not None
-        self._sized_as_told(item, item.name, size, is_filled, scope, given)
+        self._sized_as_told(item, item.name, size, scope, given)
 
     def local(self, name: str, given: Given) -> str:
         """The local that a value is to be in."""
@@ -248,7 +247,8 @@ class FieldValueWriter(Building):
     # ---- data ---------------------------------------------------------------------------------------------
 
     def data_tasks(self, data: Data, scope: Scope, given: Given) -> list[Task]:
-        tasks = [Task((data.name,), self.waits(data.when), lambda _: self._data(data, scope, given))]
+        filled = data.size if self.fills_up(data) and isinstance(data.size, Expression) else None
+        tasks = [Task((data.name,), self.waits(data.when, filled), lambda _: self._data(data, scope, given))]
         if isinstance(data.size, Expression) and self.size_by_length(data) is None:
             waits = {data.name} | self.waits(data.size, data.when)
             tasks.append(Task((), waits, lambda _: self._data_size(data, scope, given)))
@@ -266,11 +266,28 @@ class FieldValueWriter(Building):
             self.add(f'{local} = {key} if {self.text(data.when, scope, OR)} else b""')
         if isinstance(data.size, (int, Expression)) or data.least or self.is_measured(data.name):
             self.no_bytes(local)
+        if self.fills_up(data):
+            self._fill_up(data, local, scope)
         if isinstance(data.size, int):
-            self.refuse(data, scope, f"len({local}) {'!=' if data.pad is None else '>'} {data.size}")
-        if data.least and not isinstance(data.size, int) and data.pad is None:
+            self.refuse(data, scope, f"len({local}) != {data.size}")
+        elif data.least:
             self.refuse(data, scope, f"len({local}) < {data.least}")
         scope.entries[data.name] = Entry(local)
+
+    def _fill_up(self, data: Data, local: str, scope: Scope) -> None:
+        """Data that are too short get as long as they must be, before anybody asks for their length."""
+        assert data.pad is not None and isinstance(data.size, (int, Expression))
+        conditions = [] if data.when is None else [self.text(data.when, scope, AND)]
+        size = str(data.size)
+        if isinstance(data.size, Expression):
+            conditions += self._is_announced(data.size, scope)
+            size = self.bounded(data.size, scope)
+        line = f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
+        if conditions:
+            with self.out.block(f"if {' and '.join(conditions)}:"):
+                self.add(line)
+        else:
+            self.add(line)
 
     def is_measured(self, name: str) -> bool:
         """Whether something may depend on the length of data, beside their own size."""
@@ -283,19 +300,22 @@ class FieldValueWriter(Building):
 
     def _data_size(self, data: Data, scope: Scope, given: Given) -> None:
         assert isinstance(data.size, Expression)
-        self._sized_as_told(data, data.name, data.size, data.pad is not None, scope, given)
-        if data.least and data.pad is not None:  # it is filled up first
-            self.refuse(data, scope, f"{self.text(data.size, scope, COMPARE)} < {data.least}")
+        self._sized_as_told(data, data.name, data.size, scope, given)
 
-    def _sized_as_told(
-        self, item: Field | Data, name: str, told: Expression, is_filled: bool, scope: Scope, given: Given
-    ) -> None:
+    def _sized_as_told(self, item: Field | Data, name: str, told: Expression, scope: Scope, given: Given) -> None:
         """A value must be as long as others say; one that is filled up may be shorter."""
         local, size = scope.entries[name].text, self.text(told, scope)
-        found = f"max(len({local}), {size})" if is_filled else f"len({local})"
+        is_text = isinstance(item, Field) and self.fills_up(item)
+        found = f"max(len({local}), {size})" if is_text else f"len({local})"
         conditions = [] if item.when is None else [self.text(item.when, scope, AND)]
+        conditions += self._is_announced(told, scope)
+        self.compare_size((*given.path, name), found, size, conditions)
+
+    def _is_announced(self, told: Expression, scope: Scope) -> list[str]:
+        """Texts of the conditions that what a size goes by has been announced."""
+        found = []
         for other in sorted(self.waits(told)):
             state = self.module.protocol.state.get(other)
             if state is not None and state.announced and scope.find(other) is None:
-                conditions.append(f"{self.module.given(other)} is not None")
-        self.compare_size((*given.path, name), found, size, conditions)
+                found.append(f"{self.module.given(other)} is not None")
+        return found

@@ -92,8 +92,8 @@ class MeasureWriter(WrapMeasurer):
                 out.extend(self.out)
         return out
 
-    def write(self, frame: Frame | None) -> None:
-        scope = Scope()
+    def write(self, frame: Frame | None, scope: Scope | None = None) -> None:
+        scope = Scope(scope)
         self._compare_start()
         try:
             if frame is not None and frame.delimited and frame.tail:
@@ -226,7 +226,7 @@ class MeasureWriter(WrapMeasurer):
             case Inner():
                 self.inner(segment, scope, after)
             case Optional():
-                self.rest(after)
+                self.rest(segment, after)
             case Fill(total=total):
                 self.place = Place("start", total)
                 self.return_total()
@@ -239,7 +239,7 @@ class MeasureWriter(WrapMeasurer):
     def _repeat(self, repeat: Repeat, scope: Scope, after: Pairs) -> None:
         item = repeat.of.sizes if isinstance(repeat.of, FieldType) else self.shapes.all(repeat.of)
         if repeat.times == "rest":
-            self.rest(after)
+            self.rest(repeat, after)
         times = str(repeat.times)
         if isinstance(repeat.times, Expression):
             times = self.size_text(repeat.times, scope, PRODUCT + 1)

@@ -10,6 +10,7 @@ from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.expression.emit import PRODUCT, SUM
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.contents import bytes_of
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -101,7 +102,7 @@ class SegmentMeasurer(Measuring):
         """A text that its end marks, or that takes the rest."""
         end = segment.type.end
         if end is None:
-            self.rest(after)
+            self.rest(segment, after)
             return
         self.settle()
         self.add(f"stop = {self.search(bytes_literal(end), 'at', after, len(end))}")
@@ -114,7 +115,7 @@ class SegmentMeasurer(Measuring):
 
     def data(self, data: Data, scope: Scope, after: Pairs) -> None:
         if data.size == "rest":
-            self.rest(after)
+            self.rest(data, after)
         elif isinstance(data.size, int):
             size = str(data.on_wire(data.size))
         elif data.convert is None:
@@ -132,32 +133,45 @@ class SegmentMeasurer(Measuring):
 
     # ---- what ends by what follows ------------------------------------------------------------------------
 
-    def rest(self, after: Pairs) -> None:
-        """Something that reaches up to the constant behind it where everything after that fits, else up to silence."""
-        first = after[0][0] if after else None
-        sizes = [self.shapes.present(segment).fixed for segment, _ in after]
-        if not isinstance(first, Const) or first.when is not None or None in sizes:
+    def rest(self, segment: Segment, after: Pairs) -> None:
+        """Something that reaches up to a constant after it, where everything around that fits, else up to silence.
+
+        What stands before the constant, such as a check code, is of fixed size: it is counted back from there.
+        """
+        place = self._constant(after)
+        if place is None:
             self._until_silence(after)
+            return
+        first, before, behind = after[place][0], self._size_of(after[:place]), self._size_of(after[place:])
         assert isinstance(first, Const)
+        may_hold = first.data[0] in bytes_of([segment, *(one for one, _ in after[:place])], self.shapes.frames)
         self.settle()
-        self.add(f"behind = {self._size_of(after)}")
-        self.add("at = max(at, start + seen - behind)")
+        self.add(f"behind = {behind}")
+        self.add(f"at = max({'at' if before == '0' else f'at + {before}'}, start + seen - behind)")
         with self.out.block(f"while (at := data.find({bytes_literal(first.data)}, at, end)) >= 0:"):
             self.add("size = at - start + behind")
             with self.out.block(f"if size > {self.most}:"):
                 self.add("return LOST")
             with self.out.block("if size > end - start:"):
                 self.add("return end - start - size")
-            if not any(isinstance(segment, Check) for segment, _ in after):
+            if not may_hold or not any(isinstance(one, Check) for one, _ in after):
                 self.add("return size")
             else:
                 ends_here = self.module.function("ends_here")
                 whole = "bytes(data[start : start + size])"
-                with self.out.block(f"if {ends_here}(decode_{self.identifier}, {whole}, ctx, at - start):"):
+                tail = "at - start" if before == "0" else f"at - start - ({before})"
+                with self.out.block(f"if {ends_here}(decode_{self.identifier}, {whole}, ctx, {tail}):"):
                     self.add("return size")
                 self.add("at += 1")
         self.not_found(1)
         raise Finished
+
+    def _constant(self, after: Pairs) -> int | None:
+        """The place of the constant that is looked for; None if there is none, or too little is of fixed size."""
+        if any(self.shapes.present(segment).fixed is None for segment, _ in after):
+            return None
+        found = (place for place, (one, _) in enumerate(after) if isinstance(one, Const) and one.when is None)
+        return next(found, None)
 
     def _size_of(self, after: Pairs) -> str:
         """Text of the bytes of segments that are of fixed size when they are there."""

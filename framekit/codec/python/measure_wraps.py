@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure_segments import SegmentMeasurer
 from framekit.codec.python.measuring import Pairs, needed_names
@@ -9,7 +12,7 @@ from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.segments import Const, Inner, Wrap
+from framekit.definition.model.segments import Const, Inner, Skip, Wrap
 from framekit.definition.model.walk import flat
 
 
@@ -18,8 +21,8 @@ class WrapMeasurer(SegmentMeasurer):
 
     asks_inside = False
 
-    def write(self, frame: Frame | None) -> None:
-        """The whole function; without a frame, that of the segments alone."""
+    def write(self, frame: Frame | None, scope: Scope | None = None) -> None:
+        """The whole function; without a frame, that of the segments alone, with the names of `scope` around them."""
         raise NotImplementedError
 
     def function(self, sentence: str) -> Source:
@@ -97,17 +100,35 @@ class WrapMeasurer(SegmentMeasurer):
             self._read_content(wrap, scope, after)
             return
         if isinstance(first, Const):
-            self.rest(after)
-        inside = type(self)(self.module, f"{self.identifier}_content", wrap.of, self.most)
-        inside.write(None)
+            self.rest(wrap, after)
+        front = Skip(at=wrap.at, size=1)  # so that content of no bytes differs from no content
+        inside = type(self)(self.module, f"{self.identifier}_content", (front, *wrap.of), self.most)
+        inside.maybe_absent = self.maybe_absent
+        given: dict[str, str] = {}
+        inside.write(None, self._handed(inside.needed, scope, "", given))
         self.module.extra.append(inside.function(f"How long the content of the wrap in `{self.identifier}` is."))
         self.settle()
         size = self.names.fresh("size")
         measure = self.module.function("measure_hex")
-        self.add(f"{size} = {measure}(measure_{inside.identifier}, data, at, end, ctx)")
+        texts = "".join(f", {quoted(name)}: {text}" for name, text in given.items())
+        context = f"{{**ctx{texts}}}" if given else "ctx"
+        self.add(f"{size} = {measure}(measure_{inside.identifier}, data, at, end, {context})")
         with self.out.block(f"if {size} <= 0:"):
             self.add(f"return {size}")
-        self.skip(size)
+        self.skip(f"{size} - 1")
+
+    def _handed(self, names: Iterable[str], scope: Scope, path: str, given: dict[str, str]) -> Scope:
+        """What the content of a wrap reads of the values around it, which it finds in the context it is given."""
+        found = Scope()
+        for name in sorted(names):
+            entry = scope.find(name)
+            if entry is not None and entry.direct and entry.inside is not None:
+                inside = self._handed(entry.inside.entries, entry.inside, f"{path}{name}.", given)
+                found.entries[name] = replace(entry, inside=inside)
+            elif entry is not None:
+                given[f"{path}{name}"] = entry.text
+                found.entries[name] = replace(entry, text=f"ctx[{quoted(f'{path}{name}')}]")
+        return found
 
     def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str) -> None:
         """Gives the local `size` its value: that of the frame inside."""
@@ -119,14 +140,15 @@ class WrapMeasurer(SegmentMeasurer):
             self.skip(self.size_text(inner.size, scope))
             return
         if inner.size == "rest":
-            self.rest(after)
+            self.rest(inner, after)
         if fixed is not None and not self._begins(inner):
             self.skip(str(fixed))
             return
         choice = self.module.choice(inner.frames, self.identifier, inner.name)
         behind = self.least(after)
         size = self.names.fresh(f"{inner.name}_size")
-        self.want(1, after)
+        if any(self.shapes.frame(name).least for name in inner.frames):
+            self.want(1, after)
         place = self.place.text("")
         most = self.shapes.all(segment for segment, _ in after).most
         self.asks_inside = True

@@ -11,7 +11,6 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.nested_values import NestedValueWriter
 from framekit.codec.python.source import bytes_literal
-from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -187,17 +186,9 @@ class PackingWriter(NestedValueWriter):
             return " | ".join(parts) or "0"
         return forms.wire_of(segment, scope.entries[segment.name].text)
 
-    def bounded(self, size: Expression, scope: Scope) -> str:
-        """Text of a size that is computed: what is filled up to it has a bound."""
-        return f"{self.module.function('room')}({self.text(size, scope)})"
-
     def data_text(self, data: Data, scope: Scope) -> str:
         """Text of the bytes of data on the wire."""
-        local = scope.entries[data.name].text
-        if data.pad is not None and data.size != "rest" and self.size_by_length(data) is None:
-            size = str(data.size) if isinstance(data.size, int) else self.bounded(data.size, scope)
-            local = f"{local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
-        return forms.wire_text(self.module, data, local)
+        return forms.wire_text(self.module, data, scope.entries[data.name].text)
 
     def single(self, segment: Segment, scope: Scope) -> str:
         """Text of the bytes of a segment that is in no run."""

@@ -109,13 +109,16 @@ def ends_here(decode: Callable[..., Any], data: bytes, ctx: Context, place: int)
 
 
 def measure_hex(measure: Callable[..., int], data: bytes | bytearray, at: int, end: int, ctx: Context) -> int:
-    """How many hex digits content takes whose length `measure` finds in the bytes they stand for."""
+    """How many hex digits content takes whose length `measure` finds in the bytes they stand for, and one more.
+
+    So that no digits differ from no such content; `measure` finds a byte before the content for the same reason.
+    """
     digits = bytes(data[at:end])
     good = len(digits) - len(digits.lstrip(b"0123456789ABCDEFabcdef"))
-    plain = bytes.fromhex(digits[: good - good % 2].decode("ascii"))
+    plain = b"\0" + bytes.fromhex(digits[: good - good % 2].decode("ascii"))
     size = measure(plain, 0, len(plain), ctx)
     if size > 0:
-        return 2 * size
+        return 2 * size - 1
     if size <= QUIET:
         return size
     return LOST if good < len(digits) else 2 * size + good % 2

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from framekit.definition.check.segments import check_segment
 from framekit.definition.expression.syntax import Expression, Logic, names_in
-from framekit.definition.model.frame_sizes import all_fixed, fixed_size, least_size
+from framekit.definition.model.frame_sizes import StaticSizes, all_fixed, fixed_size, least_size
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -25,6 +25,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Require,
     Segment,
+    Segments,
     Skip,
     Value,
     Wrap,
@@ -38,14 +39,15 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     """Everything wrong with one frame by itself."""
     found = list(_level(frame.segments))
     found += _order_of_sizes(frame.segments, set())
-    found += _ends(frame)
+    ends = _Ends(protocol)
+    found += ends.check(frame)
     found += _spans(frame)
     if frame.delimited:
         found += _delimited(frame)
     found += _whole_size(frame)
     found += _there_or_not(frame)
     found += _keys(protocol, frame)
-    found += _inner(protocol, frame)
+    found += _inner(protocol, frame, ends)
     return found
 
 
@@ -67,13 +69,18 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
             yield Problem(expression.at, what, "let the frame around it announce, from its inner field")
 
 
-def _inner(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
+def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
     """Frames inside this one: never itself, and small enough for their place."""
     for inner in parts_of(frame.segments, Inner):
         if frame.name in _within(protocol, inner):
             what = f"'{frame.name}' may stand inside itself"
             yield Problem(inner.at, what, "leave it out of the group, or take data: for what is inside")
-        sizes = [least_size(protocol.frames[name].segments) for name in inner.frames if name in protocol.frames]
+        frames = [protocol.frames[name] for name in inner.frames if name in protocol.frames]
+        for one in frames if inner.size is None else ():
+            if ends.sizes.frame(one.name).least == 0 and not ends.is_open(one.segments):
+                what = f"'{one.name}' may take no bytes, so nothing shows that it is there"
+                yield Problem(inner.at, what, f"give '{inner.name}' a size, or the frame something that always is")
+        sizes = [least_size(one.segments) for one in frames]
         if isinstance(inner.size, int) and sizes and min(sizes) > inner.size:
             what = f"every frame for '{inner.name}' has at least {plural(min(sizes), 'byte')}, its size is {inner.size}"
             yield Problem(inner.at, what, "correct size")
@@ -117,10 +124,11 @@ def _spans(frame: Frame) -> Iterator[Problem]:
             todo = "let its range end before it, or begin behind it"
             yield Problem(check.at, "a check code cannot cover itself", todo)
         for choose in parts_of(frame.segments, Choose):
-            inside = [one for block in choose.blocks for one in flat(block)]
-            names = {one.name for one in inside if one.name is not None}
-            if check.name not in names and names & {first, last}:
-                what = f"the range of a check ends in a case: '{', '.join(sorted(names & {first, last}))}'"
+            cases = [{one.name for one in flat(block) if one.name} for block in choose.blocks]
+            here = next((names for names in cases if check.name in names), set())
+            names = {name for case in cases for name in case if name in (first, last)} - here
+            if names:
+                what = f"the range of a check ends in a case: '{', '.join(sorted(names))}'"
                 yield Problem(check.at, what, "name the choose part, or what stands beside it")
 
 
@@ -210,26 +218,107 @@ def _needed(segment: Segment) -> Iterator[tuple[str, Expression]]:
         yield "condition", segment.condition
 
 
-def _ends(frame: Frame) -> Iterator[Problem]:
-    """A part that takes the rest must have an end: a region's, a constant behind it, or the end of the frame."""
-    open_part: Segment | None = None
-    for segment in frame.segments:
-        if takes_rest(segment):
-            if open_part is not None and not frame.delimited:
-                yield Problem(
-                    segment.at,
-                    f"two parts take the rest: nothing shows where {_title(open_part)} ends",
-                    "give one a size, or put a constant between them",
-                )
-            open_part = segment
-        elif open_part is not None and isinstance(segment, Const):
-            open_part = None
-        elif open_part is not None and not isinstance(segment, (Check, Skip, Require, Value)) and not _fixed(segment):
-            yield Problem(
-                segment.at,
-                f"nothing shows where {_title(open_part)} ends and {_title(segment)} begins",
-                "give one of them a size, or put a constant between them",
-            )
+class _Ends:
+    """Parts of which only what follows, or silence, shows where they end."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.frames = protocol.frames
+        self.sizes = StaticSizes(protocol.frames)
+
+    def check(self, frame: Frame) -> Iterator[Problem]:
+        """Such a part must have an end: a region's, a constant behind it, or the end of the frame."""
+        yield from self._region(frame.body if frame.delimited else frame.segments)
+        for wrap in parts_of(frame.segments, Wrap):
+            yield from self._region(wrap.of)
+
+    def _region(self, segments: Segments) -> Iterator[Problem]:
+        """The parts of one region."""
+        open_part: Segment | None = None
+        segments = tuple(_in_records(segments))
+        for place, segment in enumerate(segments):
+            if isinstance(segment, Wrap) and segment.how == "escape" and self.sizes.all(segment.of).fixed is None:
+                yield from _end_of_escape(segment, segments[place + 1 :])
+            if open_part is not None and isinstance(segment, Const) and _is_end_of(segment, open_part):
+                open_part = None
+            elif self._reaches_on(segment):
+                if open_part is not None:
+                    yield Problem(
+                        segment.at,
+                        f"two parts take the rest: nothing shows where {title(open_part)} ends",
+                        "give one a size, or put a constant between them",
+                    )
+                open_part = segment
+            elif open_part is not None and not self._can_be_counted(segment, open_part):
+                what = f"nothing shows where {title(open_part)} ends and {title(segment)} begins"
+                todo = "give one of them a size, or put a constant between them"
+                yield Problem(segment.at, what, "give it a size" if _ends_itself(open_part) else todo)
+
+    def _can_be_counted(self, segment: Segment, part: Segment) -> bool:
+        """Whether the bytes of a segment behind a part that reaches on can be counted from the end."""
+        if isinstance(part, Wrap) or _ends_itself(part):
+            return self.sizes.present(segment).fixed is not None
+        return isinstance(segment, (Const, Check, Skip, Require, Value)) or _fixed(segment)
+
+    def _reaches_on(self, segment: Segment, known: frozenset[str] = frozenset()) -> bool:
+        """Whether only what follows a segment, or silence, shows where it ends; `known` are the frames around it."""
+        match segment:
+            case Wrap(how=how, of=of):
+                return how == "hex" and self.is_open(of, known)
+            case Choose(blocks=blocks):
+                return any(self.is_open(block, known) for block in blocks)
+            case Inner(size=None, frames=names):
+                frames = [self.frames[name] for name in names if name in self.frames and name not in known]
+                loose = [frame for frame in frames if frame.size is None and not frame.delimited]
+                return any(self.is_open(frame.segments, known | {frame.name}) for frame in loose)
+            case Inner(size=size):
+                return size == "rest"
+        return takes_rest(segment)
+
+    def is_open(self, segments: Segments, known: frozenset[str] = frozenset()) -> bool:
+        """Whether only what follows them, or silence, shows where segments end."""
+        segments = tuple(_in_records(segments))
+        for place, segment in enumerate(segments):
+            if self._reaches_on(segment, known):
+                behind = segments[place + 1 :]
+                ends = any(isinstance(one, Const) and one.when is None and _is_end_of(one, segment) for one in behind)
+                return not ends or any(self.sizes.present(one).fixed is None for one in behind)
+        return False
+
+
+def _ends_itself(part: Segment) -> bool:
+    """Whether a part is a frame whose own segments are asked where it ends."""
+    return isinstance(part, Inner) and part.size is None
+
+
+def _is_end_of(constant: Const, part: Segment) -> bool:
+    """Whether a constant shows where a part ends. It ends no frame inside, and no digits if it begins like one."""
+    if isinstance(part, Wrap):
+        return constant.when is None and constant.data[:1].upper() not in b"0123456789ABCDEF"
+    return not _ends_itself(part)
+
+
+def _end_of_escape(wrap: Wrap, behind: Segments) -> Iterator[Problem]:
+    """What ends a wrap is an escape byte that is not doubled."""
+    follows = next((one for one in behind if not isinstance(one, (Require, Value))), None)
+    if follows is not None and not _begins_with(wrap.escape or 0, follows):
+        what = f"nothing shows where {title(wrap)} ends: no {wrap.escape or 0:02X} need follow it"
+        yield Problem(wrap.at, what, "put a constant that begins with the escape byte behind it, without when")
+
+
+def _begins_with(byte: int, segment: Segment) -> bool:
+    """Whether a segment is surely there, and begins with that byte."""
+    if isinstance(segment, Choose) and segment.when is None and segment.otherwise is not None:
+        return all(bool(block) and _begins_with(byte, block[0]) for block in segment.blocks)
+    return isinstance(segment, Const) and segment.when is None and segment.data[0] == byte
+
+
+def _in_records(segments: Segments) -> Iterator[Segment]:
+    """The segments with those of records in place of these."""
+    for segment in segments:
+        if isinstance(segment, Record):
+            yield from _in_records(segment.of)
+        else:
+            yield segment
 
 
 def _there_or_not(frame: Frame) -> Iterator[Problem]:
@@ -237,7 +326,7 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
     for repeat in parts_of(frame.segments, Repeat):
         rest = next((one for one in repeat.of if takes_rest(one)), None) if isinstance(repeat.of, tuple) else None
         if rest is not None:
-            what = f"nothing shows where {_title(rest)} ends in an item of '{repeat.name}'"
+            what = f"nothing shows where {title(rest)} ends in an item of '{repeat.name}'"
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
     for optional in parts_of(frame.segments, Optional):
         if not any(_is_given(one) for one in flat(optional.of)):
@@ -271,7 +360,7 @@ def _is_given(segment: Segment) -> bool:
     return isinstance(segment, (Data, Repeat, Record, Inner))
 
 
-def _title(segment: Segment) -> str:
+def title(segment: Segment) -> str:
     """What a segment is called in a message."""
     if isinstance(segment, Const):
         return f"the constant {segment.data.hex(' ').upper()}"
@@ -317,7 +406,7 @@ def _delimited(frame: Frame) -> Iterator[Problem]:
             verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
                 segment.at,
-                f"{_title(segment)} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
+                f"{title(segment)} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
                 "leave delimited out, or send it as ASCII digits",
             )
 
@@ -348,7 +437,7 @@ def _items(segments: tuple[Segment, ...]) -> int:
 def _whole_size(frame: Frame) -> Iterator[Problem]:
     for segment in _without_own_end(frame.body) if frame.size is not None else ():
         if takes_rest(segment):
-            what = f"{_title(segment)} reaches to the end of the body, and would read what fills '{frame.name}' up"
+            what = f"{title(segment)} reaches to the end of the body, and would read what fills '{frame.name}' up"
             yield Problem(segment.at, what, "give it a size, such as that of a length, or leave the frame's size out")
     least = least_size(frame.segments)
     items = _items(frame.segments)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from framekit.definition.expression.functions import FUNCTIONS
 from framekit.definition.expression.syntax import (
+    FUNCTIONS,
     Attribute,
     Binary,
     Bytes,

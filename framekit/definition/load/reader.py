@@ -11,9 +11,8 @@ from collections.abc import Mapping as Mapping_
 from contextlib import contextmanager, suppress
 from typing import TypeVar
 
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression.parse import ExpressionError, parse_expression
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.expression.tokens import ExpressionError
 from framekit.definition.load import scalars
 from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant

@@ -15,11 +15,9 @@ from framekit.definition.model.segments import (
     Field,
     Length,
     Repeat,
-    Require,
     Segment,
-    Value,
 )
-from framekit.definition.model.walk import change_all, flat
+from framekit.definition.model.walk import change_all, flat, leaves
 from framekit.definition.problems import Position, did_you_mean
 
 
@@ -62,14 +60,14 @@ class _Resolver:
     def _written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]:
         result: list[str] = []
         for name in names:
-            if isinstance(self.names.get(name), (Value, Require)):
-                self.reader.note(at, f"'{name}' takes no bytes", "name segments that stand on the wire")
-            elif name in self.names:
-                result.append(name)
-            elif name in self.meant:
-                result.extend(self.meant[name])
-            else:
+            meant = [name] if name in self.names else self.meant.get(name)
+            if meant is None:
                 self._unknown(name, at)
+                continue
+            on_wire = [one for one in meant if one not in self.names or any(leaves((self.names[one],)))]
+            if not on_wire:
+                self.reader.note(at, f"'{name}' takes no bytes", "name segments that stand on the wire")
+            result.extend(on_wire)
         return tuple(result)
 
     def _unknown(self, name: str, at: Position) -> None:

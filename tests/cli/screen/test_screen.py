@@ -18,10 +18,9 @@ from framekit.blocks.device import load_devices
 from framekit.blocks.device_settings import DeviceSettings
 from framekit.blocks.load import load_run
 from framekit.cli.main import build_parser, main
-from framekit.cli.screen.cells import parse_filter
-from framekit.cli.screen.serve_session import ServeSession
-from framekit.cli.screen.session import RunSession
-from framekit.cli.watch_options import Watch
+from framekit.cli.run_verb import RunSession, RunWatch
+from framekit.cli.screen.app import parse_filter
+from framekit.cli.serve_verb import ServeSession
 from framekit.service.frame_log import FrameFilter
 from framekit.service.serving_ports import line_of
 from framekit.transport.pty_pair import PtyPair
@@ -56,7 +55,7 @@ def arguments(*words: str) -> argparse.Namespace:
 def driven(test: Callable[[MonitorApp, Stepped, Pilot[None]], Coroutine[Any, Any, None]], *words: str) -> Stepped:
     """Runs `test` on the app with a run in it."""
     given = arguments(*words)
-    session = Stepped(load_run(PLC), Watch(given), virtual=True, duration=None, controlled=given.control)
+    session = Stepped(load_run(PLC), RunWatch(given), virtual=True, duration=None, controlled=given.control)
 
     async def drive() -> None:
         app = MonitorApp(session)

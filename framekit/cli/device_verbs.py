@@ -1,0 +1,363 @@
+"""The verbs of one exchange with one device: `read`, `write` and `call`."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import WordsError, add_json, add_protocol, assignment, load, print_json, table
+from framekit.transport.schemes import help_on_ports
+
+if TYPE_CHECKING:
+    from framekit.api.client import Client
+    from framekit.api.errors import FramekitError
+    from framekit.api.settings import ClientSettings
+    from framekit.api.values import Reading, Value
+    from framekit.definition.model.protocol import Protocol
+    from framekit.link.addresses import Address, AddressGrammar
+    from framekit.link.observe import Seen
+
+
+TIMEOUT, RETRIES = "reply_timeout", "retries"
+"""The parameters that --timeout and --retries stand for."""
+
+
+def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> None:
+    """PROTOCOL and the options that name a line and a device on it."""
+    add_protocol(parser)
+    parser.add_argument("--port", required=port_required, help=help_on_ports("sim:FILE"))
+    parser.add_argument("--station", metavar="N", help="the device's station")
+    parser.add_argument("--speed", type=int, metavar="BITS", help="bits a second; default: the protocol's")
+    parser.add_argument("--format", metavar="8E1", help="data bits, parity, stop bits; default: the protocol's")
+    parser.add_argument("--own", metavar="N", help="the own station, where the protocol has one")
+    parser.add_argument("--role", help="the own role, where the protocol leaves a choice")
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter; may be repeated"
+    )
+    parser.add_argument("--timeout", metavar="TIME", help=f"the same as --param {TIMEOUT}=TIME")
+    parser.add_argument("--retries", metavar="N", help=f"the same as --param {RETRIES}=N")
+    parser.add_argument("--frames", action="store_true", help="show the frames on standard error")
+    add_json(parser)
+
+
+def add_type(parser: argparse.ArgumentParser) -> None:
+    """--type and --order."""
+    from framekit.memory.views import ORDERS, VIEWS
+
+    parser.add_argument(
+        "--type",
+        metavar="TYPE",
+        help=f"bit, byte, word, dword, lword, {', '.join(VIEWS)}; default: as the address says",
+    )
+    parser.add_argument(
+        "--order", choices=ORDERS, help="where the bytes of a number stand; default: CDAB, low word first"
+    )
+
+
+def carry_out(
+    arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True,
+    check: Callable[[AddressGrammar], object] | None = None,
+) -> int:  # fmt: skip
+    """Connects and acts; the exit status. `to_station`: nothing can be done without knowing which.
+
+    `check` raises RequestError for what cannot be asked on any line: where there is no line, that is what is told.
+    """
+    from framekit.api.async_client import AsyncClient
+    from framekit.api.client import Client
+    from framekit.api.errors import FramekitError, LineClosedError, RequestError
+    from framekit.link.addresses import AddressGrammar
+
+    try:
+        settings = settings_of(arguments)
+        settings.station_for(None, needed=to_station)
+        with Client(AsyncClient(settings, monitor=show if arguments.frames else None)) as client:
+            action(client)
+    except LineClosedError as error:
+        protocol = settings.protocol
+        try:
+            if check is not None:
+                check(AddressGrammar(protocol.addresses, protocol.areas, protocol.tables))
+        except RequestError as wrong:
+            return failed(arguments, wrong)
+        return failed(arguments, error)
+    except FramekitError as error:
+        return failed(arguments, error)
+    return 0
+
+
+def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> ClientSettings:
+    """The line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError."""
+    from framekit.api.settings import line_settings
+
+    params = assignments(arguments.param)
+    for name, value in ((TIMEOUT, arguments.timeout), (RETRIES, arguments.retries)):
+        if value is not None:
+            params[name] = value
+    return line_settings(
+        protocol or load(arguments.protocol), arguments.port, station=arguments.station, speed=arguments.speed,
+        format=arguments.format, own=arguments.own, role=arguments.role, params=params,
+    )  # fmt: skip
+
+
+def assignments(texts: Sequence[str]) -> dict[str, Any]:
+    """Several NAME=VALUE. Raises RequestError."""
+    from framekit.api.errors import RequestError
+
+    try:
+        return dict(assignment(text) for text in texts)
+    except WordsError as failure:
+        raise RequestError(str(failure)) from None
+
+
+def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
+    """Prints what went wrong; the exit status."""
+    from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
+    from framekit.blocks.error_codes import ErrorCode
+
+    if arguments.json and isinstance(error, ExchangeError):
+        shown: dict[str, Any] = {"error": error.outcome, "message": str(error)}
+        if isinstance(error, RefusedError):
+            shown |= {"code": error.code, "meaning": error.meaning}
+        print_json(shown)
+    print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
+    if isinstance(error, RequestError):
+        return 2
+    if isinstance(error, ExchangeError) and error.error_code is ErrorCode.FAILED:
+        return 3  # a name that the protocol gives to an exchange without a good answer
+    return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1
+
+
+def show(seen: Seen) -> None:
+    """A line on standard error for everything that goes over the line."""
+    from framekit.cli.common import seen_text
+
+    if seen.kind not in ("open", "closed"):
+        print(seen_text(seen, "", "").lstrip(), file=sys.stderr, flush=True)
+
+
+def add_read_arguments(parser: argparse.ArgumentParser) -> None:
+    add_line(parser)
+    parser.add_argument("addresses", nargs="+", metavar="ADDRESS", help="as the protocol writes addresses")
+    parser.add_argument(
+        "-n",
+        "--count",
+        type=int,
+        default=1,
+        metavar="COUNT",
+        help="values from each address on; of a string, characters",
+    )
+    add_type(parser)
+    parser.add_argument("--every", metavar="TIME", help="read again and again, such as every 1s, until Ctrl-C")
+    parser.add_argument("--times", type=int, metavar="N", help="with --every: stop after N readings")
+
+
+def run_read(arguments: argparse.Namespace) -> int:
+    def check(grammar: AddressGrammar) -> None:
+        from framekit.api.values import typed
+
+        for address in arguments.addresses:
+            typed(grammar, address, arguments.type, arguments.order, arguments.count)
+
+    if arguments.every is None:
+        return carry_out(arguments, lambda client: output(arguments, read(client, arguments)), check=check)
+    status = 0
+
+    def repeat(client: Client) -> None:
+        nonlocal status
+        try:
+            for _ in cycle(arguments.every, arguments.times):
+                status = once(client, arguments)
+        except KeyboardInterrupt:
+            return
+
+    return carry_out(arguments, repeat, check=check) or status
+
+
+def cycle(every: str, times: int | None) -> Iterator[None]:
+    """Comes round at the times of reading, without drift; times that were missed are left out. Raises RequestError."""
+    from framekit.api.errors import RequestError
+    from framekit.definition.times import parse_time
+
+    try:
+        period = max(1, parse_time(every))
+    except ValueError as error:
+        raise RequestError(f"--every: {error}") from None
+    if times is not None and times < 1:
+        raise RequestError(f"--times: {times} is no number of readings – give 1 or more")
+    begin = time.monotonic_ns()
+    for number in itertools.count():
+        if number == times:
+            return
+        if number:
+            begin += ((time.monotonic_ns() - begin) // period + 1) * period
+            time.sleep(max(0, begin - time.monotonic_ns()) / 1e9)
+        yield
+
+
+def once(client: Client, arguments: argparse.Namespace) -> int:
+    """One of many readings: a failure is printed, and it goes on."""
+    from framekit.api.errors import ExchangeError
+
+    try:
+        output(arguments, read(client, arguments))
+    except ExchangeError as error:
+        return failed(arguments, error)
+    return 0
+
+
+def read(client: Client, arguments: argparse.Namespace) -> list[Reading[Any]]:
+    """The readings of all addresses; in one request where each is one value."""
+    addresses, type_, order = arguments.addresses, arguments.type, arguments.order
+    if len(addresses) > 1 and arguments.count == 1 and type_ != "string":
+        return [client.read_many(addresses, type=type_, order=order)]
+    return [client.read(address, arguments.count, type=type_, order=order) for address in addresses]
+
+
+def output(arguments: argparse.Namespace, readings: list[Reading[Any]]) -> None:
+    """One JSON object, or a line for each address."""
+    if arguments.json:
+        shown = {
+            "station": _plain(readings[0].station),
+            "addresses": arguments.addresses,
+            "type": readings[0].type,
+            "values": [value for reading in readings for value in reading],
+        }
+        print_json(shown)
+        return
+    if len(readings) < len(arguments.addresses):
+        values = [[value] for value in readings[0]]
+    else:
+        values = [list(reading) for reading in readings]
+    rows = [
+        (address, " ".join(_shown(item, readings[0].type) for item in some))
+        for address, some in zip(arguments.addresses, values, strict=True)
+    ]
+    print(table(rows[1:], rows[0]), flush=True)
+
+
+def _shown(value: Any, type_: str) -> str:
+    return f"{value:.7g}" if isinstance(value, float) and "float32" in type_ else str(value)
+
+
+def _plain(station: Any) -> Any:
+    return station.hex(" ").upper() if isinstance(station, bytes) else station
+
+
+def add_write_arguments(parser: argparse.ArgumentParser) -> None:
+    add_line(parser)
+    parser.add_argument("address", metavar="ADDRESS", help="as the protocol writes addresses")
+    parser.add_argument("values", nargs="+", metavar="VALUE", help="decimal, 0x…, or as --type says")
+    parser.add_argument("-n", "--count", type=int, metavar="COUNT", help="characters of a string, filled up with 00")
+    add_type(parser)
+
+
+def run_write(arguments: argparse.Namespace) -> int:
+    def values_at(place: Address) -> list[Value]:
+        values = [
+            value_of(text, arguments.type) if arguments.type else value_at(place, text) for text in arguments.values
+        ]
+        refuse_signs(place.unit, values, arguments.type or place.type)
+        return values
+
+    def check(grammar: AddressGrammar) -> None:
+        from framekit.api.errors import RequestError
+        from framekit.api.values import typed
+        from framekit.link.packing import PackingError, memory_of
+
+        several = arguments.count or len(arguments.values)
+        how = typed(grammar, arguments.address, arguments.type, arguments.order, several)
+        try:
+            memory_of(how.numbers(values_at(grammar.parse(arguments.address))), how.unit or how.place)
+        except PackingError as error:
+            raise RequestError(str(error)) from None
+
+    def write(client: Client) -> None:
+        values = values_at(client.place(arguments.address))
+        client.write(arguments.address, values, type=arguments.type, order=arguments.order, count=arguments.count)
+        if arguments.json:
+            print_json({"address": arguments.address, "written": len(values)})
+
+    return carry_out(arguments, write, check=check)
+
+
+def refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
+    """Elements of a memory have no sign: a negative number needs a type that says how it stands in them.
+
+    Raises RequestError.
+    """
+    from framekit.api.errors import RequestError
+    from framekit.definition.model.services import UNIT_BITS
+
+    negative = next((value for value in values if isinstance(value, (int, float)) and value < 0), None)
+    if negative is None or (type_ is not None and type_ not in UNIT_BITS):
+        return
+    unit = type_ or place
+    bits = UNIT_BITS.get(unit, 0)
+    hint = f" – for a number with sign write --type int{bits}" if bits in (8, 16, 32, 64) else ""
+    raise RequestError(f"{negative} does not fit into a {unit}: 0 to {(1 << bits) - 1 if bits else '…'}{hint}")
+
+
+def value_at(place: Address, text: str) -> Value:
+    """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
+    from framekit.definition.model.services import NUMBER_BITS
+    from framekit.link.packing import PackingError, memory_of
+    from framekit.memory.memory import MemoryValueError
+    from framekit.memory.views import NumberView, view_of
+
+    view = None if place.type not in NUMBER_BITS or "x" not in text.lower() else view_of(str(place.type))
+    if not isinstance(view, NumberView):
+        return value_of(text, place.type)
+    try:
+        return view.read(memory_of([int(value_of(text, None))], place.unit))[0]
+    except (PackingError, MemoryValueError) as error:
+        from framekit.api.errors import RequestError
+
+        raise RequestError(str(error)) from None
+
+
+def value_of(text: str, type_: str | None) -> Value:
+    """A value from its text. Raises RequestError."""
+    from framekit.api.errors import RequestError
+    from framekit.definition.load.scalars import parse_number
+    from framekit.definition.model.services import COUNTED_STRING
+
+    if type_ in ("string", COUNTED_STRING):
+        return text
+    try:
+        if type_ in ("float32", "float64"):
+            return float(text)
+        return parse_number(text)
+    except ValueError:
+        what = type_ or "whole number"
+        hint = (
+            "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
+        )
+        raise RequestError(f"'{text}' is no {what}{hint}") from None
+
+
+def add_call_arguments(parser: argparse.ArgumentParser) -> None:
+    add_line(parser)
+    parser.add_argument("service", metavar="SERVICE", help="a service of the protocol, other than read and write")
+    parser.add_argument("arguments", nargs="*", metavar="NAME=VALUE", help="an argument; JSON for lists and records")
+    parser.add_argument("--address", action="append", default=[], help="an address it is about; may be repeated")
+    parser.add_argument("-n", "--count", type=int, default=1, metavar="COUNT", help="elements from one address on")
+
+
+def run_call(arguments: argparse.Namespace) -> int:
+    from framekit.codec.plain import PlainValues
+
+    def call(client: Client) -> None:
+        given = assignments(arguments.arguments)
+        answer = client.call(arguments.service, given, addresses=arguments.address, count=arguments.count)
+        results = PlainValues(client.protocol).to_plain("", answer.results)
+        if arguments.json:
+            print_json({"service": arguments.service, "results": results})
+        else:
+            for name, value in results.items():
+                print(f"{name}: {value}")
+
+    return carry_out(arguments, call, to_station=False)

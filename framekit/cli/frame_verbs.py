@@ -1,0 +1,402 @@
+"""The verbs about frames: `encode`, `decode`, `frames` and `generate`. They need no port."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import (
+    VerbError,
+    WordsError,
+    add_filter,
+    add_json,
+    add_line,
+    add_protocol,
+    add_settings,
+    assignment,
+    existing,
+    filter_of,
+    hex_bytes,
+    line_of,
+    load,
+    load_codec,
+    print_json,
+    scope_of,
+    seen_data,
+    seen_text,
+    spaced,
+    table,
+    why_not,
+)
+from framekit.link.codes import code_text
+
+if TYPE_CHECKING:
+    from framekit.codec.plain import PlainValues
+    from framekit.codec.stored import StoredCodec
+    from framekit.definition.model.frames import Frame
+    from framekit.definition.model.protocol import Protocol
+    from framekit.definition.model.segments import Segment
+    from framekit.link.fitting import Fit
+    from framekit.link.observe import Seen
+    from framekit.link.scope import Scope
+
+
+def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
+    add_protocol(parser)
+    parser.add_argument("frame", metavar="FRAME", help="name of a frame; `framekit frames PROTOCOL` lists them")
+    parser.add_argument("fields", nargs="*", metavar="FIELD=VALUE", help="value of a field; JSON for lists and records")
+    add_settings(parser)
+    add_json(parser)
+
+
+def run_encode(arguments: argparse.Namespace) -> int:
+    from framekit.codec.codec import compile_protocol
+    from framekit.codec.encode_hints import with_hint
+    from framekit.codec.errors import EncodeError
+    from framekit.codec.plain import PlainValues
+    from framekit.definition.problems import did_you_mean
+
+    protocol = load(arguments.protocol)
+    if arguments.frame not in protocol.frames:
+        hint = did_you_mean(arguments.frame, protocol.frames)
+        raise WordsError(f"'{protocol.name}' has no frame '{arguments.frame}'" + (f" – {hint}" if hint else ""))
+    given = dict(assignment(text) for text in arguments.fields)
+    scope = scope_of(protocol, arguments.set)
+    try:
+        fields = PlainValues(protocol).from_plain(arguments.frame, given)
+        data = compile_protocol(protocol).encode(arguments.frame, fields, scope)
+    except EncodeError as error:
+        raise WordsError(f"frame '{arguments.frame}': {with_hint(error, protocol, arguments.frame, given)}") from None
+    if arguments.json:
+        print_json({"frame": arguments.frame, "bytes": spaced(data)})
+    else:
+        print(spaced(data))
+    return 0
+
+
+def add_decode_arguments(parser: argparse.ArgumentParser) -> None:
+    add_protocol(parser)
+    bytes_ = parser.add_argument(
+        "bytes", metavar="HEX", nargs="+", help="the bytes as hex digits, or - for standard input"
+    )
+    parser.add_argument("--frame", help="try this frame only")
+    parser.add_argument("--from", dest="side", choices=("client", "server"), help="which side sent the bytes")
+    add_settings(parser)
+    add_json(parser)
+    add_capture_arguments(parser, bytes_)
+
+
+def run_decode(arguments: argparse.Namespace) -> int:
+    from framekit.link.fitting import fitting, reason
+
+    codec = load_codec(arguments.protocol)
+    if arguments.capture is not None:
+        return decode_capture(codec.protocol, arguments)
+    names = context(codec, arguments.set)
+    data = hex_bytes(" ".join(arguments.bytes))
+    tried = frames_tried(codec, arguments.frame, arguments.side)
+    fits, faults = fitting(codec, codec.catalogue, data, tried, names)
+    if not fits:
+        print(f"framekit decode: {reason(faults, data)}", file=sys.stderr)
+        return 1
+    if arguments.json:
+        print_json(as_json(codec, fits, data, names))
+    else:
+        print("\n\n".join(as_text(codec, fit, data, names) for fit in fits))
+    return 0
+
+
+class StartNames(dict[str, Any]):
+    """The start values of parameters and state; those that only the whole definition knows are looked up there."""
+
+    def __init__(self, codec: StoredCodec) -> None:
+        super().__init__(codec.defaults)
+        self._codec = codec
+        self._scope: Scope | None = None
+
+    def __missing__(self, name: str) -> Any:
+        if self._scope is None:
+            self._scope = scope_of(self._codec.protocol, ())
+        return self._scope[name]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
+
+def context(codec: StoredCodec, settings: list[str]) -> Mapping[str, Any]:
+    """What the bytes depend on: as the definition starts, or with these settings. Raises WordsError."""
+    return scope_of(codec.protocol, settings) if settings else StartNames(codec)
+
+
+def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> list[str]:
+    """The frames to try. Raises WordsError for one there is not."""
+    from framekit.link.fitting import candidates, of_side
+
+    if frame is None:
+        return of_side(codec.catalogue, side)
+    from framekit.definition.problems import did_you_mean
+
+    protocol = codec.protocol
+    if frame not in protocol.frames and frame not in protocol.groups:
+        hint = did_you_mean(frame, [*protocol.frames, *protocol.groups])
+        raise WordsError(f"'{protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+    return candidates(protocol, frame, side)
+
+
+def as_json(codec: StoredCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
+    from framekit.codec.plain import PlainValues
+
+    plain = PlainValues(codec.protocol)
+    shown: list[dict[str, Any]] = []
+    for fit in fits:
+        one: dict[str, Any] = {"frame": fit.frame, "fields": plain.to_plain(fit.frame, fit.fields)}
+        if fit.refusal is not None:
+            one["refused"] = fit.refusal
+        if warnings := codec.check_warnings(fit.frame, data, names):
+            one["warnings"] = warnings
+        shown.append(one)
+    return shown[0] | ({"others": shown[1:]} if len(shown) > 1 else {})
+
+
+def as_text(codec: StoredCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
+    """The frame's name and a table of its fields."""
+    from framekit.codec.shown import shown
+
+    _, spans, _ = codec.trace(fit.frame, data, names)
+    rows = []
+    for path, start, end, value in spans:
+        text = "" if value is None else f"{shown(value)}"
+        rows.append((path, str(start), spaced(data[start:end]), text))
+    refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)})"
+    warned = "".join(f"\nwarning: {text}" for text in codec.check_warnings(fit.frame, data, names))
+    return f"{fit.frame}{refused}{warned}\n" + table(rows, ("field", "offset", "bytes", "value"))
+
+
+DAY = 86_400_000_000_000
+
+
+class _Instead(argparse.Action):
+    """An option in the place of an argument that has to be there without it."""
+
+    def __init__(self, *words: Any, instead_of: argparse.Action, **options: Any) -> None:
+        super().__init__(*words, **options)
+        self._instead_of = instead_of
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        setattr(namespace, self.dest, values)
+        self._instead_of.required = False
+
+
+def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Action) -> None:
+    """What decoding a capture takes beside PROTOCOL, --set and --json, in the place of `bytes_`."""
+    parser.add_argument(
+        "--capture", metavar="FILE", type=Path, action=_Instead, instead_of=bytes_,
+        help="decode a capture (pcap or JSON lines) instead",
+    )  # fmt: skip
+    parser.add_argument(
+        "--client", choices=("in", "out"), default="out",
+        help="direction of the client's frames in a capture that has both; default: out",
+    )  # fmt: skip
+    parser.add_argument("--ascii", action="store_true", help="show bytes of a capture as ASCII")
+    add_line(parser)
+    add_filter(parser)
+
+
+def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
+    """Prints everything; 1 when there was a bad frame or noise. Raises VerbError."""
+    from framekit.codec.plain import PlainValues
+    from framekit.link.parameters import ParameterError
+    from framekit.service.capture import CaptureError
+    from framekit.service.capture_decode import CaptureDecoder
+    from framekit.service.frame_log import result_of
+
+    wanted, plain = filter_of(arguments), PlainValues(protocol)
+    counts: Counter[str] = Counter()
+    try:
+        decoder = CaptureDecoder(
+            existing(arguments.capture),
+            protocol,
+            line=line_of(protocol, arguments),
+            params=dict(assignment(text) for text in arguments.set),
+            client=arguments.client,
+        )
+        for channel, seen in decoder.seen():
+            if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+                counts[seen.kind] += 1
+            if not wanted.takes(channel, seen):
+                continue
+            if arguments.json:
+                print_json(
+                    seen_data(
+                        seen, seen.at / 1e9, plain, time_ns=seen.at, channel=channel, result=result_of(protocol, seen)
+                    )
+                )
+            else:
+                print(_text(plain, channel, seen, arguments.ascii))
+    except CaptureError as error:
+        raise VerbError(str(error)) from None
+    except ParameterError as error:
+        raise WordsError(str(error)) from None
+    if decoder.is_cut:
+        print(f"{arguments.capture}: the last record is not whole – its writer was stopped", file=sys.stderr)
+    if not arguments.json:
+        print(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise")
+    return 1 if counts["bad"] or counts["noise"] else 0
+
+
+def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:
+    """The line of a frame and, below it, its fields."""
+    text = seen_text(seen, time_text(seen.at), f"ch {channel}", as_ascii)
+    fields = plain.to_plain(seen.frame, seen.fields)
+    shown = "  ".join(f"{name}={_plain(value)}" for name, value in fields.items())
+    return f"{text}\n{'':10}{shown}" if shown else text
+
+
+def _plain(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
+
+
+def time_text(at: int) -> str:
+    """A time of a capture: the clock, with the date where it is a real one."""
+    seconds, rest = divmod(at, 1_000_000_000)
+    moment = datetime.fromtimestamp(seconds, UTC)
+    date = "" if at < DAY else f"{moment:%Y-%m-%d} "
+    return f"{date}{moment:%H:%M:%S}.{rest // 1000:06d}"
+
+
+def add_frames_arguments(parser: argparse.ArgumentParser) -> None:
+    add_protocol(parser, nargs="?")
+    add_json(parser)
+
+
+def run_frames(arguments: argparse.Namespace) -> int:
+    if arguments.protocol is None:
+        return _protocols(arguments.json)
+    protocol = load_codec(arguments.protocol).protocol
+    frames = [(frame, fields_of(frame.segments)) for frame in protocol.frames.values()]
+    if arguments.json:
+        print_json([_as_json(frame, fields) for frame, fields in frames])
+        return 0
+    for frame, fields in frames:
+        marks = [f"from {frame.side}"] if frame.side != "both" else []
+        marks += ["inside other frames"] if frame.inner else []
+        print(f"{frame.name}" + (f"  ({', '.join(marks)})" if marks else ""))
+        for name, form in fields:
+            print(f"    {name}: {form}")
+    return 0
+
+
+def _protocols(as_json: bool) -> int:
+    from framekit.definition.load.reader import Reader
+    from framekit.definition.nodes import Mapping, Scalar, read_nodes
+    from framekit.definition.shipped import shipped_folder
+
+    rows = []
+    for path in sorted(shipped_folder("frames").glob("*.yaml")):
+        root = read_nodes(path)
+        kind = root.entries[0].key.text if isinstance(root, Mapping) and root.entries else ""
+        if kind in ("protocol", "application") and isinstance(root, Mapping):
+            about = root.get("about")
+            rows.append((path.stem, kind, Reader().text(about) if isinstance(about, Scalar) else ""))
+    if as_json:
+        print_json([{"name": name, "kind": kind, "about": about} for name, kind, about in rows])
+    else:
+        print(table(rows, ("name", "kind", "about")))
+    return 0
+
+
+def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:
+    return {
+        "frame": frame.name,
+        "from": frame.side,
+        "inner": frame.inner,
+        "fields": [{"name": name, "form": form} for name, form in fields],
+    }
+
+
+def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str, str]]:
+    """Name and form of every field, those of records and repeats indented below them."""
+    from framekit.definition.model.segments import Bits, Inner, Record, Repeat
+    from framekit.definition.model.walk import flat
+
+    found: list[tuple[str, str]] = []
+    for segment in flat(segments):
+        if isinstance(segment, Bits):
+            found += [(indent + part.name, _places(part.low, part.high)) for part in segment.parts]
+        elif isinstance(segment, (Record, Repeat)):
+            found.append((indent + segment.name, "record" if isinstance(segment, Record) else "list"))
+            found += fields_of(segment.inner_record or (), indent + "  ")
+        elif isinstance(segment, Inner):
+            found.append((indent + segment.name, "one of " + ", ".join(segment.frames)))
+        elif (form := _form(segment)) is not None and segment.name:
+            found.append((indent + segment.name, form))
+    return found
+
+
+def _places(low: int, high: int) -> str:
+    return f"bit {low}" if low == high else f"bits {low}-{high}"
+
+
+def _bytes(size: object) -> str:
+    from framekit.definition.problems import plural
+
+    return plural(size, "byte") if isinstance(size, int) else f"{size} bytes"
+
+
+def _form(segment: Segment) -> str | None:
+    from framekit.definition.model.segments import Count, Data, Field, Length, Value
+
+    match segment:
+        case Field(type=type_):
+            size = f", {_bytes(type_.size)}" if type_.size is not None else ""
+            return f"{type_.kind}{size}"
+        case Data(size=size):
+            return "bytes, the rest" if size == "rest" else f"bytes, {size}"
+        case Length(of=of):
+            return "length of " + ", ".join(of)
+        case Count(of=counted):
+            return f"count of {counted}"
+        case Value():
+            return "derived"
+    return None
+
+
+def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "what",
+        choices=("python", "diagram"),
+        help="python: a module of plain functions, usable without framekit; diagram: the sequences in Mermaid",
+    )
+    add_protocol(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write it; default: standard output")
+
+
+def run_generate(arguments: argparse.Namespace) -> int:
+    protocol = load_codec(arguments.protocol).protocol
+    if arguments.what == "python":
+        from framekit.codec.python.generate import generate_source
+
+        source = generate_source(protocol)
+    else:
+        from framekit.definition.diagrams import diagrams
+
+        source = diagrams(protocol)
+    if arguments.output is None:
+        print(source, end="")
+        return 0
+    try:
+        arguments.output.write_text(source, encoding="utf-8")
+    except OSError as error:
+        raise VerbError(f"cannot write {why_not(error)}") from None
+    return 0
