@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from unittest.mock import patch
 
-from framekit.blocks.device import Device
-from framekit.blocks.load import load_run
 from framekit.blocks.model import Run
+from framekit.runfile.devices import Device
+from framekit.runfile.run_file import load_run
 from framekit.service.device import DeviceService
 from framekit.service.ports import devices_of
 from framekit.service.run import RunService

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from framekit.blocks.block_status import Failure
-from framekit.blocks.jobs.load import load_job_profile
 from framekit.blocks.jobs.order import Command, Order
 from framekit.blocks.jobs.profile import JobProfile
 from framekit.blocks.jobs.slot import Attempt
@@ -16,6 +15,7 @@ from framekit.blocks.own_memory import addresses_of
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.profile import load_profile
+from framekit.runfile.job_profiles import load_job_profile
 
 MS = 1_000_000
 SECOND = 1_000_000_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
@@ -19,6 +18,7 @@ from framekit.link.engine import Engine
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock

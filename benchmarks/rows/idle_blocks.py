@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.measure import interleave
 from benchmarks.row import Row, Target, slower
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.row import Row, Target
-from framekit.blocks.device import load_devices
 from framekit.definition.times import parse_format
 from framekit.link.services.client import TransferResult
+from framekit.runfile.devices import load_devices
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock

@@ -22,7 +22,7 @@ import framekit
 from benchmarks.measure import interleave
 from benchmarks.responder import VALUES, responder
 from benchmarks.row import Row, Target, slower
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
 

@@ -24,7 +24,7 @@ from pymodbus.client import AsyncModbusTcpClient
 import framekit
 from benchmarks.measure import Timing, interleave
 from benchmarks.row import Row, Target, slower
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
 

@@ -31,8 +31,6 @@ from framekit.api.values import (
     values_given,
 )
 from framekit.blocks.commands import CommandBlocks, CommandEnd
-from framekit.blocks.load_channel import needs_own
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
@@ -43,6 +41,8 @@ from framekit.link.services.client import MOST_KEPT, TransferResult
 from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.memory.views import Order
+from framekit.runfile.channels import needs_own
+from framekit.runfile.devices import memory_of
 from framekit.service.client import Begin, ClientService
 from framekit.service.device import DeviceService
 from framekit.service.ending import LONGEST_FAREWELL

@@ -109,7 +109,7 @@ def _protocol(path: Path) -> Checked:
 
 
 def _device(path: Path) -> Checked:
-    from framekit.blocks.device import load_devices
+    from framekit.runfile.devices import load_devices
 
     devices = load_devices(path, path.parent)
     name = devices[0].name
@@ -124,9 +124,9 @@ def _device(path: Path) -> Checked:
 
 def _run(path: Path) -> Checked:
     from framekit.blocks.feasibility import load_problems
-    from framekit.blocks.load import read_run
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.problems import DefinitionError
+    from framekit.runfile.run_file import read_run
     from framekit.service.ports import devices_of
     from framekit.service.rehearsal import loads_of
 
@@ -175,9 +175,9 @@ def _vectors(path: Path) -> Checked:
 
 def _memory(path: Path) -> Checked:
     from framekit.blocks.block_settings import check_items
-    from framekit.blocks.profile_places import check_profile
     from framekit.link.addresses import check_addresses
     from framekit.memory.profile import load_profile
+    from framekit.runfile.devices import check_profile
 
     profile = load_profile(path)
     problems = check_addresses(profile.addresses, profile.areas, profile.tables)
@@ -186,15 +186,15 @@ def _memory(path: Path) -> Checked:
 
 
 def _faults(path: Path) -> Checked:
-    from framekit.blocks.load_fault_plan import load_fault_plan
     from framekit.definition.problems import plural
+    from framekit.runfile.fault_plans import load_fault_plan
 
     plan = load_fault_plan(path)
     return Checked(f"faults {plan.name}, {plural(len(plan.rules), 'rule')}", [])
 
 
 def _jobs(path: Path) -> Checked:
-    from framekit.blocks.jobs.load import load_job_profile
+    from framekit.runfile.job_profiles import load_job_profile
 
     profile = load_job_profile(path)
     return Checked(f"jobs {profile.name}, {len(profile.slots)} slots, {profile.bits.size} status bits", [])

@@ -68,8 +68,8 @@ def add_commreq_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_commreq(arguments: argparse.Namespace) -> int:
-    from framekit.blocks.bound_commands import commands_for
     from framekit.definition.problems import Position
+    from framekit.runfile.blocks import commands_for
 
     protocol = load(arguments.protocol)
     at = Position(arguments.protocol, 0, 0)
@@ -110,11 +110,11 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
 def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
     """Command blocks on a port that has done nothing yet, over an empty memory."""
     from framekit.blocks.commands import CommandBlocks
-    from framekit.blocks.memory_settings import memory_of
     from framekit.codec.codec import compile_protocol
     from framekit.link.frame_vectors import default_line
     from framekit.link.scope import Scope
     from framekit.memory.memory import DeviceMemory
+    from framekit.runfile.devices import memory_of
 
     role = arguments.role or protocol.asking_role
     channel = Scope(protocol, role=role, line=default_line(protocol))
@@ -402,9 +402,9 @@ def carry_out_jobs(
 ) -> int:
     """Carries commands to jobs out; the exit status. Raises VerbError, DefinitionError."""
     from framekit.api.errors import FramekitError
-    from framekit.blocks.jobs.load import load_job_profile
     from framekit.cli.device_verbs import failed, settings_of
     from framekit.definition.problems import Position
+    from framekit.runfile.job_profiles import load_job_profile
 
     profile = load_job_profile(application.name, Path.cwd(), Position(application.name, 1, 1))
     try:

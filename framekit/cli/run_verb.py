@@ -72,8 +72,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_run(arguments: argparse.Namespace) -> int:
     from framekit.blocks.feasibility import load_problems
-    from framekit.blocks.load import load_run
     from framekit.cli.run_output import JsonOutput, TextOutput
+    from framekit.runfile.run_file import load_run
     from framekit.service.file_watch import content_of
     from framekit.service.rehearsal import loads_of
 

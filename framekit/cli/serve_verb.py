@@ -39,11 +39,10 @@ from framekit.transport.schemes import help_on_ports
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from framekit.blocks.device import Device
-    from framekit.blocks.device_settings import DeviceSettings
     from framekit.blocks.model import ConnectionLimits
     from framekit.definition.times import LineFormat
     from framekit.link.observe import Seen
+    from framekit.runfile.devices import Device, DeviceSettings
     from framekit.service.serving import Serving, ServingMonitor
     from framekit.service.serving_ports import Served
     from framekit.transport.port import Port
@@ -116,7 +115,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> DeviceSettings:
-    from framekit.blocks.device_settings import DeviceSettings
+    from framekit.runfile.devices import DeviceSettings
 
     return DeviceSettings(
         stations=() if arguments.station is None else tuple(part.strip() for part in arguments.station.split(",")),
@@ -139,8 +138,7 @@ def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
 
 def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None) -> list[Device]:
     """Raises DefinitionError, and WordsError for devices that can't share a line."""
-    from framekit.blocks.device import load_devices
-    from framekit.blocks.load_fault_plan import with_faults
+    from framekit.runfile.devices import load_devices, with_faults
     from framekit.service.serving_ports import check_line
 
     found = [device for name in names for device in load_devices(name, Path.cwd(), settings)]

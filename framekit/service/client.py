@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
@@ -22,6 +21,7 @@ from framekit.link.services.client import Client, Done, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import Clock

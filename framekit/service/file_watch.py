@@ -10,9 +10,9 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from framekit.blocks.load import load_run
 from framekit.blocks.model import Run
 from framekit.definition.problems import DefinitionError
+from framekit.runfile.run_file import load_run
 
 INTERVAL = 1.0
 """Seconds between two looks; a content is taken when two looks in a row find it."""

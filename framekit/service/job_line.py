@@ -11,13 +11,13 @@ from pathlib import Path
 from framekit.blocks.block_status import Failure
 from framekit.blocks.jobs.profile import JobProfile
 from framekit.blocks.jobs.section import JobsSection, Opening
-from framekit.blocks.memory_settings import memory_of
 from framekit.blocks.model import Block, Channel
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.observe import Monitor
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService

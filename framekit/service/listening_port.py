@@ -5,11 +5,11 @@ Nothing is sent or received on the port itself.
 
 from __future__ import annotations
 
-from framekit.blocks.device import Device
 from framekit.blocks.model import Channel
 from framekit.link.exchange import Server
 from framekit.link.observe import LinkCounters, Monitor
 from framekit.link.services.server import ServiceCounters
+from framekit.runfile.devices import Device
 from framekit.service.device import DeviceStore
 from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory

@@ -11,13 +11,13 @@ from pathlib import Path
 from framekit.blocks.block_memory import status_of
 from framekit.blocks.block_state import BlockState
 from framekit.blocks.block_status import BlockStatus
-from framekit.blocks.memory_settings import put_values
 from framekit.blocks.model import Block, Channel, Run
 from framekit.blocks.own_memory import addresses_of
 from framekit.blocks.removed_blocks import Removed
 from framekit.blocks.triggers import awaited_bits
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
+from framekit.runfile.devices import put_values
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.edit import Applied, RunEditor

@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from framekit.blocks.device import Device
 from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
+from framekit.runfile.devices import Device
 from framekit.service.device import DeviceService, DeviceStore, stores_of
 from framekit.transport.clock import Clock
 from framekit.transport.port import AcceptedPort, Port, PortListener, SharedPort

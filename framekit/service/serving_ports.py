@@ -6,8 +6,8 @@ import asyncio
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from framekit.blocks.device import Device
 from framekit.definition.times import LineFormat, parse_format
+from framekit.runfile.devices import Device
 from framekit.service.serving import Serving
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import open_port, scheme_of

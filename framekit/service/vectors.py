@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.check.vectors import check_vectors
 from framekit.definition.load.library import definition_path, load_protocol
@@ -26,6 +25,7 @@ from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.tested_side import Starter
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 from framekit.service.memory_access import AddressedMemory
 
 SUFFIX = ".vectors.yaml"

@@ -9,9 +9,9 @@ import pytest
 import framekit
 from framekit.api.errors import RequestError
 from framekit.api.values import typed
-from framekit.blocks.load import load_run
 from framekit.codec.codec import compile_protocol
 from framekit.link.services.rows import ServiceRows
+from framekit.runfile.run_file import load_run
 
 
 def test_text_does_not_go_into_structures() -> None:

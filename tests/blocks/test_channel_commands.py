@@ -9,12 +9,12 @@ import pytest
 from framekit.blocks.command_meaning import Meaning, meaning_of
 from framekit.blocks.command_words import CommandFaultError, bytes_of
 from framekit.blocks.commands import CommandBlocks
-from framekit.blocks.jobs.load import load_job_profile
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
+from framekit.runfile.job_profiles import load_job_profile
 
 READ = [17, 0, 8, 9, 0, 0, 2003, 5, 10, 3, 7, 50, 8, 100, 8, 50, 8, 1, 4, 3, 0, 0, 1]
 NAME = [0x4C50, 0x5F43, 0x6131, 0x0061] + [0] * 28

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.device import load_devices
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import DefinitionError
+from framekit.runfile.devices import load_devices
 
 
 def device(folder: Path, more: str = "", protocol: str = "modbus-rtu") -> Path:

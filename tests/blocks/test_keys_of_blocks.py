@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import read_run
+from framekit.runfile.run_file import read_run
 
 SCHEMA = Path(__file__).parents[2] / "schemas" / "run.schema.json"
 KEYS = json.loads(SCHEMA.read_text(encoding="utf-8"))["$defs"]["block"]["properties"].keys()

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.device import Device, load_devices
-from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.problems import DefinitionError
 from framekit.link.addresses import AddressError
+from framekit.runfile.devices import Device, DeviceSettings, load_devices
 
 FILE = "device: one\nprotocol: {protocol}\nrole: {role}\nstation: 1\nmemory: {memory}\n"
 

@@ -10,7 +10,6 @@ import pytest
 from framekit.blocks.block_settings import BlockSettings, SettingError, check_items, settings_sections
 from framekit.blocks.block_status import BlockStatus, Failure
 from framekit.blocks.error_codes import ErrorCode
-from framekit.blocks.load import load_run
 from framekit.blocks.model import Run
 from framekit.blocks.status_words import StatusWords, status_sections
 from framekit.definition.model.protocol import StationType
@@ -18,6 +17,7 @@ from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import BlockItem, BlockWords, load_profile
+from framekit.runfile.run_file import load_run
 
 SCAN = 10_000_000
 

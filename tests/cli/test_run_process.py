@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.device import load_devices
 from framekit.definition.times import LineFormat
+from framekit.runfile.devices import load_devices
 from framekit.service.device import DeviceService
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair

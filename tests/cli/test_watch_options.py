@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.cli.common import begin_log
 from framekit.cli.main import main
+from framekit.runfile.run_file import load_run
 from framekit.service.capture import CaptureReader, _Sink
 from framekit.service.run import RunService
 from framekit.service.status import run_status

@@ -12,7 +12,6 @@ from types import CodeType
 import pytest
 import shipped
 
-from framekit.blocks.device import load_devices
 from framekit.cli import check_verb, main, serve_verb
 from framekit.codec import codec as codecs
 from framekit.codec import kept_files, stored
@@ -25,6 +24,7 @@ from framekit.definition.load import library, load_protocol
 from framekit.definition.sources import Sources
 from framekit.link.fitting import candidates, of_side
 from framekit.link.scope import Scope
+from framekit.runfile.devices import load_devices
 
 REQUEST = bytes.fromhex("01 03 00 00 00 0A C5 CD")
 OWN = "protocol: own\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}, {field: value, type: u8}]}\n"

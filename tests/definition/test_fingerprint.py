@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import Position
+from framekit.runfile.run_file import load_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RUNS = sorted(EXAMPLES.glob("*.run.yaml"))

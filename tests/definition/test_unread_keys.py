@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load_fault_plan import load_fault_plan
 from framekit.definition.problems import DefinitionError
 from framekit.definition.tree import Mapping
 from framekit.memory.profile import ProfileLoader, load_profile
+from framekit.runfile.fault_plans import load_fault_plan
 
 
 def test_a_key_of_a_memory_profile_that_no_loader_reads_is_told(

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol, load_protocol_text
@@ -23,6 +22,7 @@ from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 FRAMES = Path(__file__).parents[2] / "frames"
 DATA = Path(__file__).parents[1] / "data"

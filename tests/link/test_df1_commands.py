@@ -9,12 +9,12 @@ import pytest
 from link.link_world import SECOND, Side, compiled
 from link.service_loop import FRAMES
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.link.construct_values import read_layout
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 NODE = 5
 

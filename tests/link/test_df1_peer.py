@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.device import load_devices
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.evaluate import Names
+from framekit.runfile.devices import load_devices
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import PortEvents

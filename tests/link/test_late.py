@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from service.late_world import MS, REGISTERS, SECOND
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
@@ -21,6 +20,7 @@ from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 LINE = parse_format("8N1", 19200)
 

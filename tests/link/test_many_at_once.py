@@ -7,7 +7,6 @@ from collections import deque
 import pytest
 from link.service_loop import codec_of
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.definition.times import NEVER
 from framekit.link import engine as engines
 from framekit.link.engine import Engine
@@ -17,6 +16,7 @@ from framekit.link.sequences.state import MOST_STEPS
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 STEPS_OF_ONE = 3
 READ = bytes.fromhex("0000 0006 01 03 0000 0001")

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from link.link_world import SECOND, Side, compiled, load
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.definition.problems import DefinitionError
 from framekit.link.services.client import Client, ServiceError, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 CELLS = """
 protocol: cells

@@ -11,10 +11,10 @@ from link.link_world import MS, SECOND, Side, compiled
 from link.service_loop import FRAMES
 from link.test_serving import MALFORMED, with_check
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 PROTOCOLS = ["mldp", "modbus-rtu", "modbus-ascii", "modbus-tcp"]
 

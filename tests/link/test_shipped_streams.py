@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.link_world import MS, cut_at, feed
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.load.vectors import load_vectors
@@ -24,6 +23,7 @@ from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 
 FRAMES = Path(__file__).parents[2] / "frames"
 VECTORS = sorted(file.name.split(".")[0] for file in FRAMES.glob("*.vectors.yaml"))

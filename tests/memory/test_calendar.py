@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import NEVER
 from framekit.memory.clock_bits import SystemBits
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import load_profile
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

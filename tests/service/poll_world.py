@@ -8,8 +8,6 @@ from typing import Any
 from link.service_loop import codec_of
 from service.fault_world import Link, loaded
 
-from framekit.blocks.device import Device
-from framekit.blocks.memory_settings import memory_of
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Send
@@ -17,6 +15,7 @@ from framekit.link.observe import Seen
 from framekit.link.services.client import TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import Device, memory_of
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.polling import Polling

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 from framekit.blocks.error_codes import ErrorCode
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

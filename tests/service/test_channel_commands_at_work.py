@@ -6,7 +6,7 @@ from pathlib import Path
 
 from job_bench import Bench, write_device
 
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 
 READ = [17, 0, 8, 9, 0, 0, 2003, 5, 10, 2, 1, 5, 8, 100, 8, 50, 4, 1, 4, 3, 0, 0, 2]
 NAME = [0x4146, 0x0052] + [0] * 30

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from command_world import SECOND, CommandWorld
 
-from framekit.blocks.load import load_run
 from framekit.definition.problems import DefinitionError
+from framekit.runfile.run_file import load_run
 
 DEVICE = "station: 5\nmemory: {set: {'%R101': [11, 22, 33, 44]}}\n"
 READ = [6101, 5, 1, 101, 3, 200]

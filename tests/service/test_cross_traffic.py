@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.memory_settings import memory_of
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
@@ -27,6 +26,7 @@ from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
 from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock

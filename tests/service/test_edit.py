@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.blocks.run_edit import Edit, plan_edit
 from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock

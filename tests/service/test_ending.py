@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.cli.main import main
 from framekit.link.observe import Seen
+from framekit.runfile.run_file import load_run
 from framekit.service.ending import LONGEST_FAREWELL
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

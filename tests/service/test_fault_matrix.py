@@ -11,7 +11,7 @@ import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 
 from framekit.blocks.fault_plan import FaultRule
-from framekit.blocks.load_fault_plan import misfits
+from framekit.runfile.fault_plans import misfits
 
 SINGLE: dict[str, dict[str, Any]] = {
     "delay": {"time": 100 * MS},

@@ -9,7 +9,7 @@ import socket
 from pathlib import Path
 from random import Random
 
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.memory.memory import DeviceMemory
+from framekit.runfile.run_file import load_run
 from framekit.service.device import DeviceService
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

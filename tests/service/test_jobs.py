@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from job_bench import MS, SECOND, Bench, bench, write_device
 
-from framekit.blocks.load import load_run
 from framekit.definition.problems import DefinitionError
+from framekit.runfile.run_file import load_run
 from framekit.service.status import run_status
 
 HEAD = """

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import framekit
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
 

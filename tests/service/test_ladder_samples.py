@@ -9,10 +9,10 @@ from types import CodeType
 import pytest
 from job_bench import MS, SECOND, Bench
 
-from framekit.blocks.load import load_run
 from framekit.cli.check_verb import check_file
 from framekit.codec import codec
 from framekit.definition.model.protocol import Protocol
+from framekit.runfile.run_file import load_run
 
 SAMPLES = Path(__file__).parents[2] / "examples" / "ge-channels"
 DELAY = "faults: {{rules: [{{fault: delay, time: {time}, frame: reply_pdu{more}}}]}}\n"

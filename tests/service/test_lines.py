@@ -18,12 +18,12 @@ from transport.real_world import opened
 from transport.real_world import run as run_real
 
 import framekit
-from framekit.blocks.device import load_devices
-from framekit.blocks.load import load_run
 from framekit.definition.line_settings import PLAIN, Direction, LineSettings
 from framekit.definition.load import load_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
+from framekit.runfile.devices import load_devices
+from framekit.runfile.run_file import load_run
 from framekit.service.device import DeviceService
 from framekit.service.run import RunService
 from framekit.transport import clock as clock_module
@@ -364,8 +364,7 @@ def test_an_accepted_connection_is_not_opened_again() -> None:
 
 
 def framekit_device(protocol: Any) -> Any:
-    from framekit.blocks.device import Device
-    from framekit.blocks.memory_settings import memory_of
+    from framekit.runfile.devices import Device, memory_of
 
     areas, grammar = memory_of(protocol)
     return Device(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from framekit.blocks.feasibility import load_problems
-from framekit.blocks.load import load_run
 from framekit.link.observe import Seen
+from framekit.runfile.run_file import load_run
 from framekit.service.rehearsal import loads_of
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

@@ -13,7 +13,7 @@ from pymodbus import FramerType
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair

@@ -13,9 +13,8 @@ import pytest
 from pymodbus import FramerType
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
-from framekit.blocks.device import load_devices
-from framekit.blocks.device_settings import DeviceSettings
 from framekit.definition.times import LineFormat
+from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.serving import Serving
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair

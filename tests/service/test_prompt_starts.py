@@ -10,8 +10,8 @@ from weakref import ref
 
 import pytest
 
-from framekit.blocks.load import load_run
 from framekit.blocks.model import Run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port, PortEvents

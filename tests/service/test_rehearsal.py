@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from framekit.blocks.feasibility import Cost
-from framekit.blocks.load import load_run
 from framekit.link.observe import Seen
+from framekit.runfile.run_file import load_run
 from framekit.service.rehearsal import loads_of, rehearse
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

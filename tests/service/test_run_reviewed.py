@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.load import load_run
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -8,9 +8,9 @@ import select
 import socket
 from pathlib import Path
 
-from framekit.blocks.load import load_run
 from framekit.blocks.model import ConnectionLimits
 from framekit.link.observe import Seen
+from framekit.runfile.run_file import load_run
 from framekit.service.listening_port import ListeningPort
 from framekit.service.run import RunService
 from framekit.service.status import run_status

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from framekit.blocks.error_codes import ErrorCode
-from framekit.blocks.load import load_run
 from framekit.cli.main import main
+from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.state_file import StateError, StateFile
 from framekit.transport.clock import VirtualClock

@@ -14,13 +14,12 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.device import load_devices
-from framekit.blocks.device_settings import DeviceSettings
-from framekit.blocks.load import load_run
 from framekit.cli.main import build_parser, main
 from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.screen.app import parse_filter
 from framekit.cli.serve_verb import ServeSession
+from framekit.runfile.devices import DeviceSettings, load_devices
+from framekit.runfile.run_file import load_run
 from framekit.service.frame_log import FrameFilter
 from framekit.service.serving_ports import line_of
 from framekit.transport.pty_pair import PtyPair

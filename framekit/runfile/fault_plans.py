@@ -1,13 +1,9 @@
-"""Reads fault plans: a file `NAME.faults.yaml`, or a plan written in place in a device or run file.
-
-Whether a plan fits a protocol is judged apart, since plans are written for any protocol.
-"""
+"""Reads fault plans: a file `NAME.faults.yaml`, or a plan written in place in a device or run file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -23,7 +19,8 @@ from framekit.definition.times import NEVER
 from framekit.link.frame_faults import station_fields
 
 if TYPE_CHECKING:
-    from framekit.blocks.device import Device
+    pass
+
 
 SUFFIX = ".faults.yaml"
 
@@ -194,16 +191,6 @@ class _PlanLoader:
                 node.at, f"'{self.reader.text(node)}' is no time for {kind}", "give one such as 100 ms"
             )
         return time
-
-
-def with_faults(devices: Sequence[Device], name: str | None, folder: Path) -> list[Device]:
-    """The devices with a plan beside their own. Raises DefinitionError, also for what the protocol cannot do."""
-    if name is None:
-        return list(devices)
-    plan = load_fault_plan(name, folder)
-    if problems := [problem for device in devices for problem in misfits(plan, device.protocol, line=False)]:
-        raise DefinitionError(problems)
-    return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 
 
 def misfits(plan: FaultPlan, protocol: Protocol, *, line: bool) -> Iterator[Problem]:

@@ -1,0 +1,583 @@
+"""Reads the blocks of a run: what all of them have, and blocks with commands and for jobs."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Collection, Iterator
+from collections.abc import Mapping as MappingOf
+from pathlib import Path
+from typing import Any, Literal
+
+from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
+from framekit.blocks.jobs.profile import JobProfile
+from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
+from framekit.blocks.load_triggers import STARTS, TriggerLoader
+from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Instruction, Place
+from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.load import load_protocol
+from framekit.definition.load.documents import without_effect
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.commands import CallOf
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.walk import parts_of
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, without
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly
+from framekit.definition.times import NEVER, format_time
+from framekit.definition.tree import unread
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.memory.memory import unit_bits
+from framekit.runfile.channels import RulesLoader, needs_own, needs_station, read_params, read_station
+from framekit.runfile.transfers import (
+    Attempts,
+    CallLoader,
+    FrameBlockLoader,
+    TransferLoader,
+    address_at,
+    check_written,
+    read_place,
+)
+
+INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
+
+
+class BlockLoader:
+    """Reads blocks; it knows the own memory's addresses and the run's channels."""
+
+    def __init__(
+        self,
+        reader: Reader,
+        grammar: AddressGrammar,
+        channels: MappingOf[int, Channel],
+        known: Collection[str],
+        root: MappingNode,
+        jobs: JobsSection | Literal["wrong"] | None = None,
+        folder: Path = Path(),
+    ) -> None:
+        self.reader = reader
+        self.grammar = grammar
+        self.channels = channels
+        self.known = known
+        self.attempts = attempts = Attempts()
+        self.without_own: set[int] = set()
+        self.rules = RulesLoader(reader, root)
+        self.channel_nodes = reader.entries(root.get("channels"))
+        self.triggers = TriggerLoader(reader, self.place, self.condition, self.room)
+        self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
+        self.calls = CallLoader(reader, attempts, self.place, self.written, self.room)
+        self.frames = FrameBlockLoader(reader, self.place, self.written)
+        self.commands = CommandBlockLoader(reader, folder, root, self.place, self.written)
+        self.jobs = JobBlockLoader(reader, grammar, channels, jobs)
+
+    # ---- own memory ---------------------------------------------------------------------------------------
+
+    def place(self, node: Node, unit: str | None = None) -> Place:
+        """A place of the own memory. Raises Broken."""
+        text = self.reader.text(node)
+        address = address_at(self.reader, self.grammar, node.at, text, unit)
+        return Place(address=address, text=text)
+
+    def written(self, node: Node, unit: str | None = None) -> Place:
+        """A place of the own memory that the run is to write; an area that can only be read is noted. Raises Broken."""
+        place = self.place(node, unit)
+        check_written(self.reader, self.grammar, node, place)
+        return place
+
+    def room(self, node: Node, address: Address, bits: int) -> None:
+        """Notes that so many bits from an address on are not all in its area."""
+        try:
+            self.grammar.check(address, -(-bits // address.unit_bits))
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            self.reader.note(node.at, what, todo)
+
+    def condition(self, node: Node) -> Expression:
+        """An address by itself, or an expression whose names are addresses. Raises Broken."""
+        scalar = self.reader.scalar(node)
+        text = scalar.text.strip()
+        try:
+            self.grammar.parse(text)
+            return Expression(text, Name(scalar.at, text))
+        except AddressError:
+            expression = self.reader.expression(node)
+        for name in sorted(names_in(expression.root)):
+            self.place(Scalar(name, scalar.at, False))
+        return expression
+
+    # ---- blocks -------------------------------------------------------------------------------------------
+
+    def block(self, number: int, set_number: int, entry: Entry) -> Block:
+        """Raises Broken when anything of it is wrong, after all of it has been looked at."""
+        keys = self.reader.mapping(entry.value)
+        if self._is_record(keys) or any(name in keys for name in COMMANDS):
+            return self._command(number, set_number, keys, entry)
+        kinds = [name for name in INSTRUCTIONS if name in keys]
+        if len(kinds) != 1:
+            raise Broken("the schema has told what is wrong with the instruction")
+        instruction = kinds[0]
+        self.attempts.spoilt = False
+        common = self._common(number, set_number, instruction, keys, entry)
+        self._starts(instruction, keys, entry)
+        channel = self._channel(keys, entry)
+        if channel.listens:
+            node = keys.get("channel") or entry.key
+            what = f"channel {channel.number} listens for connections and answers on them"
+            self.reader.note(node.at, what, "leave the block out, or use another channel")
+        if instruction == "send":
+            common["params"] = read_params(self.reader, self.reader.entries(keys.get("params")), channel.protocol)
+        elif instruction != "receive":
+            common["params"] = self.rules.params(keys, channel.protocol)
+        common |= {"channel": channel.number, **self._station(instruction, keys, channel, entry)}
+        found: dict[str, Any] | None
+        if instruction in ("read", "write"):
+            found = self.attempts.to(lambda: self.transfers.read(instruction, keys, channel))
+        elif instruction == "call":
+            found = self.attempts.to(lambda: self.calls.read(keys, channel))
+        elif instruction == "command":
+            found = self.attempts.to(lambda: self.commands.read(keys, channel))
+        else:
+            frames, protocol = self.frames, channel.protocol
+            found = self.attempts.to(lambda: frames.read(instruction, keys, protocol, channel.number, number))
+        if self.attempts.spoilt or found is None:
+            raise Broken(entry.key.text)
+        places = " of several places" if len(found.get("targets", ())) > 1 else ""
+        self._without_effect(keys, f"beside {instruction}:{places}")
+        if instruction == "send":
+            common["params"] |= {name: found["sizes"][field] for field, name in found["sized_by"].items()}
+        return Block(**common, **found)
+
+    def _without_effect(self, keys: MappingNode, where: str) -> None:
+        """Keys that nothing has read: what such a block does not look at."""
+        if sum(name in keys for name in (*INSTRUCTIONS, "report", "abort", "inspect")) != 1:
+            return  # which one is meant the schema asks
+        self.reader.problems.extend(without_effect(entry, where) for _, entry in unread(keys))
+
+    def _is_record(self, keys: MappingNode) -> bool:
+        """Whether a block is a command to jobs whose words stand in memory."""
+        return "command" in keys and "channel" not in keys and "commands" not in keys and self.jobs.reads_records
+
+    def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
+        """A block that establishes, aborts or inspects a job; the cycle of one that establishes is the job's."""
+        instruction: Instruction = next((name for name in COMMANDS if name in keys), "command")
+        self.attempts.spoilt = False
+        started = without(keys, "every") if instruction == "job" else keys
+        common = self._common(number, set_number, instruction, started, entry)
+        self._starts(instruction, started, entry)
+        block_id = BLOCKS_IN_SET * (set_number - 1) + number
+        if instruction == "command":
+            record = self.jobs.record(keys, block_id)
+            self._without_effect(keys, "beside command:")
+            return Block(**common, channel=0, job=record, targets=(record.place.text,))
+        command = self.jobs.command(keys, entry, block_id)
+        if self.attempts.spoilt:
+            raise Broken(entry.key.text)
+        self._without_effect(keys, f"beside {instruction}:")
+        targets = () if command.order is None else (command.order.remote,)
+        return Block(**common, channel=0, job=command, targets=targets)
+
+    def _common(
+        self, number: int, set_number: int, instruction: str, keys: MappingNode, entry: Entry
+    ) -> dict[str, Any]:
+        """What all blocks have."""
+        reader = self.reader
+        has_turn = instruction in INSTRUCTIONS and instruction != "receive" and not self._is_record(keys)
+        joins = instruction == "read" and len(reader.items(keys.get("read"))) == 1
+        return {
+            "number": number,
+            "set": set_number,
+            "name": self.attempts.maybe(reader.text, keys.get("name")) or f"block {number}",
+            "instruction": instruction,
+            "triggers": self.attempts.to(lambda: self.triggers.triggers(keys)) or (),
+            "unless": self.attempts.maybe(self.condition, keys.get("unless")),
+            "repeat": self.attempts.maybe(reader.number, keys.get("repeat")),
+            "priority": (self.attempts.maybe(reader.number, keys.get("priority")) or 0) if has_turn else 0,
+            "enabled": reader.flag(keys.get("enabled"), default=True),
+            "merge": reader.flag(keys.get("merge"), default=True) if joins else True,
+            "at": entry.key.at,
+        }
+
+    def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
+        """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""
+        given = [key for key in STARTS if key in keys]
+        others = [entry.key.text for entry in keys.entries if entry.key.text not in STARTS]
+        misspelt = any(difflib.get_close_matches(key, STARTS) for key in others) or "phase" in others
+        if instruction == "receive" and given:
+            node = keys.get(given[0])
+            at = entry.key.at if node is None else node.at
+            self.reader.note(at, "a receiving block acts whenever its frame comes", f"leave {given[0]} out")
+        elif instruction != "receive" and not given and not misspelt:
+            what = f"nothing starts block {entry.key.text}"
+            cycle = "" if instruction == "job" else "every:, "
+            self.reader.warn(entry.key.at, what, f"add {cycle}when:, once: or another trigger")
+        repeat = keys.get("repeat")
+        if isinstance(repeat, Scalar) and repeat.text.strip() == "0":
+            self.reader.note(repeat.at, "a block that runs 0 times never runs", "give 1 or more, or enabled: no")
+
+    def _channel(self, keys: MappingNode, entry: Entry) -> Channel:
+        """Raises Broken; what is wrong with the channel itself has been told there."""
+        node = keys.get("channel")
+        if node is None:
+            if len(self.known) <= 1:
+                if not self.channels:
+                    raise Broken("the channel has been told")
+                return next(iter(self.channels.values()))
+            raise self.reader.broken(entry.key.at, f"block {entry.key.text} names no channel", "add channel: NUMBER")
+        number = self.reader.number(node)
+        if number not in self.channels:
+            if str(number) in self.known:
+                raise Broken("the channel has been told")
+            raise self.reader.broken(node.at, f"there is no channel {number}", did_you_mean(str(number), self.known))
+        return self.channels[number]
+
+    def _misspelt(self, channel: Channel) -> bool:
+        """Whether the channel has a key that is nearly `station`; that it is none has been told."""
+        keys = next((one.value for one in self.channel_nodes if one.key.text == str(channel.number)), None)
+        return any(is_nearly("station", one.key.text) for one in getattr(keys, "entries", ()))
+
+    def _station(self, instruction: str, keys: MappingNode, channel: Channel, entry: Entry) -> dict[str, Any]:
+        if instruction in ("send", "receive"):
+            return {"station": channel.station}
+        node = keys.get("station")
+        asks = instruction in ("read", "write", "call")
+        names_own = asks or instruction == "command"
+        if names_own and channel.own is None and channel.number not in self.without_own and needs_own(channel.protocol):
+            self.without_own.add(channel.number)
+            what = f"requests of '{channel.protocol.name}' name the asking side, and this channel has no number"
+            self.reader.note(channel.at, what, "add own: to the channel")
+        if node is None:
+            if asks and channel.station is None and needs_station(channel.protocol) and not self._misspelt(channel):
+                what = f"block {entry.key.text} does not say which station it talks to"
+                self.reader.note(entry.key.at, what, "add station: to the block or to its channel")
+            return {"station": channel.station}
+        text = self.reader.text(node)
+        if channel.protocol.station.type != "text" and not text.strip().isdigit():
+            try:
+                return {"station_from": Place(address=self.grammar.parse(text), text=text)}
+            except AddressError:
+                if channel.protocol.station.type == "number":
+                    what = f"'{text}' is neither a station nor an address of the own memory"
+                    self.reader.note(node.at, what, "write a number, or an address such as M100")
+                    self.attempts.spoilt = True
+                    return {}
+        return {"station": self.attempts.maybe(lambda given: read_station(self.reader, given, channel.protocol), node)}
+
+
+class CommandBlockLoader:
+    """Reads them; `place` reads a place of the own memory in a unit, `written` one that is to be written."""
+
+    def __init__(
+        self, reader: Reader, folder: Path, root: Mapping,
+        place: Callable[[Node, str | None], Place], written: Callable[[Node, str | None], Place],
+    ) -> None:  # fmt: skip
+        self.reader = reader
+        self.folder = folder
+        self._root = root
+        self._place = place
+        self._written = written
+        self._found: dict[tuple[str, str], Protocol | None] = {}
+
+    def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
+        """What a block with `command:` has of its own. Raises Broken."""
+        node, fault = keys.get("command"), keys.get("fault")
+        assert node is not None
+        place = self._place(node, "word")
+        return {
+            "places": (place,),
+            "targets": (place.text,),
+            "commands": self._application(keys, channel, node),
+            "fault": None if fault is None else self._written(fault, "bit"),
+        }
+
+    def _application(self, keys: Mapping, channel: Channel, block: Node) -> Protocol:
+        of_channel = self._of_channel(channel)
+        named = next((node for node in (keys.get("commands"), of_channel, self._root.get("commands")) if node), None)
+        name = "" if named is None else self.reader.text(named)
+        known = (name, channel.protocol.name)
+        if known not in self._found:
+            self._found[known] = None
+            at = block.at if named is None else named.at
+            try:
+                self._found[known] = commands_for(channel.protocol, name or None, self.folder, at)
+            except DefinitionError as error:
+                for problem in error.problems:
+                    there = problem.at.file != name
+                    self.reader.problems.append(problem if there else Problem(at, problem.what, problem.todo))
+        found = self._found[known]
+        if found is None:
+            raise Broken(name)
+        return found
+
+    def _of_channel(self, channel: Channel) -> Node | None:
+        for entry in self.reader.entries(self._root.get("channels")):
+            if entry.key.at == channel.at and isinstance(entry.value, Mapping):
+                return entry.value.get("commands")
+        return None
+
+
+def commands_for(protocol: Protocol, name: str | None, folder: Path, at: Position) -> Protocol:
+    """The application of commands of a channel: `name`, else the one its protocol names.
+
+    Raises DefinitionError when there is none, or when it does not fit the protocol.
+    """
+    wanted = name or protocol.commands_file
+    if not wanted:
+        what = f"'{protocol.name}' names no application of commands"
+        raise DefinitionError([Problem(at, what, "add commands: NAME; on a command line --commands NAME")])
+    application = load_protocol(_beside(wanted, folder), folder)
+    problems = list(misfits(application, protocol, at))
+    if problems:
+        raise DefinitionError(problems)
+    return application
+
+
+def _beside(name: str, folder: Path) -> str | Path:
+    file = folder / name
+    return file if file.suffix == ".yaml" and file.is_file() else name
+
+
+def misfits(application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:
+    """Why an application of commands cannot work on a channel that speaks `protocol`."""
+    if application.commands is None:
+        yield Problem(at, f"'{application.name}' has no command blocks", "name an application with commands:")
+        return
+    for rows in application.services.values():
+        for row in rows:
+            yield from _missing(row, application, protocol, at)
+
+
+def _missing(row: ServiceRow, application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:
+    block = None if row.serve is None else row.serve.block
+    if block is None:
+        return
+    whose = f"command '{row.service}' of '{application.name}'"
+    for call in parts_of(block.calls, CallOf):
+        rows = protocol.services.get(call.service)
+        if not rows:
+            hint = did_you_mean(call.service, protocol.services)
+            yield Problem(at, f"{whose} calls '{call.service}', which '{protocol.name}' has not", hint)
+            continue
+        taken = {argument.name for one in rows for argument in one.takes}
+        for name in call.arguments.keys() - taken:
+            hint = did_you_mean(name, taken)
+            yield Problem(at, f"{whose} gives '{call.service}' a '{name}', which that does not take", hint)
+    for name in block.params.keys() - protocol.params.keys():
+        hint = did_you_mean(name, protocol.params)
+        yield Problem(at, f"{whose} gives '{protocol.name}' a parameter '{name}', which that has not", hint)
+    for kind in ("read", "write"):
+        if getattr(block, kind) is not None and kind not in protocol.services:
+            yield Problem(at, f"{whose} has {kind}, which '{protocol.name}' has not", "take another application")
+
+
+COMMANDS: tuple[CommandKind, ...] = ("job", "abort", "inspect")
+ALL = "all"
+MOST_TIMES = 0xFFFF
+
+_KINDS: dict[str, Kind] = {"read": "read", "write": "write", "report": "report"}
+
+
+class JobBlockLoader:
+    """Reads commands to jobs. `grammar` reads addresses of the own memory."""
+
+    def __init__(
+        self,
+        reader: Reader,
+        grammar: AddressGrammar,
+        channels: MappingOf[int, Channel],
+        section: JobsSection | Literal["wrong"] | None,
+    ) -> None:
+        self.reader = reader
+        self.grammar = grammar
+        self.channels = channels
+        self.section = section
+
+    def command(self, keys: MappingNode, entry: Entry, number: int) -> Command:
+        """The command of a block. Raises Broken when anything of it is wrong, after all of it has been looked at."""
+        if self.section == "wrong":
+            raise Broken("what is wrong with the jobs of the run has been told")
+        if self.section is None:
+            raise self.reader.broken(entry.key.at, "the run has no jobs", "add jobs: {profile: NAME, status: ADDRESS}")
+        profile = self.section.profile
+        before = len(self.reader.problems)
+        kind = next(name for name in COMMANDS if name in keys)
+        slot: int | None = None
+        with self.reader.going_on():
+            slot = self._slot(keys.get(kind), kind, profile)
+        status = self._word(keys.get("status"), 1)
+        into = self._word(keys.get("into"), 2) if kind == "inspect" else None
+        order = None
+        with self.reader.going_on():
+            if kind == "job":
+                order = self._order(slot or profile.first, keys, entry, self.section)
+            elif kind == "inspect" and keys.get("into") is None:
+                what = "the block does not say where the detail words go"
+                self.reader.note(entry.key.at, what, "add into: with an address of the own memory")
+        if any(not problem.warning for problem in self.reader.problems[before:]):
+            raise Broken(entry.key.text)
+        return Command(kind=kind, slot=slot, order=order, status=status, into=into, id=number)
+
+    @property
+    def reads_records(self) -> bool:
+        """Whether the jobs of the run take commands whose words stand in memory."""
+        return isinstance(self.section, JobsSection) and self.section.commands is not None
+
+    def record(self, keys: MappingNode, number: int) -> Record:
+        """The command of a block whose words stand in memory. Raises Broken."""
+        section = self.section
+        assert isinstance(section, JobsSection) and section.commands is not None
+        node, fault = keys.get("command"), keys.get("fault")
+        assert node is not None
+        return Record(
+            place=read_place(self.reader, self.grammar, node, 16),
+            application=section.commands,
+            fault=None if fault is None else read_place(self.reader, self.grammar, fault, 1, written=True),
+            id=number,
+        )
+
+    def _slot(self, node: Node | None, kind: str, profile: JobProfile) -> int | None:
+        if kind == "abort" and node is not None and self.reader.text(node).strip() == ALL:
+            return None
+        number = self.reader.number(node)
+        if number not in profile.slots and node is not None:
+            todo = f"slots are {profile.first} to {profile.last}" + (f", or {ALL}" if kind == "abort" else "")
+            raise self.reader.broken(node.at, f"there is no slot {number}", todo)
+        return number
+
+    # ---- places -------------------------------------------------------------------------------------------
+
+    def _word(self, node: Node | None, words: int) -> Place | None:
+        """A place to write, with room for so many words; None for none, and for one that is wrong."""
+        with self.reader.going_on():
+            return None if node is None else read_place(self.reader, self.grammar, node, 16 * words, written=True)
+        return None
+
+    # ---- orders -------------------------------------------------------------------------------------------
+
+    def _order(self, slot: int, keys: MappingNode, entry: Entry, section: JobsSection) -> Order:
+        reader, profile = self.reader, section.profile
+        kind = next((name for name in _KINDS if name in keys), None)
+        if kind is None:
+            wrong = next((name for name in ("send", "receive", "call") if name in keys), None)
+            if wrong is None:
+                raise Broken("the schema has told that there is no instruction")
+            raise reader.broken(self._at(keys, wrong, entry), f"a job cannot {wrong}", "it can read, write or report")
+        channel, host = self._host(keys, entry, section)
+        model = self._model(channel, section)
+        count = reader.maybe(reader.number, keys.get("count"))
+        if count is not None and count < 1:
+            reader.note(self._at(keys, "count", entry), f"a count of {count} moves nothing", "give 1 or more")
+        count = max(1, 1 if count is None else count)
+        unit = reader.maybe(reader.text, keys.get("type"))
+        own_key = {"read": "into", "write": "from", "report": "report"}[kind]
+        own = keys.get(own_key)
+        if own is None:
+            does = "go" if kind == "read" else "come from"
+            what = f"the block does not say where its data {does}"
+            raise reader.broken(entry.key.at, what, f"add {own_key}: with an address of the own memory")
+        remote = "" if kind == "report" else reader.text(keys.get(kind))
+        found = self._unit(remote, unit, count, model, keys.get(kind), kind) or unit
+        bits = 1 if found is None else unit_bits(found) * count
+        place = read_place(reader, self.grammar, own, bits, written=kind == "read")
+        found = found or place.address.unit
+        most = profile.lengths.get(found)
+        if most is not None and count > most:
+            what = f"{count} {found}s are too many for one transfer"
+            reader.note(self._at(keys, "count", entry), what, f"{most} are the most")
+        return Order(
+            slot=slot,
+            kind=_KINDS[kind],
+            place=place,
+            remote=remote,
+            unit=unit if remote else found,
+            count=count,
+            host=host,
+            channel=channel if not host else None,
+            station=self._station(keys, model),
+            **self._times(keys, entry, profile),
+        )
+
+    def _at(self, keys: MappingNode, key: str, entry: Entry) -> Any:
+        node = keys.get(key)
+        return entry.key.at if node is None else node.at
+
+    def _unit(
+        self, remote: str, unit: str | None, count: int, model: Channel | None, node: Node | None, kind: str
+    ) -> str | None:
+        """The unit of what is moved, where the protocol that is spoken there is known."""
+        if model is None or not remote or node is None:
+            return None
+        protocol = model.protocol
+        if kind not in protocol.services:
+            self.reader.note(node.at, f"'{protocol.name}' has no service {kind}", "name another channel")
+            return None
+        grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+        try:
+            address = grammar.parse(remote, unit)
+            grammar.check(address, count)
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            self.reader.note(node.at, what, todo)
+            return None
+        if kind == "write" and protocol.areas[address.area].access == "read":
+            self.reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
+        return unit or address.unit
+
+    def _model(self, channel: int | None, section: JobsSection) -> Channel | None:
+        """The channel as the run says it, or what is opened for a host without one."""
+        if channel is not None:
+            return self.channels[channel]
+        return None if section.opening is None else section.opening.channel
+
+    def _host(self, keys: MappingNode, entry: Entry, section: JobsSection) -> tuple[int | None, str]:
+        """The channel, if the run knows it now, and the host as it is written."""
+        node, named = keys.get("host"), keys.get("channel")
+        if node is not None and named is not None:
+            self.reader.note(named.at, "the host says which channel it is", "leave channel out")
+        if node is not None:
+            host = self.reader.text(node)
+            address = section.hosts.get(host, host)
+            number = channel_to(host, self.channels)
+            number = channel_to(address, self.channels) if number is None else number
+            if number is None and is_address(address) and section.opening is None:
+                self.reader.warn(node.at, f"no channel leads to {address}", "add host: to a channel, or open: to jobs")
+            return number, host
+        if named is not None:
+            number = self.reader.number(named)
+            if number not in self.channels:
+                known = ", ".join(map(str, self.channels))
+                raise self.reader.broken(named.at, f"there is no channel {number}", f"known: {known}")
+            return number, ""
+        if len(self.channels) == 1:
+            return next(iter(self.channels)), ""
+        what = f"block {entry.key.text} does not say which host it talks to"
+        raise self.reader.broken(entry.key.at, what, "add host:, or channel:")
+
+    def _station(self, keys: MappingNode, model: Channel | None) -> Any:
+        node = keys.get("station")
+        if model is None:
+            return None if node is None else self.reader.constant(node)
+        return model.station if node is None else read_station(self.reader, node, model.protocol)
+
+    def _times(self, keys: MappingNode, entry: Entry, profile: JobProfile) -> dict[str, Any]:
+        reader = self.reader
+        period = reader.maybe(reader.time, keys.get("every")) or 0
+        at = self._at(keys, "every", entry)
+        if period >= NEVER:
+            reader.note(at, "never is no period", "leave every out, or give a time such as 1 s")
+        elif (wrong := profile.misfit_period(period)) is not None:
+            units = ", ".join(f"{format_time(unit.time)} (at most {unit.most})" for unit in profile.units.values())
+            reader.note(at, f"a period of {format_time(period)} {wrong}", f"periods count {units}")
+        late = reader.maybe(reader.time, keys.get("late")) or 0
+        at = self._at(keys, "late", entry)
+        most = profile.late_unit * profile.late_most
+        if late % profile.late_unit or late > most:
+            what = f"a time-out of {'never' if late >= NEVER else format_time(late)} cannot be counted"
+            reader.note(at, what, f"give a multiple of {format_time(profile.late_unit)}, at most {format_time(most)}")
+        elif 0 < period < late:
+            reader.warn(at, "the period is over before the time-out", "leave late out: a period that is over is told")
+        times = reader.maybe(reader.number, keys.get("times")) or 0
+        if not 0 <= times <= MOST_TIMES:
+            reader.note(
+                self._at(keys, "times", entry), f"{times} transfers cannot be counted", f"give 0 to {MOST_TIMES}"
+            )
+        return {"period": period, "late": late, "times": times}

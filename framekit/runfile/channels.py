@@ -1,0 +1,616 @@
+"""Reads the channels of a run: port, line, protocol, role, parameters, wiring, silences, dead stations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
+
+from framekit.blocks.fault_plan import FaultPlan
+from framekit.blocks.model import DEFAULT_LIMITS, Channel, ConnectionLimits, DeadRule, Merge, Silence, StationRules
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.line_settings import FAST, SPEEDS, Direction, LineSettings, Modem
+from framekit.definition.load.library import load_protocol
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.load.scalars import parse_bytes, parse_number
+from framekit.definition.model.protocol import WITHOUT_NUMBER, Parameter, Protocol, StationType
+from framekit.definition.model.walk import expressions_of
+from framekit.definition.nodes import Entry, Mapping, Node, Sequence
+from framekit.definition.problems import DefinitionError, Problem, did_you_mean, plural
+from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.line_times import LineTimes
+from framekit.link.parameters import ParameterError, given_item, given_value
+from framekit.runfile.fault_plans import read_fault_plan
+from framekit.transport.schemes import scheme_of
+
+T = TypeVar("T")
+
+_HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
+
+
+class ChannelLoader:
+    """Reads channels of the run in `folder`. `protocols`: those loaded so far, None for one that is wrong."""
+
+    def __init__(self, reader: Reader, folder: Path, root: Mapping) -> None:
+        self.reader = reader
+        self.rules = RulesLoader(reader, root)
+        self.folder = folder
+        self.protocols: dict[str, Protocol | None] = {}
+        self.spoilt = False
+
+    def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        """What stands under a key; None for nothing, and for something broken: the rest is read all the same."""
+        try:
+            return None if node is None else read(node)
+        except Broken:
+            self.spoilt = True
+            return None
+
+    def channel(self, entry: Entry) -> Channel:
+        """Raises Broken when anything of it is wrong."""
+        self.spoilt = False
+        return self._channel(entry, self._maybe(self.reader.number, entry.key))
+
+    def template(self, entry: Entry) -> Channel:
+        """A channel whose number is not known yet. Raises Broken."""
+        self.spoilt = False
+        return self._channel(entry, None)
+
+    def _channel(self, entry: Entry, number: int | None) -> Channel:
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        port_node = keys.get("port") or entry.key
+        port = self._maybe(self._port, keys.get("port"))
+        answer = self._maybe(reader.time, keys.get("answer"))
+        protocol = self._protocol(keys)
+        port = self._with_number(port or "", port_node, protocol)
+        line = self._line(keys, protocol)
+        wires = LineLoader(reader, keys, protocol, port, line)
+        silence = self.rules.silence(keys, line)
+        channel = Channel(
+            number=number or 0,
+            port=port,
+            protocol=protocol,
+            role=self._role(keys, entry, protocol),
+            line=line,
+            wiring=wires.settings(),
+            host=self._maybe(reader.text, keys.get("host")) or "",
+            own=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
+            station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
+            params=self.rules.params(keys, protocol),
+            pause=silence.between,
+            silence=silence,
+            dead=self.rules.dead(keys),
+            merge=self.rules.merge(keys),
+            stations=self.rules.stations(keys, protocol),
+            enabled=reader.flag(keys.get("enabled"), default=True),
+            answer=answer or 0,
+            at=entry.key.at,
+            port_at=port_node.at,
+            faults=self._faults(keys.get("faults"), port, protocol),
+            limits=self._maybe(self._limits, keys.get("clients")) or DEFAULT_LIMITS,
+        )
+        clients = keys.get("clients")
+        if clients is not None and not channel.listens:
+            what = f"channel {entry.key.text} does not listen, so it has no clients"
+            reader.note(clients.at, what, "leave clients out, or listen with an answering role at tcp-listen://")
+        if channel.listens and channel.asks:
+            what = f"channel {entry.key.text} listens for connections, and nothing it does begins on one"
+            reader.note(port_node.at, what, "give it an answering role, or write tcp:// to connect to the other side")
+        if self.spoilt:
+            raise Broken(entry.key.text)
+        return channel
+
+    def _with_number(self, port: str, node: Node, protocol: Protocol) -> str:
+        """The port with the protocol's own port number where it names none."""
+        found = protocol.line.port_of(port)
+        if WITHOUT_NUMBER.fullmatch(found):
+            what = f"'{port}' names no port number, and '{protocol.name}' has none of its own"
+            self.reader.note(node.at, what, f"write {port.rstrip('/')}:NUMBER")
+            self.spoilt = True
+        return found
+
+    def _limits(self, node: Node) -> ConnectionLimits:
+        """What clients of a port that listens may do. Raises Broken."""
+        reader, keys = self.reader, self.reader.mapping(node)
+        idle, connections = keys.get("idle_timeout"), keys.get("connections")
+        try:
+            return ConnectionLimits(
+                DEFAULT_LIMITS.idle if idle is None else reader.time(idle),
+                DEFAULT_LIMITS.per_address if connections is None else reader.number(connections),
+            )
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise reader.broken(node.at, what, todo) from None
+
+    def _port(self, node: Node) -> str:
+        port = self.reader.text(node)
+        if _HOST_AND_PORT.fullmatch(port) and not port.startswith("sim:"):
+            raise self.reader.broken(node.at, f"'{port}' is no port", f"write tcp://{port} for a connection")
+        for name in port.removeprefix("sim:").split(",") if port.startswith("sim:") else ():
+            if not name.strip():
+                raise self.reader.broken(node.at, "a simulated device has no name", "write sim:FILE")
+            self._inside(name.strip(), node)
+        return port
+
+    def _inside(self, name: str, node: Node) -> None:
+        """Files of a run stand beside it, below it, or are shipped."""
+        if name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
+            what = f"'{name}' leaves the run's folder"
+            raise self.reader.broken(node.at, what, "name a file beside it or a shipped one")
+
+    def _faults(self, node: Node | None, port: str | None, protocol: Protocol) -> FaultPlan | None:
+        if node is not None and port is not None and not port.startswith("sim:"):
+            self.reader.note(node.at, f"'{port}' is no simulated line", "faults are for sim: ports")
+        return read_fault_plan(self.reader, node, self.folder, protocol, line=True)
+
+    # ---- protocol and role --------------------------------------------------------------------------------
+
+    def _protocol(self, keys: Mapping) -> Protocol:
+        node = keys.get("protocol")
+        if node is None:
+            raise Broken("the schema asks for a protocol")
+        name = self.reader.text(node)
+        self._inside(name, node)
+        if name not in self.protocols:
+            self.protocols[name] = None
+            try:
+                self.protocols[name] = load_protocol(self._beside(name), self.folder)
+            except DefinitionError as error:
+                for problem in error.problems:
+                    there = problem.at.file != name
+                    self.reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
+        protocol = self.protocols[name]
+        if protocol is None:
+            raise Broken(name)
+        return protocol
+
+    def _beside(self, name: str) -> str | Path:
+        file = self.folder / name
+        return file if file.suffix == ".yaml" and file.is_file() else name
+
+    def _role(self, keys: Mapping, entry: Entry, protocol: Protocol) -> str | None:
+        """The role given, or the usual one of a side that asks."""
+        node = keys.get("role")
+        if not protocol.roles:
+            if node is not None:
+                self.reader.note(node.at, f"'{protocol.name}' has no roles", "leave role out")
+            return None
+        if node is None:
+            role = protocol.asking_role
+            if role is None:
+                known = ", ".join(protocol.roles)
+                self.reader.note(entry.key.at, f"channel {entry.key.text} says no role", f"add role: one of {known}")
+                self.spoilt = True
+            return role
+        role = self.reader.text(node)
+        if role not in protocol.roles:
+            hint = did_you_mean(role, protocol.roles)
+            self.reader.note(node.at, f"'{protocol.name}' has no role '{role}'", hint)
+            self.spoilt = True
+        return role
+
+    # ---- line ---------------------------------------------------------------------------------------------
+
+    def _line(self, keys: Mapping, protocol: Protocol) -> LineFormat | None:
+        """The speed and format of the channel; the protocol's own where the run says nothing. None for a stream."""
+        reader, line = self.reader, protocol.line
+        speed_node, format_node = keys.get("speed"), keys.get("format")
+        if line.kind == "stream":
+            for node in (speed_node, format_node):
+                if node is not None:
+                    reader.warn(node.at, f"'{protocol.name}' runs on connections, which have no speed", "leave it out")
+            return None
+        speed = self._maybe(reader.number, speed_node) or line.speed
+        if speed_node is not None and line.speeds and speed not in line.speeds:
+            hint = "choose one of " + ", ".join(map(str, line.speeds))
+            reader.warn(speed_node.at, f"'{protocol.name}' does not list a speed of {speed}", hint)
+        text = line.format if format_node is None else reader.text(format_node)
+        if format_node is not None and line.formats and text not in line.formats:
+            hint = "choose one of " + ", ".join(line.formats)
+            reader.warn(format_node.at, f"'{protocol.name}' does not list a format of {text}", hint)
+        try:
+            return parse_format(text, speed)
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            reader.note((format_node or speed_node or keys).at, what, todo)
+            self.spoilt = True
+            return None
+
+
+def needs_station(protocol: Protocol) -> bool:
+    """Whether exchanges of a protocol name the other side, and nothing says which it is by itself."""
+    if protocol.station.type == "none" or protocol.station.default is not None:
+        return False
+    holders = [row.request for rows in protocol.services.values() for row in rows]
+    exchanges = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
+    sequences = [protocol.sequences[name] for name in exchanges if name in protocol.sequences]
+    expressions = (*expressions_of(holders), *expressions_of(sequences))
+    return any("station" in names_in(expression.root) for expression in expressions)
+
+
+def needs_own(protocol: Protocol) -> bool:
+    """Whether requests of a protocol name the side that asks, and nothing says which it is by itself."""
+    if protocol.station.type == "none" or protocol.station.default is not None:
+        return False
+    requests = [row.request for rows in protocol.services.values() for row in rows]
+    return any("own" in names_in(expression.root) for expression in expressions_of(requests))
+
+
+PARAMETERS = {
+    "retries": "retries",
+    "timeout": "reply_timeout",
+    "reply_timeout": "reply_timeout",
+    "byte_timeout": "byte_timeout",
+}
+"""Keys that are short for a parameter of the protocol, where it has one of this name."""
+
+OCCASIONS = ("between", "connect", "station")
+
+_LINE_TIME = re.compile(r"\s*(\d+)(?:\.(\d+))?\s*(char|bit)s?\s*")
+
+
+class RulesLoader:
+    """Reads rules; what is wrong is noted, and left out."""
+
+    def __init__(self, reader: Reader, root: Mapping) -> None:
+        self.reader = reader
+        self.root = root
+
+    def _node(self, keys: Mapping, name: str) -> Node | None:
+        """A key of the channel, else of the run."""
+        node = keys.get(name)
+        return self.root.get(name) if node is None else node
+
+    # ---- silences -----------------------------------------------------------------------------------------
+
+    def silence(self, keys: Mapping, line: LineFormat | None) -> Silence:
+        """`silence: TIME` or times for several occasions; `pause: TIME` is the one between two exchanges."""
+        pause, node = keys.get("pause"), self._node(keys, "silence")
+        found = {"between": 0 if pause is None else self.time(pause, line)}
+        if isinstance(node, Mapping):
+            found |= {name: self.time(value, line) for name in OCCASIONS if (value := node.get(name)) is not None}
+        elif node is not None:
+            found["between"] = self.time(node, line)
+        if pause is not None and keys.get("silence") is not None:
+            self.reader.note(pause.at, "pause and silence say the same", "leave pause out")
+        return Silence(**found)
+
+    def time(self, node: Node, line: LineFormat | None) -> int:
+        """A time, also in characters or bits of the line (ns); 0 for what is none."""
+        match = _LINE_TIME.fullmatch(self.reader.text(node))
+        with self.reader.going_on():
+            if match is None:
+                return self.reader.time(node)
+            if line is None:
+                raise self.reader.broken(node.at, "a connection has no characters or bits", "give a time such as 5 ms")
+            digits = match[2] or ""
+            times = LineTimes(line)
+            count = times.chars if match[3] == "char" else times.bits
+            return count(int(match[1] + digits), 10 ** len(digits))
+        return 0
+
+    def _number(self, node: Node | None, usual: int) -> int:
+        with self.reader.going_on():
+            return usual if node is None else self.reader.number(node)
+        return usual
+
+    # ---- stations -----------------------------------------------------------------------------------------
+
+    def dead(self, keys: Mapping) -> DeadRule | None:
+        return self._dead(self._node(keys, "dead"))
+
+    def _dead(self, node: Node | None) -> DeadRule | None:
+        """`dead: no` or `{failures, after, every}`; without it the usual rule."""
+        usual = DeadRule()
+        if not isinstance(node, Mapping):
+            return usual if node is None else None
+        failures, after, every = node.get("failures"), node.get("after"), node.get("every")
+        rule = DeadRule(
+            failures=self._number(failures, usual.failures),
+            after=usual.after if after is None else self.time(after, None),
+            every=usual.every if every is None else self.time(every, None),
+        )
+        if failures is not None and rule.failures < 1:
+            self.reader.note(failures.at, "a station cannot be dead before it failed", "give 1 or more")
+        if every is not None and rule.every < 1:
+            self.reader.note(every.at, "a dead station is asked now and then", "give a time such as 60 s")
+        return rule
+
+    def stations(self, keys: Mapping, protocol: Protocol) -> dict[Any, StationRules]:
+        """`stations: {STATION: {params, retries, timeout, dead}}`."""
+        found: dict[Any, StationRules] = {}
+        for entry in self.reader.entries(keys.get("stations")):
+            with self.reader.going_on():
+                try:
+                    station = parse_station(entry.key.text, protocol)
+                except ValueError as error:
+                    what, _, todo = str(error).partition(" – ")
+                    raise self.reader.broken(entry.key.at, what, todo) from None
+                own = self.reader.mapping(entry.value)
+                dead = own.get("dead")
+                found[station] = StationRules(
+                    params=self.params(own, protocol), dead=self._dead(dead), own_dead=dead is not None
+                )
+        return found
+
+    def params(self, keys: Mapping, protocol: Protocol) -> dict[str, Any]:
+        """`params:` and the keys that are short for one of them, in their YAML form, each tried."""
+        found = read_params(self.reader, self.reader.entries(keys.get("params")), protocol)
+        for key, name in PARAMETERS.items():
+            node = keys.get(key)
+            if node is None:
+                continue
+            with self.reader.going_on():
+                parameter = protocol.params.get(name)
+                if parameter is None:
+                    kind = "number" if key == "retries" else "time"
+                    known = ", ".join(one for one, it in protocol.params.items() if it.type == kind)
+                    what = f"'{protocol.name}' has no parameter '{name}'"
+                    what += "" if key == name else f", which {key} stands for"
+                    raise self.reader.broken(
+                        node.at, what, f"set these by params: {known}" if known else "leave it out"
+                    )
+                if name in found:
+                    raise self.reader.broken(node.at, f"'{name}' stands in params too", "leave one of them out")
+                text = self.reader.text(node)
+                if parameter.type == "time" and not 0 < self.reader.time(node) < NEVER:
+                    raise self.reader.broken(node.at, f"'{text}' is no {key}", "give a time such as 500 ms")
+                try:
+                    given_value(parameter, text)
+                except ParameterError as error:
+                    what, _, todo = str(error).partition(" – ")
+                    raise self.reader.broken(node.at, what, todo) from None
+                found[name] = text
+        return found
+
+    # ---- joined reads -------------------------------------------------------------------------------------
+
+    def merge(self, keys: Mapping) -> Merge | None:
+        """`merge: yes|no` or `{gap, max}`; off without it."""
+        node = self._node(keys, "merge")
+        if node is None:
+            return None
+        if not isinstance(node, Mapping):
+            return Merge() if self.reader.flag(node, default=False) else None
+        gap, most = node.get("gap"), node.get("max")
+        merge = Merge(gap=self._number(gap, 0), most=None if most is None else self._number(most, 1))
+        if merge.gap < 0 or (merge.most is not None and merge.most < 1):
+            self.reader.note(node.at, "these limits join nothing", "give a gap of 0 or more, and a max of 1 or more")
+        return merge
+
+
+WIRES = ("type", "duplex", "direction", "echo", "handshake")
+"""Keys that make sense only where there are wires."""
+
+LONGEST_KEY = 1_000_000_000
+
+
+class LineLoader:
+    """Reads the settings of one channel. Problems go to the reader."""
+
+    def __init__(self, reader: Reader, keys: Mapping, protocol: Protocol, port: str, line: LineFormat | None) -> None:
+        self.reader = reader
+        self.keys = keys
+        self.protocol = protocol
+        self.port = port
+        self.line = line
+
+    def settings(self) -> LineSettings:
+        """The settings; a setting that is wrong is noted and left out."""
+        reader, keys = self.reader, self.keys
+        self._without_wires()
+        kind = self._word("type")
+        direction = modem = connect = reconnect = None
+        echo = False
+        with reader.going_on():
+            direction = self._direction(keys.get("direction"))
+        with reader.going_on():
+            modem = self._modem(keys.get("modem"))
+        with reader.going_on():
+            echo = reader.flag(keys.get("echo"))
+        with reader.going_on():
+            connect = self._time("connect_timeout", keys.get("connect_timeout"))
+        with reader.going_on():
+            reconnect = self._time("reconnect", keys.get("reconnect"))
+        settings = LineSettings(
+            type=kind,  # type: ignore[arg-type]  # the schema knows them
+            half_duplex=(self._word("duplex") or ("half" if kind == "rs485" else "full")) == "half",
+            echo=echo,
+            direction=direction,
+            handshake=self._word("handshake") or "none",  # type: ignore[arg-type]
+            connect_within=connect,
+            reconnect=reconnect,
+            modem=modem,
+        )
+        self._together(settings)
+        self._format(settings)
+        return settings
+
+    # ---- single keys --------------------------------------------------------------------------------------
+
+    def _word(self, key: str) -> str | None:
+        node = self.keys.get(key)
+        return None if node is None else self.reader.text(node)
+
+    def _time(self, key: str, node: Node | None) -> int | None:
+        if node is None:
+            return None
+        time = self.reader.time(node)
+        if not 0 < time < NEVER:
+            raise self.reader.broken(node.at, f"'{self.reader.text(node)}' is no {key}", "give a time such as 500 ms")
+        return time
+
+    def _direction(self, node: Node | None) -> Direction | None:
+        """`none`, `rts`, `driver`, or `{by, level, before, after}`. Raises Broken."""
+        if node is None:
+            return None
+        if not isinstance(node, Mapping):
+            by = self.reader.text(node)
+            return None if by == "none" else Direction(by=by)  # type: ignore[arg-type]  # the schema knows them
+        times = {}
+        for key in ("before", "after"):
+            part = node.get(key)
+            times[key] = 0 if part is None else self._line_time(part)
+        level = node.get("level")
+        by = self.reader.text(node.get("by"))
+        high = level is None or self.reader.text(level) == "high"
+        return Direction(by=by, high=high, **times)  # type: ignore[arg-type]
+
+    def _line_time(self, node: Node) -> int:
+        """A time, also in characters or bits of the line."""
+        text = self.reader.text(node).strip()
+        for unit, length in (("chars", 0), ("char", 0), ("bits", 1), ("bit", 1)):
+            number = text.removesuffix(unit).strip()
+            if text.endswith(unit) and number.replace(".", "", 1).isdigit() and self.line is not None:
+                return round(float(number) * (self.line.bit_time if length else self.line.character_time))
+        time = self.reader.time(node)
+        if time > LONGEST_KEY:
+            raise self.reader.broken(node.at, f"{text} is too long to hold a line", "give 1 s or less")
+        return time
+
+    def _modem(self, node: Node | None) -> Modem | None:
+        """`none`, or `{type, init, answer, within}`. Raises Broken."""
+        if node is None:
+            return None
+        if not isinstance(node, Mapping):
+            return None
+        usual = Modem()
+        init, answer, within = node.get("init"), node.get("answer"), node.get("within")
+        dedicated = self.reader.text(node.get("type")) == "dedicated"
+        if dedicated and answer is not None:
+            self.reader.note(answer.at, "nobody calls on a dedicated line", "leave answer out")
+        rings = 1 if answer is None else self.reader.number(answer)
+        if not 1 <= rings <= 255 and answer is not None:
+            raise self.reader.broken(answer.at, f"a modem cannot answer at ring {rings}", "give 1 to 255")
+        text = usual.init if init is None else self.reader.text(init)
+        if init is not None and not (text.isascii() and text.isprintable()):
+            raise self.reader.broken(init.at, "a modem command is printable ASCII", "write it like ATZ;ATE0")
+        wait = usual.reply_within if within is None else self._time("within", within)
+        return Modem(init=text, answer=None if dedicated else rings, reply_within=wait or usual.reply_within)
+
+    # ---- what cannot be together --------------------------------------------------------------------------
+
+    def _note(self, key: str, what: str, todo: str) -> None:
+        node = self.keys.get(key)
+        self.reader.note(self.keys.at if node is None else node.at, what, todo)
+
+    def _without_wires(self) -> None:
+        stream = self.protocol.line.kind == "stream" and not self.port.startswith("sim:")
+        kind = scheme_of(self.port)
+        if not stream and (kind is None or kind.wires):
+            return
+        for key in WIRES:
+            if self.keys.get(key) is not None:
+                self._note(key, f"'{key}' is about wires, and '{self.port}' has none", "leave it out")
+
+    def _together(self, settings: LineSettings) -> None:
+        kind = settings.type
+        if kind in ("rs232", "rs422") and settings.half_duplex:
+            self._note(
+                "duplex", f"{kind} has a pair of wires for each direction", "leave duplex out, or use type: rs485"
+            )
+        if kind == "rs232" and settings.direction is not None:
+            self._note("direction", "an RS-232 port has no transmitter to switch", "leave it out, or use type: rs485")
+        if kind in ("rs232", "rs422") and settings.echo:
+            self._note("echo", f"{kind} ports do not hear themselves", "leave it out, or use type: rs485")
+        if settings.direction is not None and settings.direction.by == "rts" and settings.handshake == "rtscts":
+            self._note("handshake", "RTS switches the direction here", "use handshake: none, or direction: driver")
+        if kind in ("rs422", "rs485") and settings.handshake == "rtscts":
+            self._note("handshake", f"{kind} has no RTS and CTS wires", "leave it out")
+        if settings.modem is not None and kind in ("rs422", "rs485"):
+            self._note("modem", f"a modem is on an RS-232 port, not on {kind}", "leave it out, or use type: rs232")
+        if settings.modem is not None and self.port.startswith("sim:"):
+            self._note("modem", "a simulated line has no modem", "leave it out")
+
+    def _format(self, settings: LineSettings) -> None:
+        """The speeds and formats that interfaces have: Snet module guide, Table 14, and what is faster today."""
+        line = self.line
+        if settings.type is None or line is None:
+            return
+        known = SPEEDS if settings.type == "rs232" else SPEEDS + FAST
+        if line.speed not in known:
+            near = ", ".join(map(str, sorted(sorted(known, key=lambda speed: abs(speed - line.speed))[:3])))
+            self._note("speed", f"{settings.type} ports have no speed of {line.speed}", f"the nearest are {near}")
+        if line.data_bits not in (7, 8) or line.parity not in "NEO" or line.stop_bits not in (1, 2):
+            what = f"{settings.type} ports have no format {line.data_bits}{line.parity}{line.stop_bits:g}"
+            self._note("format", what, "7 or 8 data bits, parity N, E or O, 1 or 2 stop bits")
+
+
+def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
+    """The number, text or bytes that names a station of a protocol. Raises Broken."""
+    try:
+        return parse_station(reader.text(node), protocol)
+    except ValueError as error:
+        what, _, todo = str(error).partition(" – ")
+        raise reader.broken(node.at, what, todo) from None
+
+
+def parse_station(text: str, protocol: Protocol) -> Any:
+    """Raises ValueError with a sentence for what is no station of this protocol."""
+    station = protocol.station
+    if station.type == "none":
+        raise ValueError(f"'{protocol.name}' has no stations – leave the station out")
+    if station.type == "number":
+        number = parse_number(text)
+        if station.limits is not None and not station.limits[0] <= number <= station.limits[1]:
+            raise ValueError(f"station {number} is not in {station.limits[0]}..{station.limits[1]}")
+        return number
+    if station.type == "bytes":
+        filled = _filled(text, station)
+        data = parse_bytes(text) if filled is None else filled
+        if station.size is not None and len(data) != station.size:
+            raise ValueError(f"station {text} has {plural(len(data), 'byte')}, it needs {station.size}")
+        return data
+    if station.size is not None and len(text) > station.size:
+        raise ValueError(f"station '{text}' has {len(text)} characters, at most {station.size} are possible")
+    return text
+
+
+def _filled(text: str, station: StationType) -> bytes | None:
+    """The bytes of a station that is given as a text; None where the text can only be hex pairs."""
+    if station.pad is None or station.size is None or len(text) > station.size or not text.isascii():
+        return None
+    return text.encode("ascii").ljust(station.size, bytes((station.pad,)))
+
+
+def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) -> dict[str, Any]:
+    """Parameters in their YAML form, each tried; those that do not fit are noted and left out."""
+    found: dict[str, Any] = {}
+    for entry in entries:
+        with reader.going_on():
+            name = entry.key.text
+            if name not in protocol.params:
+                hint = did_you_mean(name, protocol.params)
+                raise reader.broken(entry.key.at, f"'{protocol.name}' has no parameter '{name}'", hint)
+            value = raw_value(reader, entry.value)
+            parameter = protocol.params[name]
+            if parameter.type == "list" and isinstance(entry.value, Sequence):
+                if _items_fit(reader, entry.value, parameter):
+                    found[name] = value
+                continue
+            try:
+                given_value(parameter, value)
+            except ParameterError as error:
+                what, _, todo = str(error).partition(" – ")
+                raise reader.broken(entry.value.at, what, todo) from None
+            found[name] = value
+    return found
+
+
+def _items_fit(reader: Reader, node: Sequence, parameter: Parameter) -> bool:
+    """Whether every item is what the list holds; each that is not is noted at its place."""
+    fits = True
+    for item in node.items:
+        try:
+            given_item(parameter, reader.text(item))
+        except ParameterError as error:
+            what, _, todo = str(error).partition(" – ")
+            reader.note(item.at, what, todo)
+            fits = False
+    return fits
+
+
+def raw_value(reader: Reader, node: Node) -> Any:
+    """Text, or a list of texts: a value in its YAML form."""
+    return [reader.text(item) for item in node.items] if isinstance(node, Sequence) else reader.text(node)

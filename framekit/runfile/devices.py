@@ -1,0 +1,539 @@
+"""Simulated devices as files describe them: protocol, role, memory with start values, parameters, station.
+
+What a command line or a program says of a device to serve is put on top of its file, or of a bare protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from collections.abc import Mapping as MappingOf
+from collections.abc import Sequence as SequenceOf
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from framekit.blocks.fault_plan import FaultPlan
+from framekit.blocks.model import Place
+from framekit.blocks.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
+from framekit.definition.check import check_protocol
+from framekit.definition.expression.syntax import Call, Text, names_in, walk
+from framekit.definition.load.device import DeviceDefinition, load_device_definition
+from framekit.definition.load.documents import Documents
+from framekit.definition.load.library import definition_path, load_protocol
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.procedure import Action
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import Area
+from framekit.definition.model.services import Area as AreaModel
+from framekit.definition.model.walk import expressions_of, parts_of
+from framekit.definition.nodes import Entry, Node, Scalar, Sequence, read_nodes, without
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.schema import kind_of
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.memory.memory import Area as MemoryArea
+from framekit.memory.memory import DeviceMemory
+from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
+from framekit.runfile.channels import read_params, read_station
+from framekit.runfile.fault_plans import load_fault_plan, misfits, read_fault_plan
+from framekit.runfile.transfers import number_for
+
+NO_PROFILE = ("set", "map", "sizes", "about", "source")
+"""Keys of `memory:` that do not make a memory of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Device:
+    """A simulated device, ready to be put on a line. `grammar` reads addresses of its memory.
+
+    `profile` is None for a memory that is the areas of the protocol. `mapping`: areas of the protocol that stand
+    elsewhere in the memory (area → memory area and the number of its first element there). `shares`: it is the
+    device of that name before it, over another protocol of the line (`also`): they have one memory.
+    """
+
+    name: str
+    protocol: Protocol
+    role: str | None
+    own: Any
+    params: MappingOf[str, Any]
+    areas: tuple[MemoryArea, ...]
+    grammar: AddressGrammar
+    profile: MemoryProfile | None
+    mapping: MappingOf[str, tuple[str, int]]
+    initial: tuple[tuple[Place, tuple[int, ...]], ...]
+    faults: FaultPlan | None = None
+    shares: bool = False
+
+    @property
+    def station(self) -> str:
+        """Its own station for people: bytes that are a text as this text, others as hex pairs; '' for none."""
+        if isinstance(self.own, bytes):
+            text = self.own.rstrip(b"\0")
+            return (
+                text.decode() if text.isascii() and text.decode().isprintable() and text else self.own.hex(" ").upper()
+            )
+        return "" if self.own is None else str(self.own)
+
+    def areas_without_memory(self) -> list[str]:
+        """Areas of the protocol that a memory of its own does not have: every request for them is refused."""
+        if self.profile is None:
+            return []
+        known = {name for area in self.areas for name in (area.name, *area.aliases)}
+        return [
+            area.name
+            for area in self.protocol.areas.values()
+            if area.layout is None and area.name not in self.mapping and area.memory not in known
+        ]
+
+    def create_memory(self) -> DeviceMemory:
+        """A memory of its own with the start values in it."""
+        memory = DeviceMemory(
+            MemoryArea(area.name, size=area.size, unit=area.unit, access=area.access, aliases=area.aliases)
+            for area in self.areas
+        )
+        put_values(memory, self.initial)
+        return memory
+
+
+def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None = None) -> tuple[Device, ...]:
+    """The device in a file, or one that simply serves a protocol's memory; once for every station that it has.
+
+    `settings` go before what the file says. Raises DefinitionError with everything that is wrong.
+    """
+    reader = Reader()
+    documents = Documents(reader)
+    devices: tuple[Device, ...] = ()
+    with suppress(Broken):
+        definition = _definition(reader, documents, name, folder)
+        if settings is not None:
+            definition = replace(definition, root=settings.on(definition.root))
+        devices = _DeviceLoader(reader, definition).load()
+        devices += _over_others(reader, documents, definition, devices)
+    file = definition_path(name, folder) if settings is None else None  # settings go before keys of the file
+    problems = documents.first_words(reader.problems, file)
+    if not devices or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return devices
+
+
+def _over_others(
+    reader: Reader, documents: Documents, definition: DeviceDefinition, devices: tuple[Device, ...]
+) -> tuple[Device, ...]:
+    """The same devices over the other protocols that the file names (`also`); what is wrong is noted."""
+    root, found = definition.root, list[Device]()
+    for node in reader.items(root.get("also")):
+        with reader.going_on():
+            protocol = load_protocol(documents.find(node, definition.path))
+            if protocol.kind == "application" or protocol.name in {one.protocol.name for one in (*devices, *found)}:
+                what = f"'{reader.text(node)}' is no other protocol for this line"
+                raise reader.broken(node.at, what, "name a protocol, each once")
+            own = tuple(entry for entry in root.entries if entry.key.text in ("device", "station"))
+            given = tuple(entry for entry in reader.entries(root.get("params")) if entry.key.text in protocol.params)
+            if given:
+                own = (*own, Entry(Scalar("params", node.at), MappingNode(given, node.at)))
+            part = replace(definition, protocol=protocol, root=MappingNode(own, root.at), plain=True)
+            loader = _DeviceLoader(reader, part)
+            for one, main in zip(loader.load(), devices, strict=False):
+                known = {name for area in main.areas for name in (area.name, *area.aliases)}
+                if main.mapping or known.isdisjoint(area.memory for area in protocol.areas.values()):
+                    what = f"no area of '{protocol.name}' is in the memory of this device"
+                    raise reader.broken(node.at, what, "name a protocol for the same memory, without map")
+                one = replace(one, areas=main.areas, grammar=main.grammar, profile=main.profile, initial=())
+                found.append(replace(one, name=main.name, shares=True))
+    return tuple(found)
+
+
+def _definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
+    """Raises Broken and DefinitionError."""
+    path = definition_path(name, folder)
+    kind = kind_of(read_nodes(path, noted=[]))
+    if kind == "protocol":
+        protocol = load_protocol(path)
+        at = Position(str(name), 0, 0)
+        if protocol.kind == "application":
+            what = f"'{protocol.name}' has no line of its own"
+            raise DefinitionError([Problem(at, what, "name a protocol that carries it")])
+        return DeviceDefinition(protocol.name, protocol, MappingNode((), at), folder / "device", frozenset())
+    if kind != "device":
+        what = f"this is a {kind} file"
+        raise DefinitionError([Problem(Position(str(name), 0, 0), what, "name a protocol or a device file")])
+    definition = load_device_definition(reader, documents, path, folder)
+    if definition.protocol.kind == "application" and (named := definition.root.get("protocol")) is not None:
+        reader.note(named.at, f"'{definition.protocol.name}' has no line of its own", "name a protocol that carries it")
+    if not definition.plain:
+        reader.problems.extend(check_protocol(definition.protocol, definition.broken))
+    return definition
+
+
+class _DeviceLoader:
+    def __init__(self, reader: Reader, definition: DeviceDefinition) -> None:
+        self.reader = reader
+        self.definition = definition
+        self.protocol = definition.protocol
+        self.root = definition.root
+        self.is_protocol_sound = all(problem.warning for problem in reader.problems)
+
+    def load(self) -> tuple[Device, ...]:
+        """The devices; what is wrong is noted. Raises Broken where a wrong protocol leaves their memory open."""
+        reader, role = self.reader, None
+        with reader.going_on():
+            role = self._role()
+        stations = self._stations() or self._usual_station(role)
+        settings = [
+            entry for entry in reader.entries(self.root.get("params")) if not isinstance(entry.value, MappingNode)
+        ]
+        params = read_params(reader, settings, self.protocol)
+        profile, areas, grammar = self._memory()
+        reader.problems.extend(check_places(self.protocol, grammar))
+        node = self.root.get("memory")
+        mapped = node.get("map") if isinstance(node, MappingNode) else None
+        device = Device(
+            name=self.definition.name,
+            protocol=self.protocol,
+            role=role,
+            own=None,
+            params=params,
+            areas=areas,
+            grammar=grammar,
+            profile=profile,
+            mapping=read_mapping(reader, mapped, self.protocol, grammar),
+            initial=self._initial(grammar),
+            faults=read_fault_plan(reader, self.root.get("faults"), self.definition.path.parent, self.protocol),
+        )
+        if len(stations) < 2:
+            return (replace(device, own=stations[0] if stations else None),)
+        return tuple(replace(device, name=f"{device.name} {own}", own=own) for own in stations)
+
+    def _memory(self) -> tuple[MemoryProfile | None, tuple[MemoryArea, ...], AddressGrammar]:
+        """Profile, areas and addresses of the memory; where its description is wrong, any that look like addresses."""
+        try:
+            profile = self._profile()
+        except DefinitionError as error:
+            self.reader.problems.extend(error.problems)
+            return None, (), AnyAddresses()
+        sizes = self._sizes(profile)
+        if profile is None:
+            return None, *memory_of(self.protocol, sizes)
+        self.reader.problems.extend(check_profile(profile))
+        return profile, tuple(profile.create()), addresses_of(profile)
+
+    def _stations(self) -> list[Any]:
+        """The device's stations; what is wrong with one is noted."""
+        found: list[Any] = []
+        for node in self.reader.items(self.root.get("station")):
+            with self.reader.going_on():
+                station = read_station(self.reader, node, self.protocol)
+                if station in found:
+                    raise self.reader.broken(node.at, f"station {station} stands here twice", "leave one out")
+                found.append(station)
+        return found
+
+    def _usual_station(self, role: str | None) -> list[Any]:
+        """The station of a bare protocol's device for which none is given: 1, where it has to have one."""
+        station = self.protocol.station
+        if self.root.get("device") is not None or role is None or station.default is not None:
+            return []
+        lanes = self.protocol.roles[role].lanes
+        sequences = [self.protocol.sequences[name] for lane in lanes for name in (*lane.exchange, lane.listen) if name]
+        if station.type == "none" or not any("own" in names_in(one.root) for one in expressions_of(sequences)):
+            return []
+        if station.type != "number":
+            self.reader.note(NO_FILE, f"'{self.protocol.name}' has stations", "say which one this is: --station")
+            return []
+        return [1 if station.limits is None else max(1, station.limits[0])]
+
+    def _role(self) -> str | None:
+        roles, node = self.protocol.roles, self.root.get("role")
+        if not roles:
+            return None
+        if node is not None:
+            role = self.reader.text(node)
+            if role not in roles:
+                raise self.reader.broken(node.at, f"there is no role '{role}'", did_you_mean(role, roles))
+            return role
+        own = [entry.key.text for entry in self.reader.entries(self.root.get("roles"))]
+        usual = next((role for role in own if role in roles), self.protocol.serving_role)
+        if usual is None:
+            known = ", ".join(roles)
+            what = f"no role of '{self.protocol.name}' listens, so nothing would answer (it has {known})"
+            raise self.reader.broken(self.root.at, what, "give the protocol a role with listen:, or say role:")
+        return usual
+
+    def _profile(self) -> MemoryProfile | None:
+        """The profile that the file describes; None for the areas of the protocol. Raises Broken, DefinitionError."""
+        node = self.root.get("memory")
+        described = isinstance(node, Scalar) or (
+            isinstance(node, MappingNode) and any(entry.key.text not in NO_PROFILE for entry in node.entries)
+        )
+        if node is None or not described:
+            if not self.is_protocol_sound:
+                raise Broken("what the protocol says of its areas may be wrong")
+            return None
+        folder = self.definition.path.parent
+        if isinstance(node, MappingNode):
+            return load_profile_node(without(without(without(node, "set"), "map"), "sizes"), folder)
+        return load_profile(self.reader.text(node), folder, node.at)
+
+    def _sizes(self, profile: MemoryProfile | None) -> dict[str, AreaModel]:
+        """How large areas of the protocol are, where the file says so."""
+        memory = self.root.get("memory")
+        node = memory.get("sizes") if isinstance(memory, MappingNode) else None
+        if node is not None and profile is not None:
+            what, todo = "sizes are for the areas of a protocol, and this memory has its own", "say them there"
+            self.reader.note(node.at, what, todo)
+            return {}
+        return read_sizes(self.reader, node, self.protocol)
+
+    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
+        node = self.root.get("memory")
+        entries = self.reader.entries(node.get("set")) if isinstance(node, MappingNode) else ()
+        return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
+
+
+def with_faults(devices: SequenceOf[Device], name: str | None, folder: Path) -> list[Device]:
+    """The devices with a plan beside their own. Raises DefinitionError, also for what the protocol cannot do."""
+    if name is None:
+        return list(devices)
+    plan = load_fault_plan(name, folder)
+    if problems := [problem for device in devices for problem in misfits(plan, device.protocol, line=False)]:
+        raise DefinitionError(problems)
+    return [replace(device, faults=plan.joined(device.faults)) for device in devices]
+
+
+# ---- what a command line or a program puts on top ----------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceSettings:
+    """Several `stations` are so many devices, each with a memory of its own.
+
+    `memory` is a profile's name; `initial` ADDRESS → values with commas between them; `sizes` ADDRESS → elements of
+    the area there; `params` NAME → value; `mapping` AREA of the protocol → ADDRESS in the memory where it begins.
+    """
+
+    stations: tuple[str, ...] = ()
+    role: str | None = None
+    memory: str | None = None
+    initial: MappingOf[str, str] = field(default_factory=dict)
+    sizes: MappingOf[str, str] = field(default_factory=dict)
+    params: MappingOf[str, str] = field(default_factory=dict)
+    mapping: MappingOf[str, str] = field(default_factory=dict)
+
+    def on(self, root: MappingNode) -> MappingNode:
+        """The file with these settings in place of its own; start values and map entries are added to the file's."""
+        changes: dict[str, Node] = {}
+        if self.stations:
+            at = _at("station", ",".join(self.stations))
+            changes["station"] = Sequence(tuple(Scalar(text, at) for text in self.stations), at)
+        if self.role is not None:
+            changes["role"] = Scalar(self.role, _at("role", self.role))
+        if self.params:
+            changes["params"] = _joined(root.get("params"), _texts("param", self.params))
+        if self.memory is not None or self.initial or self.sizes or self.mapping:
+            changes["memory"] = self._memory(root.get("memory"))
+        return _joined(root, changes)
+
+    def _memory(self, node: Node | None) -> MappingNode:
+        if isinstance(node, Scalar):
+            node = MappingNode((Entry(Scalar("profile", node.at), node),), node.at)
+        old = node if isinstance(node, MappingNode) else None
+        changes: dict[str, Node] = {}
+        if self.memory is not None:
+            changes["profile"] = Scalar(self.memory, _at("memory", self.memory))
+        given = {"set": ("set", self.initial), "sizes": ("size", self.sizes), "map": ("map", self.mapping)}
+        for key, (flag, texts) in given.items():
+            if texts:
+                changes[key] = _joined(None if old is None else old.get(key), _texts(flag, texts))
+        return _joined(old, changes)
+
+
+def _texts(flag: str, texts: MappingOf[str, str]) -> dict[str, Node]:
+    """Values by name; one with commas is a list."""
+    found: dict[str, Node] = {}
+    for name, text in texts.items():
+        at = _at(flag, f"{name}={text}")
+        items = [part.strip() for part in text.strip("[]").split(",")] if flag == "set" else [text]
+        values = tuple(Scalar(item, at) for item in items)
+        found[name] = values[0] if len(values) == 1 else Sequence(values, at)
+    return found
+
+
+def _joined(old: Node | None, changes: MappingOf[str, Node]) -> MappingNode:
+    """The entries of a mapping, some replaced and some added."""
+    entries: Iterable[Entry] = old.entries if isinstance(old, MappingNode) else ()
+    kept = [entry for entry in entries if entry.key.text not in changes]
+    added = [Entry(Scalar(name, getattr(node, "at", NO_FILE)), node) for name, node in changes.items()]
+    return MappingNode((*kept, *added), NO_FILE if old is None else old.at)
+
+
+def _at(flag: str, text: str) -> Position:
+    return Position(f"--{flag} {text}", 0, 0)
+
+
+NO_FILE = Position("the command line", 0, 0)
+
+
+# ---- what files say of a memory ----------------------------------------------------------------------------
+
+
+def put_values(memory: DeviceMemory, initial: tuple[tuple[Place, tuple[int, ...]], ...]) -> None:
+    """Puts start values into a memory, also into areas that are read-only for others."""
+    for place, values in initial:
+        memory.write(place.address.area, place.address.unit, place.address.start, values, force=True)
+
+
+def memory_of(
+    protocol: Protocol, sizes: MappingOf[str, Area] | None = None
+) -> tuple[tuple[MemoryArea, ...], AddressGrammar]:
+    """A memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol does."""
+    return areas_with(protocol, sizes or {}), ProtocolAddresses(protocol, sizes)
+
+
+def read_mapping(
+    reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
+) -> dict[str, tuple[str, int]]:
+    """`map: {AREA: ADDRESS}`: where areas of a protocol begin in a memory; what is broken is noted and left out."""
+    found: dict[str, tuple[str, int]] = {}
+    for entry in reader.entries(node):
+        with reader.going_on():
+            area = protocol.areas.get(entry.key.text)
+            if area is None or area.layout is not None:
+                what = f"'{protocol.name}' has no area '{entry.key.text}'"
+                if area is not None:
+                    what = f"area '{area.name}' is built from what the protocol knows, it stands in no memory"
+                raise reader.broken(entry.key.at, what, did_you_mean(entry.key.text, protocol.areas))
+            text = reader.text(entry.value)
+            try:
+                address = grammar.parse(text)
+            except AddressError as error:
+                raise reader.broken(entry.value.at, *_parted(error)) from None
+            if address.first_bit % area.element_bits:
+                what = f"{text} is not where a {area.unit} of area '{area.name}' can begin"
+                raise reader.broken(entry.value.at, what, f"name a {area.unit}")
+            found[area.name] = address.area, address.first_bit // area.element_bits
+    return found
+
+
+def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:
+    """Addresses that sequences mention, in `store` and in `memory('…', N)`, and that the memory does not have."""
+    sequences = list(protocol.sequences.values())
+    places = [(where.at, text) for action in parts_of(sequences, Action) for where, text in action.store]
+    for expression in expressions_of(sequences):
+        for node in walk(expression.root):
+            if isinstance(node, Call) and node.function == "memory" and isinstance(node.arguments[0], Text):
+                places.append((node.arguments[0].at, node.arguments[0].value))
+    for at, text in places:
+        try:
+            address = grammar.parse(text)
+        except AddressError as error:
+            yield Problem(at, *_parted(error))
+        else:
+            if address.first_bit % 8:
+                yield Problem(at, f"{text} is in the middle of a byte", "name a byte or a word")
+
+
+def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[Place, tuple[int, ...]] | None:
+    """`ADDRESS: value` or `ADDRESS: [values]`; None when it is broken, which is noted."""
+    with reader.going_on():
+        text = entry.key.text
+        try:
+            address = grammar.parse(text)
+        except AddressError as error:
+            raise reader.broken(entry.key.at, *_parted(error)) from None
+        values = tuple(number_for(reader, item, address) for item in reader.items(entry.value))
+        try:
+            grammar.check(address, max(1, len(values)))
+        except AddressError as error:
+            raise reader.broken(entry.value.at, *_parted(error)) from None
+        bits = address.unit_bits
+        for item, value in zip(reader.items(entry.value), values, strict=True):
+            if not (-(1 << bits - 1) if bits > 1 else 0) <= value < 1 << bits:
+                raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
+        return Place(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
+    return None
+
+
+def _parted(error: Exception) -> tuple[str, str]:
+    what, _, todo = str(error).partition(" – ")
+    return what, todo
+
+
+MOST_ELEMENTS = 1 << 20
+
+
+def protocol_areas(protocol: Protocol) -> dict[str, Area]:
+    """The areas that memory with a protocol's areas has, by their name there; each has the protocol's size."""
+    found: dict[str, Area] = {}
+    for area in protocol.areas.values():
+        if area.layout is None:
+            found.setdefault(area.memory, area)
+    return found
+
+
+def areas_with(protocol: Protocol, sizes: MappingOf[str, Area]) -> tuple[MemoryArea, ...]:
+    """The areas of a memory, those in `sizes` as large as there; a size of 0 leaves an area out."""
+    return tuple(
+        MemoryArea(name, size=area.size, unit=area.unit)
+        for name, area in {**protocol_areas(protocol), **sizes}.items()
+        if area.size
+    )
+
+
+def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[str, Area]:
+    """`sizes: {ADDRESS: elements}` by names of memory areas; what is broken is noted and left out."""
+    found: dict[str, Area] = {}
+    grammar = ProtocolAddresses(protocol)
+    for entry in reader.entries(node):
+        with reader.going_on():
+            address = _first_of(reader, grammar, entry)
+            area = grammar.areas[str(address.parts["area"])]
+            if address.area in found:
+                raise reader.broken(entry.key.at, f"{entry.key.text} has a size already", "leave one out")
+            size = reader.number(entry.value)
+            if not 0 <= size <= MOST_ELEMENTS:
+                raise reader.broken(entry.value.at, f"{size} is no size", f"write 0 to {MOST_ELEMENTS}")
+            found[address.area] = replace(area, size=size * address.unit_bits // area.element_bits)
+    return found
+
+
+def _first_of(reader: Reader, grammar: ProtocolAddresses, entry: Entry) -> Address:
+    """The first element of an area. Raises Broken."""
+    text = entry.key.text
+    try:
+        address = grammar.place(text)
+    except AddressError as error:
+        what, _, todo = str(error).partition(" – ")
+        raise reader.broken(entry.key.at, what, todo) from None
+    area = grammar.areas[str(address.parts["area"])]
+    if address.start or address.unit_bits % area.element_bits or area.layout is not None:
+        what = f"{text} is not the first {area.unit} of its area"
+        raise reader.broken(entry.key.at, what, "a size belongs to a whole area: name its first element")
+    return address
+
+
+def check_profile(profile: MemoryProfile) -> Iterator[Problem]:
+    """What is no place of this memory, and bits that it cannot set by itself."""
+    grammar = addresses_of(profile)
+
+    def place(text: str, at: Position) -> Address | Problem:
+        try:
+            return grammar.parse(text)
+        except AddressError as error:
+            what, _, todo = str(error).partition(" – ")
+            return Problem(at, what, todo)
+
+    bits: tuple[ClockBit | FixedBit, ...] = (*profile.clocks, *profile.fixed)
+    for bit in bits:
+        found = place(bit.address, bit.at)
+        if isinstance(found, Problem):
+            yield found
+        elif found.unit != "bit":
+            yield Problem(bit.at, f"{bit.address} is a {found.unit}, and only bits are set by themselves", "name a bit")
+        elif (area := profile.areas[found.area]).size * area.element_bits < 16 * (found.start // 16 + 1):
+            what = f"{bit.address} is in no whole word of area {area.name}"
+            yield Problem(bit.at, what, "make the area a multiple of 16 bits")
+    for name, named in profile.named.items():
+        found = place(named.address, named.at)
+        if isinstance(found, Problem):
+            yield Problem(found.at, f"'{name}': {found.what}", found.todo)

@@ -1,0 +1,502 @@
+"""Reads run files. Every problem of a run, of its protocols and of its memory comes at once.
+
+After the sections are read, blocks are held against each other: places in which several store, and blocks that wait
+for each other's ends.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from collections.abc import Mapping as MappingOf
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from framekit.blocks.block_settings import check_items
+from framekit.blocks.fields import fixed_bytes, takes_bytes
+from framekit.blocks.fields import parts_of as parts_of_fields
+from framekit.blocks.jobs.profile import AfterLate, JobProfile
+from framekit.blocks.jobs.section import HOST, JobsSection, Opening
+from framekit.blocks.model import BLOCKS_IN_SET, Block, BlockEnd, Channel, Every, KeptState, Place, Run
+from framekit.blocks.own_memory import AnyAddresses, addresses_of
+from framekit.blocks.status_words import status_sections, words_of
+from framekit.definition.load import load_protocol
+from framekit.definition.load.documents import Documents
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.commands import JobWork
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.walk import parts_of
+from framekit.definition.nodes import Mapping, Node, Scalar, without
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.problems import DefinitionError, Problem, did_you_mean
+from framekit.link.addresses import AddressGrammar
+from framekit.memory.memory import unit_bits
+from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node
+from framekit.runfile.blocks import BlockLoader
+from framekit.runfile.channels import ChannelLoader
+from framekit.runfile.devices import check_profile, read_mapping, start_value
+from framekit.runfile.job_profiles import load_job_profile, read_scan
+from framekit.runfile.transfers import read_place
+
+
+def load_run(path: Path) -> Run:
+    """The run in a file. Raises DefinitionError with everything that is wrong."""
+    reading = read_run(path)
+    if reading.run is None:
+        raise DefinitionError(reading.problems)
+    return reading.run
+
+
+class RunReading(NamedTuple):
+    """What a file says: the run, if nothing is wrong; the channels that are all right; and every problem."""
+
+    run: Run | None
+    channels: tuple[Channel, ...]
+    problems: list[Problem]
+
+
+def read_run(path: Path) -> RunReading:
+    """As much of the run in a file as can be read."""
+    reader = Reader()
+    documents = Documents(reader)
+    run, loader = None, None
+    with suppress(Broken):
+        loader = RunLoader(reader, path, documents.root(path, "run"))
+        run = loader.load()
+    problems = documents.first_words(reader.problems, path)
+    if any(not problem.warning for problem in problems):
+        run = None
+    return RunReading(run, () if loader is None else loader.read_channels, problems)
+
+
+class RunLoader:
+    """Reads one run. Problems go to the reader."""
+
+    def __init__(self, reader: Reader, path: Path, root: Mapping) -> None:
+        self.reader = reader
+        self.path = path
+        self.root = root
+        self.channels = ChannelLoader(reader, path.parent, root)
+        self.read_channels: tuple[Channel, ...] = ()
+
+    def load(self) -> Run:
+        """The run. Raises Broken when its memory is none; everything else is read before that."""
+        channels: dict[int, Channel] = {}
+        for entry in self.reader.entries(self.root.get("channels")):
+            with self.reader.going_on():
+                channel = self.channels.channel(entry)
+                if channel.number in channels:
+                    self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
+                channels[channel.number] = channel
+        self.read_channels = tuple(channels.values())
+        profile = self._profile()
+        if profile is not None:
+            self.reader.problems.extend([*check_items(profile.flags.values()), *check_profile(profile)])
+        grammar = AnyAddresses() if profile is None else addresses_of(profile)
+        channels = self._mapped(channels, grammar)
+        known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
+        jobs = self._jobs(grammar)
+        if self.root.get("channels") is None and (jobs is None or (jobs != "wrong" and jobs.opening is None)):
+            self.reader.note(self.root.at, "missing key 'channels' in a run file", "add it")
+        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent)
+        initial, found, sets = self._initial(grammar), self._blocks(blocks), self._sets()
+        state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
+        status = self.reader.flag(self.root.get("status"), default=True)
+        if profile is None:
+            raise Broken("memory")
+        self._look_at(found, channels, profile, status)
+        return Run(
+            name=self._text("run"),
+            about=self._text("about"),
+            memory=profile,
+            initial=initial,
+            channels=channels,
+            blocks=found,
+            sets=sets,
+            folder=str(self.path.parent),
+            state=state,
+            status=status,
+            jobs=None if jobs == "wrong" else jobs,
+            warnings=tuple(self._warnings()),
+            at=self.root.at,
+        )
+
+    def _look_at(
+        self, blocks: Sequence[Block], channels: MappingOf[int, Channel], profile: MemoryProfile, status: bool
+    ) -> None:
+        """What is strange about blocks beside each other, where everything else is all right."""
+        if any(not problem.warning for problem in self.reader.problems):
+            return
+        self.reader.problems.extend(never_started(blocks))
+        on = {number for number, enabled in self._sets().items() if enabled}
+        at_work = [block for block in blocks if block.enabled and block.set in on]
+        self.reader.problems.extend(overlaps(at_work, channels, tuple(profile.flags.values()) if status else ()))
+
+    def _mapped(self, channels: dict[int, Channel], grammar: AddressGrammar) -> dict[int, Channel]:
+        """The channels with the places that areas of their protocols have in the own memory."""
+        found = dict(channels)
+        for entry in self.reader.entries(self.root.get("channels")):
+            node = entry.value.get("map") if isinstance(entry.value, Mapping) else None
+            for number, channel in channels.items():
+                if node is not None and str(number) == entry.key.text:
+                    mapping = read_mapping(self.reader, node, channel.protocol, grammar)
+                    found[number] = replace(channel, mapping=mapping)
+        return found
+
+    def _text(self, key: str) -> str:
+        node = self.root.get(key)
+        return node.text if isinstance(node, Scalar) else ""
+
+    def _warnings(self) -> list[Problem]:
+        found = [problem for problem in self.reader.problems if problem.warning]
+        for protocol in self.channels.protocols.values():
+            found.extend(protocol.warnings if protocol is not None else ())
+        return found
+
+    # ---- memory -------------------------------------------------------------------------------------------
+
+    def _profile(self) -> MemoryProfile | None:
+        """The own memory; None when it is none, which is noted."""
+        node = self.root.get("memory")
+        if node is None:
+            misspelt = difflib.get_close_matches("memory", [entry.key.text for entry in self.root.entries])
+            if not misspelt:
+                self.reader.note(self.root.at, "the run has no memory", "add memory: with a profile's name or areas")
+            return None
+        try:
+            if isinstance(node, Mapping):
+                if (sizes := node.get("sizes")) is not None:
+                    self.reader.note(sizes.at, "sizes are for devices, a run has a memory of its own", "say them there")
+                return load_profile_node(without(without(node, "set"), "sizes"), self.path.parent)
+            return load_profile(self.reader.text(node), self.path.parent, node.at)
+        except DefinitionError as error:
+            self.reader.problems.extend(error.problems)
+            return None
+
+    def _jobs(self, grammar: AddressGrammar) -> JobsSection | Literal["wrong"] | None:
+        """The jobs section; when it is wrong, what blocks say of jobs means nothing."""
+        node = self.root.get("jobs")
+        with self.reader.going_on():
+            return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar, self.channels)
+        return "wrong"
+
+    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
+        memory = self.root.get("memory")
+        entries = self.reader.entries(memory.get("set")) if isinstance(memory, Mapping) else ()
+        entries += self.reader.entries(self.root.get("set"))
+        return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
+
+    # ---- blocks -------------------------------------------------------------------------------------------
+
+    def _blocks(self, loader: BlockLoader) -> tuple[Block, ...]:
+        """The blocks of all sets; `blocks` of the run itself are those of set 1."""
+        found = self._set(loader, 1, self.root.get("blocks"))
+        for entry in self.reader.entries(self.root.get("sets")):
+            with self.reader.going_on():
+                number = self.reader.number(entry.key)
+                if number == 1 and self.root.get("blocks") is not None:
+                    what = "the blocks of the run are set 1 already"
+                    raise self.reader.broken(entry.key.at, what, "number this set otherwise, or move them into it")
+                found += self._set(loader, number, self.reader.mapping(entry.value).get("blocks"))
+        return tuple(found)
+
+    def _set(self, loader: BlockLoader, set_number: int, node: Node | None) -> list[Block]:
+        """The blocks of one parameter set."""
+        found = []
+        numbers: set[int] = set()
+        for entry in self.reader.entries(node):
+            with self.reader.going_on():
+                number = self.reader.number(entry.key)
+                if not 0 <= number < BLOCKS_IN_SET:
+                    raise self.reader.broken(
+                        entry.key.at, f"there is no block {number}", f"blocks are numbered 0 to {BLOCKS_IN_SET - 1}"
+                    )
+                if number in numbers:
+                    raise self.reader.broken(entry.key.at, f"there are two blocks {number}", "renumber one of them")
+                numbers.add(number)
+                found.append(loader.block(number, set_number, entry))
+        loader.triggers.check_ends(numbers)
+        return found
+
+    def _sets(self) -> dict[int, bool]:
+        """Which parameter sets there are, and whether they are enabled from the start."""
+        found = {1: True} if self.root.get("blocks") is not None or self.root.get("sets") is None else {}
+        for entry in self.reader.entries(self.root.get("sets")):
+            keys = entry.value if isinstance(entry.value, Mapping) else None
+            if entry.key.text.isdigit():
+                on = keys is None or self.reader.flag(keys.get("enabled"), default=True)
+                found.setdefault(int(entry.key.text), on)
+        return found
+
+
+EVERY, SHORTEST = 1_000_000_000, 100_000_000
+
+
+# ---- where a run keeps its state ---------------------------------------------------------------------------
+
+
+def read_state(reader: Reader, node: Node, profile: MemoryProfile | None) -> KeptState:
+    """Raises Broken when it names no file, or a time that is none; other problems are noted. No profile, no areas."""
+    keys = node if isinstance(node, Mapping) else None
+    file = reader.text(node if keys is None else keys.get("file"))
+    areas = () if profile is None else _areas(reader, None if keys is None else keys.get("keep"), profile)
+    every = None if keys is None else reader.maybe(lambda time: _time(reader, time), keys.get("every"))
+    return KeptState(file=file, areas=areas, every=every or EVERY, at=node.at)
+
+
+def _areas(reader: Reader, node: Node | None, profile: MemoryProfile) -> tuple[str, ...]:
+    """The areas that are kept."""
+    if node is None:
+        return retained(profile)
+    areas = []
+    for item in reader.items(node):
+        with reader.going_on():
+            areas.append(_area(reader, item, profile))
+    return tuple(areas)
+
+
+def retained(profile: MemoryProfile) -> tuple[str, ...]:
+    """The areas that a profile calls retained; if it calls none so, all that others may write."""
+    named = tuple(area.name for area in profile.areas.values() if area.retained)
+    return named or tuple(area.name for area in profile.areas.values() if area.access == "rw")
+
+
+def _area(reader: Reader, node: Node, profile: MemoryProfile) -> str:
+    name = reader.text(node)
+    for area in profile.areas.values():
+        if name == area.name or name in area.aliases:
+            return area.name
+    todo = did_you_mean(name, profile.areas) or f"known: {', '.join(sorted(profile.areas))}"
+    raise reader.broken(node.at, f"the memory has no area '{name}'", todo)
+
+
+def _time(reader: Reader, node: Node) -> int:
+    every = reader.time(node)
+    if every < SHORTEST:
+        raise reader.broken(node.at, "a file is not written more often than every 100 ms", "write it like 1 s")
+    return every
+
+
+# ---- jobs --------------------------------------------------------------------------------------------------
+
+
+_AFTER = {one.value: one for one in AfterLate}
+
+
+def read_jobs(
+    reader: Reader, node: Node, folder: Path, grammar: AddressGrammar, channels: ChannelLoader
+) -> JobsSection:
+    """The jobs section; `grammar` reads addresses of the own memory. Raises Broken."""
+    keys = reader.mapping(node)
+    named = keys.get("profile")
+    if named is None:
+        raise Broken("the schema asks for a profile")
+    try:
+        profile = load_job_profile(reader.text(named), folder, named.at)
+    except DefinitionError as error:
+        reader.problems.extend(error.problems)
+        raise Broken("jobs") from None
+    changed: dict[str, Any] = {}
+    with reader.going_on():
+        if (scan := keys.get("scan")) is not None:
+            changed["scan"] = read_scan(reader, scan)
+    with reader.going_on():
+        if (connect := keys.get("connect")) is not None:
+            changed["connect"] = reader.time(connect)
+    with reader.going_on():
+        if (after := keys.get("next")) is not None:
+            changed["after_late"] = reader.one_of(after, _AFTER, "a moment")
+    status = None
+    with reader.going_on():
+        status = reader.maybe(lambda given: read_place(reader, grammar, given, profile.bits.size), keys.get("status"))
+    hosts = {entry.key.text: reader.text(entry.value) for entry in reader.entries(keys.get("hosts"))}
+    surplus = keys.get("surplus")
+    waits = surplus is None or reader.text(surplus) == "wait"
+    commands = reader.maybe(lambda given: read_commands(reader, given, folder), keys.get("commands"))
+    return JobsSection(
+        profile=replace(profile, **changed),
+        status=status,
+        hosts=hosts,
+        waits=waits,
+        commands=commands,
+        opening=read_opening(reader, keys, profile, channels, grammar),
+        at=node.at,
+    )
+
+
+def read_opening(
+    reader: Reader, keys: MappingNode, profile: JobProfile, channels: ChannelLoader, grammar: AddressGrammar
+) -> Opening | None:
+    """The channel that is opened for hosts without one; None where the run allows none, and for a broken one."""
+    entry = next((entry for entry in keys.entries if entry.key.text == "open"), None)
+    most = keys.get("connections")
+    if entry is None or keys.get("open") is None:
+        if most is not None:
+            reader.note(
+                most.at, "connections: counts channels that are opened when wanted", "add open: {port, protocol}"
+            )
+        return None
+    connections = len(profile.slots)
+    with reader.going_on():
+        connections = connections if most is None else reader.number(most)
+        if most is not None and connections < 1:
+            reader.note(most.at, f"{connections} connections are none", "give 1 or more, or leave open out")
+    with reader.going_on():
+        channel = channels.template(entry)
+        given = reader.mapping(entry.value)
+        if (host := given.get("host")) is not None:
+            reader.note(
+                host.at, "the host is the one that a job names", f"leave host out, and write {HOST} in the port"
+            )
+        if (node := given.get("map")) is not None:
+            channel = replace(channel, mapping=read_mapping(reader, node, channel.protocol, grammar))
+        return Opening(channel=channel, connections=connections)
+    return None
+
+
+def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
+    """The application that reads the words of commands to jobs. Raises Broken."""
+    name = reader.text(node)
+    try:
+        application = load_protocol(name, folder)
+    except DefinitionError as error:
+        for problem in error.problems:
+            there = problem.at.file != name
+            reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
+        raise Broken(name) from None
+    if application.commands is None or not any(parts_of(dict(application.services), JobWork)):
+        raise reader.broken(node.at, f"'{name}' has no commands to jobs", "name an application that has them")
+    return application
+
+
+# ---- places in which several blocks store ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    """`bits` bits from a place on, which a block stores."""
+
+    block: Block
+    place: Place
+    first: int
+    bits: int
+
+    @property
+    def end(self) -> int:
+        return self.first + self.bits
+
+    def __str__(self) -> str:
+        count = -(-self.bits // self.place.address.unit_bits)
+        return self.place.text if count == 1 else f"{self.place.text} ({count} × {self.place.address.unit})"
+
+
+def overlaps(
+    blocks: Sequence[Block], channels: MappingOf[int, Channel], sections: Sequence[BlockWords] = ()
+) -> Iterator[Problem]:
+    """A warning for each two blocks that store in one place, and for each that stores where state is shown.
+
+    `sections`: the words of blocks in the memory, if the run shows them.
+    """
+    stored: dict[str, list[_Stored]] = {}
+    for block in blocks:
+        for one in _stored(block, channels):
+            stored.setdefault(one.place.address.area, []).append(one)
+    shown = _shown(blocks, sections)
+    for area, found in stored.items():
+        found.sort(key=lambda one: (one.first, one.block.id))
+        yield from _pairs(found)
+        yield from _over_words(found, shown.get(area, []))
+
+
+def _pairs(found: list[_Stored]) -> Iterator[Problem]:
+    """Each two blocks once; `found` is in the order of places."""
+    told: set[frozenset[int]] = set()
+    for at, one in enumerate(found):
+        for other in found[at + 1 :]:
+            if other.first >= one.end:
+                break
+            pair = frozenset((one.block.id, other.block.id))
+            if len(pair) == 2 and pair not in told and _spoils(one, other):
+                told.add(pair)
+                first, second = sorted((one, other), key=lambda stored: stored.block.id)
+                places = " and ".join(dict.fromkeys((str(first), str(second))))
+                what = f"blocks {first.block.label} and {second.block.label} store in one place: {places}"
+                yield Problem(second.block.at, what, "move one of them", warning=True)
+
+
+def _spoils(one: _Stored, other: _Stored) -> bool:
+    """Whether two blocks that store in one place are in each other's way, and do not just take turns."""
+    if (one.first, one.bits) != (other.first, other.bits):
+        return True
+    return all(any(isinstance(trigger, Every) for trigger in stored.block.triggers) for stored in (one, other))
+
+
+def _over_words(found: list[_Stored], shown: list[tuple[int, int, Block]]) -> Iterator[Problem]:
+    for one in found:
+        for first, end, block in shown:
+            if one.first < end and first < one.end:
+                what = f"block {one.block.label} stores in {one.place.text}, where the state of block {block.label} "
+                yield Problem(one.block.at, what + "is shown", "name another place", warning=True)
+                break
+
+
+def _shown(blocks: Sequence[Block], sections: Sequence[BlockWords]) -> dict[str, list[tuple[int, int, Block]]]:
+    """Where the state of the blocks is shown: area → first bit, end, block."""
+    found: dict[str, list[tuple[int, int, Block]]] = {}
+    for block in blocks:
+        for section, word in words_of(status_sections(sections), (block.set, block.number)):
+            found.setdefault(section.area, []).append((16 * word, 16 * (word + section.words), block))
+    return found
+
+
+def _stored(block: Block, channels: MappingOf[int, Channel]) -> Iterator[_Stored]:
+    for place, bits in _pieces(block, channels):
+        yield _Stored(block, place, place.address.first_bit, bits)
+
+
+def _pieces(block: Block, channels: MappingOf[int, Channel]) -> Iterator[tuple[Place, int]]:
+    """What a block stores: the place and how many bits; commands in memory say it only when they are given."""
+    if block.instruction == "read":
+        for place, unit in zip(block.places, block.units, strict=False):
+            yield place, unit_bits(unit) * (block.count if len(block.units) == 1 else 1)
+    for result in block.results:
+        yield result.place, result.bits
+    if block.instruction == "receive" and block.frame is not None:
+        parts = dict(parts_of_fields(channels[block.channel].protocol.frames[block.frame].segments))
+        for name, place in block.data.items():
+            size = block.sizes.get(name) or fixed_bytes(parts[name]) or 1
+            yield place, 8 * size if takes_bytes(parts[name]) else place.address.unit_bits
+
+
+# ---- blocks that wait for each other's ends ----------------------------------------------------------------
+
+
+def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
+    """A warning for each block that only starts behind blocks which wait for it, or for each other.
+
+    A block without triggers may be fired by hand, so what starts behind it may start; a receiving block acts by itself.
+    """
+    waiting = {block.id: block for block in blocks if block.triggers and _only_behind(block)}
+    while reached := [one for one in waiting.values() if any(before not in waiting for before in _before(one))]:
+        for block in reached:
+            del waiting[block.id]
+    for block in waiting.values():
+        numbers = [trigger.block for trigger in block.triggers if isinstance(trigger, BlockEnd)]
+        others = " or ".join(f"block {number}" for number in dict.fromkeys(numbers))
+        what = f"block {block.label} only starts behind {others}, which nothing starts"
+        if {block.number} == set(numbers):
+            what = f"block {block.label} only starts behind itself"
+        yield Problem(block.at, what, "add once:, every: or another trigger", warning=True)
+
+
+def _only_behind(block: Block) -> bool:
+    return all(isinstance(trigger, BlockEnd) for trigger in block.triggers)
+
+
+def _before(block: Block) -> Iterator[int]:
+    """The blocks, by their ids, behind which a block starts."""
+    for trigger in block.triggers:
+        if isinstance(trigger, BlockEnd):
+            yield block.id - block.number + trigger.block

@@ -1,0 +1,609 @@
+"""Reads what blocks transfer: READ, WRITE, SEND, RECEIVE and CALL blocks, and the places that they name.
+
+What is broken in a block keeps nothing else of it from being read (`Attempts`), so that all is told at once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping as MappingOf
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, TypeVar
+
+from framekit.blocks.fields import FramePart, may_overflow, misfit, no_number, parts_of
+from framekit.blocks.model import ArgumentPlace, Channel, Place, ResultPlace
+from framekit.blocks.results import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
+from framekit.definition.check.addresses import is_unit
+from framekit.definition.expression.syntax import Expression, Name
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Data, Field
+from framekit.definition.model.services import COUNTED_STRING, Argument, Packing, ServiceRow
+from framekit.definition.model.walk import field_names
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.problems import Position, did_you_mean, is_nearly, listed
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.packing import PackingError, memory_of
+from framekit.link.parameters import ParameterError, given_value
+from framekit.link.services.planning import TYPES, checked
+from framekit.link.services.rows import wants_address
+from framekit.memory.memory import MemoryValueError, unit_bits
+from framekit.memory.views import CountedTextView, NumberView, view_of
+from framekit.runfile.channels import raw_value
+
+T = TypeVar("T")
+
+
+class Attempts:
+    """Tries to read parts of something; `spoilt` says that one of them was broken, which has been told."""
+
+    def __init__(self) -> None:
+        self.spoilt = False
+
+    def to(self, read: Callable[[], T]) -> T | None:
+        """What can be read; None for something broken."""
+        try:
+            return read()
+        except Broken:
+            self.spoilt = True
+            return None
+
+    def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        """What a node says; None where there is none, or where it is broken."""
+        return None if node is None else self.to(lambda: read(node))
+
+
+class TransferLoader:
+    """Reads what such a block has of its own. `place` reads places of the own memory, `written` those to write."""
+
+    def __init__(
+        self, reader: Reader, grammar: AddressGrammar, attempts: Attempts,
+        place: Callable[[Node], Place], written: Callable[[Node], Place],
+    ) -> None:  # fmt: skip
+        self.reader = reader
+        self.grammar = grammar
+        self.attempts = attempts
+        self.place = place
+        self.written = written
+
+    def read(self, instruction: str, keys: Mapping, channel: Channel) -> dict[str, Any]:
+        """Addresses of the other side, and the own places beside them. Raises Broken."""
+        reader = self.reader
+        unit = self.attempts.maybe(reader.text, keys.get("type"))
+        if unit is not None and not is_unit(unit):
+            raise Broken("the schema has told what is wrong with the unit")
+        nodes = reader.items(keys.get(instruction))
+        count = self._count(keys.get("count")) if len(nodes) == 1 else 1
+        protocol = channel.protocol
+        if instruction not in protocol.services:
+            raise reader.broken(
+                nodes[0].at, f"'{protocol.name}' has no service {instruction}", "use send and receive with its frames"
+            )
+        grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+        units: list[str] = []
+        types: list[Address | None] = []
+        for node in nodes:
+            with reader.going_on():
+                address = address_at(reader, grammar, node.at, reader.text(node), unit, count)
+                units.append(unit or address.unit)
+                types.append(address if unit is None else None)
+                if instruction == "write" and protocol.areas[address.area].access == "read":
+                    reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")
+        places, values = self._own_side(instruction, keys, types or [None], len(nodes), count)
+        if len(units) == len(nodes):
+            self._fitting(reader.items(keys.get("values")), values or (), units)
+            self._room(keys.get("into" if instruction == "read" else "from"), places, units, count)
+        return {
+            "targets": tuple(reader.text(node) for node in nodes),
+            "units": tuple(units),
+            "places": places,
+            "unit": unit,
+            "count": count,
+            "values": values,
+        }
+
+    def _fitting(self, nodes: Sequence[Node], values: Sequence[int], units: list[str]) -> None:
+        """Constants that the elements they are for can hold."""
+        for at, (node, value) in enumerate(zip(nodes, values, strict=False)):
+            try:
+                memory_of([value], units[min(at, len(units) - 1)])
+            except PackingError as error:
+                self.reader.note(node.at, str(error), "correct it, or give another type")
+
+    def _room(self, node: Node | None, places: tuple[Place, ...], units: list[str], count: int) -> None:
+        """Own places with room for everything that is moved."""
+        for item, place, unit in zip(self.reader.items(node), places, units, strict=False):
+            address = place.address
+            bits = unit_bits(unit) * (count if len(units) == 1 else 1)
+            try:
+                self.grammar.check(address, -(-bits // address.unit_bits))
+            except AddressError as error:
+                what, _, todo = str(error).partition(" – ")
+                self.reader.note(item.at, what, todo)
+
+    def _count(self, node: Node | None) -> int:
+        count = self.attempts.maybe(self.reader.number, node)
+        if node is not None and count is not None and count < 1:
+            self.reader.note(node.at, f"a count of {count} moves nothing", "give 1 or more")
+        return max(1, count or 1)
+
+    def _numbers(self, nodes: Sequence[Node], types: list[Address | None], wanted: int) -> tuple[int, ...]:
+        """What the elements get: one number stands for all of them. Raises Broken."""
+        given = list(nodes) * wanted if len(nodes) == 1 else nodes
+        return tuple(number_for(self.reader, node, types[min(at, len(types) - 1)]) for at, node in enumerate(given))
+
+    def _own_side(
+        self, instruction: str, keys: Mapping, types: list[Address | None], targets: int, count: int
+    ) -> tuple[tuple[Place, ...], tuple[int, ...] | None]:
+        """The own places, one for each address, or the constants to write."""
+        reader = self.reader
+        word, other, does = ("into", "from", "go") if instruction == "read" else ("from", "into", "come from")
+        wrong = keys.get(other)
+        if wrong is not None and instruction == "read":
+            reader.note(wrong.at, f"{other}: does not belong to a {instruction}", f"write {word}:")
+        node, given = keys.get(word), keys.get("values")
+        where = self.written if instruction == "read" else self.place
+        tried = (self.attempts.maybe(where, item) for item in reader.items(node))
+        places = tuple(place for place in tried if place is not None)
+        values = (
+            None
+            if given is None
+            else self.attempts.to(lambda: self._numbers(reader.items(given), types, max(targets, count)))
+        )
+        misspelt = any(is_nearly(name, entry.key.text) for entry in keys.entries for name in (word, "values"))
+        if misspelt and node is None and given is None:
+            raise Broken("the schema has told what is wrong with the key")
+        if node is None and given is None and wrong is None:
+            what = f"the block does not say where its data {does}"
+            raise reader.broken(keys.at, what, f"add {word}: with an address of the own memory")
+        if instruction == "read" and given is not None:
+            reader.note(given.at, "a read has no values to write", "leave values out")
+        elif node is not None and given is not None:
+            reader.note(given.at, "the block has values and an own place", "leave one of them out")
+        elif values is not None and len(values) not in (1, max(targets, count)):
+            wanted = max(targets, count)
+            reader.note(keys.at, f"{len(values)} values stand for {wanted} places", f"give one value, or {wanted}")
+        own = len(reader.items(node))
+        if own and own != targets:
+            what = f"{targets} addresses of the other side stand against {own} own ones"
+            reader.note(keys.at, what, "give as many of one as of the other")
+        return places, values
+
+
+class FrameBlockLoader:
+    """Reads keys of blocks of single frames. `place` reads addresses of the own memory, `written` those to write."""
+
+    def __init__(self, reader: Reader, place: Callable[[Node], Place], written: Callable[[Node], Place]) -> None:
+        self.reader = reader
+        self.place = place
+        self.written = written
+        self.received: dict[tuple[int, str], int] = {}
+        self.spoilt = False
+
+    def read(
+        self, instruction: str, keys: MappingNode, protocol: Protocol, channel: int, number: int
+    ) -> dict[str, Any]:
+        """`frame`, `data`, `values`, `sizes` of a block. Raises Broken for a frame there is not."""
+        reader = self.reader
+        node = keys.get(instruction)
+        name = reader.text(node)
+        if node is None or name not in protocol.frames:
+            at = keys.at if node is None else node.at
+            raise reader.broken(at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
+        frame = protocol.frames[name]
+        self.spoilt = False
+        if protocol.frames_alone:
+            self._direction(instruction, frame, node)
+        self._once(instruction, frame, node, (channel, frame.name), number)
+        fields = dict(parts_of(frame.segments))
+        where = self.written if instruction == "receive" else self.place
+        data = dict(self._own_memory(fields))
+        for entry in reader.entries(keys.get("data")):
+            with self._going_on():
+                self._known(entry.key, frame, fields)
+                place = where(entry.value)
+                self._fits(fields[entry.key.text], place, instruction, entry.value)
+                data[entry.key.text] = place
+        values = self._values(keys.get("values"), frame, fields) if instruction == "send" else {}
+        sizes = self._sizes(keys.get("size"), frame, fields)
+        sized_by = self._sized_by(keys.get("size"), fields, protocol) if instruction == "send" else {}
+        if instruction == "send" and not self.spoilt:
+            self._missing(frame, {*data, *values}, data.keys() - values.keys() - sizes.keys(), keys)
+        return {"frame": name, "data": data, "values": values, "sizes": sizes, "sized_by": sized_by}
+
+    @contextmanager
+    def _going_on(self) -> Iterator[None]:
+        """What is broken inside is left out; nothing is said to be missing then."""
+        try:
+            yield
+        except Broken:
+            self.spoilt = True
+
+    def _own_memory(self, fields: MappingOf[str, FramePart]) -> Iterator[tuple[str, Place]]:
+        """Places that the definition of a frame names itself."""
+        for name, part in fields.items():
+            memory = getattr(part, "memory", None)
+            if memory:
+                with self._going_on():
+                    yield name, self.place(Scalar(memory, part.at, False))
+
+    def _fits(self, part: FramePart, place: Place, instruction: str, node: Node) -> None:
+        """A place that can hold the values of a field."""
+        wrong = misfit(part, place)
+        if wrong is not None:
+            self.reader.note(node.at, *wrong)
+        elif instruction == "receive" and may_overflow(part, place):
+            what = f"{place.text} ({place.address.unit}) cannot hold every value of '{part.name}'"
+            self.reader.warn(node.at, what, "name a wider place; values that do not fit are refused")
+
+    def _direction(self, instruction: str, frame: Frame, node: Node) -> None:
+        """A run is the client where a protocol knows no roles."""
+        wrong, done, other = ("server", "sent", "receive") if instruction == "send" else ("client", "received", "send")
+        if frame.side == wrong:
+            what = f"'{frame.name}' comes from the {wrong}, it cannot be {done}"
+            self.reader.note(node.at, what, f"use {other}:, or another frame")
+
+    def _once(self, instruction: str, frame: Frame, node: Node, key: tuple[int, str], number: int) -> None:
+        """A frame is received by one block of a channel, and never when it stands inside others."""
+        if frame.inner:
+            self.reader.note(node.at, f"'{frame.name}' stands inside other frames", "name a frame that carries it")
+        if instruction == "receive":
+            first = self.received.setdefault(key, number)
+            if first != number:
+                self.reader.note(node.at, f"block {first} receives '{frame.name}' already", "let one block take it")
+
+    def _known(self, key: Scalar, frame: Frame, fields: MappingOf[str, FramePart]) -> None:
+        if key.text not in fields:
+            hint = did_you_mean(key.text, fields)
+            raise self.reader.broken(key.at, f"frame '{frame.name}' has no field '{key.text}'", hint)
+
+    def _values(self, node: Node | None, frame: Frame, fields: MappingOf[str, FramePart]) -> dict[str, Any]:
+        known = dict.fromkeys(field_names(frame.segments))
+        found: dict[str, Any] = {}
+        for entry in self.reader.entries(node):
+            with self._going_on():
+                if entry.key.text not in known:
+                    what = f"frame '{frame.name}' has no field '{entry.key.text}'"
+                    raise self.reader.broken(entry.key.at, what, did_you_mean(entry.key.text, known))
+                value = found[entry.key.text] = self.reader.constant(entry.value)
+                wrong = no_number(fields.get(entry.key.text), value)
+                if wrong is not None:
+                    self.reader.note(entry.value.at, wrong, "correct it")
+        return found
+
+    def _sizes(self, node: Node | None, frame: Frame, fields: MappingOf[str, FramePart]) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for entry in self.reader.entries(node):
+            with self._going_on():
+                self._known(entry.key, frame, fields)
+                size = self.reader.number(entry.value)
+                fixed = getattr(fields[entry.key.text], "size", None)
+                if size < 0 or (isinstance(fixed, int) and size != fixed):
+                    has = f"has {fixed} bytes, not {size}" if isinstance(fixed, int) else f"cannot have {size} bytes"
+                    raise self.reader.broken(entry.value.at, f"'{entry.key.text}' {has}", "leave the size out")
+                found[entry.key.text] = size
+        return found
+
+    def _sized_by(self, node: Node | None, fields: MappingOf[str, FramePart], protocol: Protocol) -> dict[str, str]:
+        """Fields whose size the block says and the frame takes from a parameter, with that."""
+        found = {}
+        for entry in self.reader.entries(node):
+            size = getattr(fields.get(entry.key.text), "size", None)
+            name = size.root.name if isinstance(size, Expression) and isinstance(size.root, Name) else ""
+            if name in protocol.params and name not in fields:
+                with self._going_on():
+                    found[entry.key.text] = name
+                    try:
+                        given_value(protocol.params[name], self.reader.number(entry.value))
+                    except ParameterError as error:
+                        what, _, todo = str(error).partition(" – ")
+                        raise self.reader.broken(entry.value.at, what, todo) from None
+        return found
+
+    def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
+        """Fields that nothing gives a value, and data whose size nobody says."""
+        for part in frame.segments:
+            if part.when is not None or not isinstance(part, (Data, Field)):
+                continue
+            if part.name not in given and not _has_value(part):
+                what = f"nothing gives '{part.name}' of '{frame.name}'"
+                self.reader.note(keys.at, what, f"add data: {{{part.name}: ADDRESS}}, or values")
+            elif isinstance(part, Data) and part.name in unsized and not isinstance(part.size, int):
+                what = f"nothing says how many bytes '{part.name}' of '{frame.name}' has"
+                self.reader.note(keys.at, what, f"add size: {{{part.name}: N}}")
+
+
+def _has_value(part: Data | Field) -> bool:
+    if isinstance(part, Data):
+        return False
+    return any(value is not None for value in (part.is_, part.build, part.default, part.constants))
+
+
+_BYTES = ("text", "choice", "bytes")
+_ELEMENTS = ("number", "flag", "time")
+
+
+class CallLoader:
+    """Reads what such a block has of its own.
+
+    `place` reads addresses of the own memory, `written` those to write, `room` notes where there is too little of it.
+    """
+
+    def __init__(
+        self, reader: Reader, attempts: Attempts, place: Callable[[Node], Place], written: Callable[[Node], Place],
+        room: Callable[[Node, Address, int], None],
+    ) -> None:  # fmt: skip
+        self.reader = reader
+        self.attempts = attempts
+        self.place = place
+        self.written = written
+        self.room = room
+
+    def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
+        """A service, its arguments and its results. Raises Broken."""
+        reader, protocol = self.reader, channel.protocol
+        node = keys.get("call")
+        name = reader.text(node)
+        at = keys.at if node is None else node.at
+        rows = protocol.services.get(name)
+        if rows is None:
+            hint = did_you_mean(name, protocol.services)
+            raise reader.broken(at, f"'{protocol.name}' has no service '{name}'", hint)
+        if name in ("read", "write"):
+            raise reader.broken(at, f"{name} is an instruction of its own", f"write {name}: ADDRESS")
+        constants, places = reader.entries(keys.get("with")), self._named(keys.get("from"), name, "ARGUMENT")
+        sizes = {entry.key.text: entry for entry in reader.entries(keys.get("size"))}
+        self._arguments(name, rows, (*constants, *places), at)
+        arguments: dict[str, Any] = {}
+        for entry in constants:
+            with reader.going_on():
+                arguments[entry.key.text] = self._value(rows, entry)
+        argument_places = {}
+        for entry in places:
+            if entry.key.text in arguments:
+                what = f"'{entry.key.text}' stands in with: and in from:"
+                self.reader.note(entry.key.at, what, "leave one of them out")
+            found = self.attempts.to(partial(self._from, rows, entry, sizes))
+            if found is not None:
+                argument_places[entry.key.text] = found
+        known = [shapes_of(protocol, row) for row in rows]
+        results = []
+        for entry in self._named(keys.get("into"), name, "RESULT"):
+            stored = self.attempts.to(partial(self._into, name, known, entry, sizes))
+            if stored is not None:
+                results.append(stored)
+        for entry in sizes.values():
+            hint = did_you_mean(entry.key.text, [*argument_places, *(str(one.result) for one in results)])
+            self.reader.note(entry.key.at, f"'{entry.key.text}' stands neither in from: nor in into:", hint)
+        packings = {row.packing for row in rows}
+        return {
+            "service": name,
+            "arguments": arguments,
+            "argument_places": argument_places,
+            "results": tuple(results),
+            "packing": packings.pop() if len(packings) == 1 else Packing(),
+            **self._about(keys, channel, rows, name, at),
+        }
+
+    def _named(self, node: Node | None, service: str, what: str) -> tuple[Entry, ...]:
+        """Names with places. Raises Broken for a place by itself."""
+        if node is None:
+            return ()
+        if not isinstance(node, Mapping):
+            told = "results of a call go to places by their names" if what == "RESULT" else "a call takes arguments"
+            key = "into" if what == "RESULT" else "from"
+            raise self.reader.broken(node.at, told, f"write {key}: {{{what}: ADDRESS}}")
+        return node.read_all()
+
+    # ---- arguments ----------------------------------------------------------------------------------------
+
+    def _value(self, rows: tuple[ServiceRow, ...], entry: Entry) -> Any:
+        """A value as the argument of that name takes it, where all rows agree on that. Raises Broken."""
+        taken = _taken(rows, entry.key.text)
+        if not taken or taken[0].type not in TYPES or any(one.type != taken[0].type for one in taken):
+            return self.reader.constant(entry.value)
+        value = raw_value(self.reader, entry.value)
+        try:
+            checked(taken[0], value)
+        except ParameterError as error:
+            if len(taken) == 1:
+                what, _, todo = str(error).replace("parameter", "argument", 1).partition(" – ")
+                raise self.reader.broken(entry.value.at, what, todo) from None
+        return value
+
+    def _from(self, rows: tuple[ServiceRow, ...], entry: Entry, sizes: dict[str, Entry]) -> ArgumentPlace:
+        """A place that an argument is read from. Raises Broken."""
+        name, reader = entry.key.text, self.reader
+        taken = _taken(rows, name)
+        type_ = taken[0].type if taken else "number"
+        if type_ not in (*_BYTES, *_ELEMENTS, "list") or any(one.type != type_ for one in taken):
+            raise reader.broken(entry.key.at, f"'{name}' cannot come from the memory", "give it in with:")
+        if type_ == "list" and any(one.items not in (None, "number") for one in taken):
+            raise reader.broken(entry.key.at, f"'{name}' is no list of numbers", "give it in with:")
+        place = self.place(entry.value)
+        size = sizes.pop(name, None)
+        count = 1 if size is None else self._size(size)
+        if size is None and type_ not in _ELEMENTS:
+            what = f"nothing says how many {'elements' if type_ == 'list' else 'bytes'} '{name}' has"
+            reader.note(entry.key.at, what, f"add size: {{{name}: N}}")
+        elif size is not None and type_ in _ELEMENTS:
+            reader.note(size.key.at, f"'{name}' is one number and has no size", "leave it out")
+            count = 1
+        self.room(entry.value, place.address, argument_bits(type_, count, place.address.unit))
+        signed = any(one.limits is not None and one.limits[0] < 0 for one in taken)
+        return ArgumentPlace(place=place, type=type_, size=count, signed=signed)
+
+    def _arguments(self, service: str, rows: tuple[ServiceRow, ...], entries: tuple[Entry, ...], at: Position) -> None:
+        """Arguments there are, with all that have no default."""
+        known = {argument.name for row in rows for argument in row.takes}
+        given = {entry.key.text for entry in entries}
+        for entry in entries:
+            if entry.key.text not in known:
+                hint = did_you_mean(entry.key.text, known) or "leave it out"
+                self.reader.note(entry.key.at, f"'{service}' takes no '{entry.key.text}'", hint)
+        if len(rows) == 1 and given <= known:
+            missing = [f"'{one.name}'" for one in rows[0].takes if one.default is None and one.name not in given]
+            if missing:
+                todo = f"add {'it' if len(missing) == 1 else 'them'} to with:"
+                self.reader.note(at, f"'{service}' is called without {listed(missing)}", todo)
+
+    def _about(
+        self, keys: Mapping, channel: Channel, rows: tuple[ServiceRow, ...], service: str, at: Position
+    ) -> dict[str, Any]:
+        """The addresses on the other side that a call is about."""
+        reader, protocol = self.reader, channel.protocol
+        node = keys.get("addresses")
+        nodes = reader.items(node)
+        takes = [row for row in rows if wants_address(row)]
+        if node is not None and not takes:
+            reader.note(node.at, f"'{service}' is about no addresses", "leave them out")
+            return {}
+        if node is None:
+            if len(takes) == len(rows):
+                reader.note(at, f"'{service}' is about addresses of the other side", "add addresses: ADDRESS")
+            for key in ("count", "type"):
+                if (alone := keys.get(key)) is not None:
+                    reader.note(alone.at, f"{key}: says something about addresses, and there are none", "leave it out")
+            return {}
+        unit = self.attempts.maybe(reader.text, keys.get("type"))
+        count_node = keys.get("count")
+        count = self.attempts.maybe(reader.number, count_node) or 1
+        if count_node is not None and len(nodes) > 1:
+            reader.note(count_node.at, "each of several addresses is one element", "leave count out")
+        grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+        for item in nodes:
+            with reader.going_on():
+                address_at(reader, grammar, item.at, reader.text(item), unit, count if len(nodes) == 1 else 1)
+        most = max((row.most_variables for row in takes), default=0) or 1
+        if len(nodes) > most:
+            reader.note(nodes[most].at, f"'{service}' takes {most} addresses at most", "use several blocks")
+        return {"addresses": tuple(reader.text(item) for item in nodes), "unit": unit, "count": count}
+
+    # ---- results ------------------------------------------------------------------------------------------
+
+    def _into(self, service: str, known: list[dict[str, Shape]], entry: Entry, sizes: dict[str, Entry]) -> ResultPlace:
+        """A result and its place. Raises Broken."""
+        reader = self.reader
+        result = reader.expression(entry.key)
+        if not is_path(result.root):
+            what = f"'{entry.key.text}' names no result"
+            raise reader.broken(entry.key.at, what, "write names with dots, such as time.hour")
+        shape = self._shape(service, known, result, entry)
+        place = self.written(entry.value)
+        node = sizes.pop(entry.key.text, None)
+        size = shape.size if node is None else self._size(node)
+        bits = place.address.unit_bits
+        if shape.kind == "record":
+            names = list(shape.parts or ())
+            hint = f"name one of them, such as {entry.key.text}.{names[0]}" if names else ""
+            raise reader.broken(entry.key.at, f"'{entry.key.text}' is a record of several values", hint)
+        if node is not None and shape.kind == "number":
+            reader.note(node.key.at, f"'{entry.key.text}' is one number and has no size", "leave it out")
+            size = None
+        elif shape.is_long and size is None:
+            what = f"nothing says how much room there is for '{entry.key.text}', which has any number of "
+            what += "elements" if shape.kind == "list" else "bytes"
+            reader.note(entry.key.at, what, f"add size: {{{entry.key.text}: N}}; what does not come is 0")
+        if size is not None:
+            bits = 8 * size if shape.kind in ("bytes", "text") else bits * size
+        self.room(entry.value, place.address, bits)
+        item = shape.item or ANY
+        return ResultPlace(result=result, place=place, size=size, scale=max(shape.scale, item.scale), bits=bits)
+
+    def _shape(self, service: str, known: list[dict[str, Shape]], result: Expression, entry: Entry) -> Shape:
+        """What kind of value the rows give under this name. Raises Broken when none does."""
+        found: list[Shape] = []
+        problem: NoResultError | None = None
+        for shapes in known:
+            try:
+                found.append(shape_at(result, shapes))
+            except NoResultError as error:
+                problem = problem or error
+        if found:
+            return found[0] if all(one == found[0] for one in found) else ANY
+        assert problem is not None
+        raise self.reader.broken(entry.key.at, f"'{service}' gives {problem}", problem.hint)
+
+    def _size(self, entry: Entry) -> int:
+        size = self.reader.number(entry.value)
+        if not 1 <= size <= LONGEST:
+            raise self.reader.broken(entry.value.at, f"a size of {size} cannot be", f"give 1 to {LONGEST}")
+        return size
+
+
+def _taken(rows: tuple[ServiceRow, ...], name: str) -> list[Argument]:
+    return [argument for row in rows for argument in row.takes if argument.name == name]
+
+
+# ---- places and values of the own memory -------------------------------------------------------------------
+
+
+def address_at(
+    reader: Reader, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
+) -> Address:
+    """An address that stands at `at`, with room for `count` elements behind it. Raises Broken."""
+    try:
+        address = grammar.parse(text, unit)
+        grammar.check(address, count)
+    except AddressError as error:
+        what, _, todo = str(error).partition(" – ")
+        raise reader.broken(at, what, todo) from None
+    return address
+
+
+def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int, *, written: bool = False) -> Place:
+    """A place of the own memory with room for so many bits from there on; `written` by the run. Raises Broken."""
+    text = reader.text(node)
+    try:
+        address = grammar.parse(text)
+        grammar.check(address, -(-bits // address.unit_bits))
+    except AddressError as error:
+        what, _, todo = str(error).partition(" – ")
+        raise reader.broken(node.at, what, todo) from None
+    place = Place(address=address, text=text)
+    if written:
+        check_written(reader, grammar, node, place)
+    return place
+
+
+def check_written(reader: Reader, grammar: AddressGrammar, node: Node, place: Place) -> None:
+    """Notes a place that the run is to write, in an area that can only be read."""
+    area = grammar.areas.get(place.address.area)
+    if area is not None and area.access == "read":
+        others = ", ".join(one.name for one in grammar.areas.values() if one.access == "rw")
+        what = f"{place.text} is in area {area.name}, which can only be read"
+        reader.note(node.at, what, f"name a place in {others}" if others else "")
+
+
+_FRACTION = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+
+
+def number_for(reader: Reader, node: Node, place: Address | None) -> int:
+    """What an element at a place holds for what stands there: the number itself where nothing says its type.
+
+    `0x…` is always what the element holds, but for texts. Raises Broken.
+    """
+    text = reader.text(node)
+    type_ = None if place is None else place.type
+    if place is not None and type_ == COUNTED_STRING:
+        texts = CountedTextView(place.unit_bits // 8)
+        return _element(reader, node, lambda: texts.write([text]))
+    view = None if type_ is None or "x" in text.lower() else view_of(type_)
+    if not isinstance(view, NumberView):
+        return reader.number(node)
+    if view.kind == "float" and not _FRACTION.fullmatch(text.strip()):
+        raise reader.broken(node.at, f"'{text}' is no {type_}", "write a number such as 1.5")
+    number = float(text) if view.kind == "float" else reader.number(node)
+    return _element(reader, node, lambda: view.write([number]))
+
+
+def _element(reader: Reader, node: Node, write: Callable[[], bytes]) -> int:
+    """The element with these bytes. Raises Broken for a value that does not fit."""
+    try:
+        return int.from_bytes(write(), "little")
+    except MemoryValueError as error:
+        raise reader.broken(node.at, str(error), "correct it") from None
