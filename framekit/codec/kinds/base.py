@@ -6,6 +6,7 @@ from typing import Any, Generic, TypeVar
 
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.registry import KINDS
 from framekit.definition.model.segments import Segment
 
@@ -23,6 +24,13 @@ class SegmentKind(Generic[S]):
     def diagnose(self, d: DiagnosisWriter, segment: S, scope: Scope, behind: Behind) -> None:
         """Writes the calls that read a segment that is there carefully. `behind`: what follows it in its buffer."""
         raise NotImplementedError
+
+    def measure(self, m: MeasureWriter, segment: S, scope: Scope, after: Pairs) -> None:
+        """Writes how a measuring function passes a segment that is there. `after`: what follows it in the frame.
+
+        Raises Finished when nothing that follows matters any more.
+        """
+        m.skip(str(m.shapes.present(segment).fixed or 0))
 
 
 def register(*kinds: type[SegmentKind[Any]]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.model.segments import (
     Bits,
@@ -36,3 +37,6 @@ class BitsKind(SegmentKind[Bits]):
         d.out.add(
             f"n.bits({d.named(segment)}, {size}, {d.parse(segment.type)}, {literal(parts)}{d.refuse(segment)}{rules})"
         )
+
+    def measure(self, m: MeasureWriter, segment: Bits, scope: Scope, after: Pairs) -> None:
+        m.number(segment, scope, after)

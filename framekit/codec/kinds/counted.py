@@ -5,7 +5,13 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Entry, Scope
-from framekit.codec.python.shape import is_always_there, is_followed, is_plain_name, targets_of
+from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.shape import (
+    is_always_there,
+    is_followed,
+    is_plain_name,
+    targets_of,
+)
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.model.segments import (
     Count,
@@ -26,6 +32,9 @@ class LengthKind(SegmentKind[Length]):
 
     def diagnose(self, d: DiagnosisWriter, segment: Length, scope: Scope, behind: Behind) -> None:
         _diagnose(d, segment, scope, _room_of(d, segment))
+
+    def measure(self, m: MeasureWriter, segment: Length, scope: Scope, after: Pairs) -> None:
+        m.number(segment, scope, after)
 
 
 def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
@@ -55,6 +64,9 @@ class CountKind(SegmentKind[Count]):
 
     def diagnose(self, d: DiagnosisWriter, segment: Count, scope: Scope, behind: Behind) -> None:
         _diagnose(d, segment, scope, _items_of(d, segment))
+
+    def measure(self, m: MeasureWriter, segment: Count, scope: Scope, after: Pairs) -> None:
+        m.number(segment, scope, after)
 
 
 def _items_of(d: DiagnosisWriter, count: Count) -> str | None:

@@ -6,6 +6,7 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
     Field,
@@ -43,6 +44,9 @@ class FieldKind(SegmentKind[Field]):
         if segment.is_ is not None and (segment.constants is not None or constant_of(segment.is_) is None):
             wanted = d.writer(scope).value(segment.is_)
             d.deferred.append(f'n.same("value", {name}, lambda n: {wanted}{d.refuse(segment)})')
+
+    def measure(self, m: MeasureWriter, segment: Field, scope: Scope, after: Pairs) -> None:
+        m.number(segment, scope, after)
 
 
 def _rules(field: Field) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.definition.model.segments import (
     Optional,
 )
@@ -21,3 +22,6 @@ class OptionalKind(SegmentKind[Optional]):
         if absent := d.without(segment.of):
             with d.out.block("else:"):
                 d.out.add(absent)
+
+    def measure(self, m: MeasureWriter, segment: Optional, scope: Scope, after: Pairs) -> None:
+        m.rest(segment, after)

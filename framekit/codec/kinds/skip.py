@@ -5,6 +5,8 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
+from framekit.codec.python.places import Place
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Fill,
@@ -27,3 +29,8 @@ class FillKind(SegmentKind[Fill]):
         d.out.add(f'n.skip("fill", n.rest({d.behind(behind)}, "fill"))')
         d.out.add(f'n.expect("short", "frame", n.end, {quoted(f"{total} bytes")}, lambda n: n.end >= {total})')
         d.out.add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')
+
+    def measure(self, m: MeasureWriter, segment: Fill, scope: Scope, after: Pairs) -> None:
+        m.place = Place("start", segment.total)
+        m.return_total()
+        raise Finished

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.source import quoted
+from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
+from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.model.segments import (
+    Const,
+    Skip,
     Wrap,
 )
+from framekit.definition.model.walk import flat
 
 
 class WrapKind(SegmentKind[Wrap]):
@@ -40,6 +47,112 @@ class WrapKind(SegmentKind[Wrap]):
             outside, d.deferred = d.deferred, []
             d.region(segment.of, scope)
             d.deferred = outside
+
+    def measure(self, m: MeasureWriter, segment: Wrap, scope: Scope, after: Pairs) -> None:
+        fixed = m.shapes.all(segment.of).fixed
+        if segment.how == "hex":
+            _measure_hex(m, segment, scope, fixed, after)
+            return
+        m.settle()
+        escape = f"{segment.escape or 0:#04x}"
+        behind = m.least(after)
+        if fixed is not None:
+            with m.out.block("try:"):
+                m.add(f"at = {m.module.function('end_of_doubled')}(data, at, {escape}, {fixed}, end)")
+            with m.out.block("except IndexError:"):
+                m.add(f"return -{1 + behind}")
+            with m.out.block("except ValueError:"):
+                m.add("return LOST")
+            if follows := _symbol_behind(segment, after):
+                with m.out.block(
+                    f"if not {bytes_literal(follows)}.startswith(data[at:min(at + {len(follows)}, end)]):"
+                ):
+                    m.add("return LOST")
+            _measure_content(m, segment, scope, after)
+            return
+        find = m.module.function("find_region_end")
+        resume = m.resume(after)
+        embedded = m.module.embedded(segment)
+        more = f", {embedded}" if embedded else ""
+        m.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
+        with m.out.block("if at < 0:"):
+            m.not_found(max(behind - 1, 1))
+        if follows := _symbol_behind(segment, after):  # what is not doubled has to be the end
+            with m.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
+                m.add("return LOST")
+        _measure_content(m, segment, scope, after, 2)
+
+
+def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
+    """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
+    needed = m.needed & needed_names(tuple(segment for segment, _ in after))
+    names = [name for one in flat(wrap.of) for name in one.value_names if name in needed]
+    if names:
+        m.settle()
+        m.may_fail = True
+        stop = f"at + {further}" if further else "at"
+        m.add(f"fields = examine_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
+        for name in names:
+            m.set_value(name, scope, f"fields[{quoted(name)}]")
+
+
+def _measure_hex(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
+    needed = any(name in m.needed for one in flat(wrap.of) for name in one.value_names)
+    if fixed is not None:
+        if needed:
+            m.want(2 * fixed, after)
+        m.skip(str(2 * fixed))
+        _measure_content(m, wrap, scope, after)
+        return
+    first = after[0][0] if after else None
+    if isinstance(first, Const) and first.when is None and first.data[:1].upper() not in b"0123456789ABCDEF":
+        m.settle()
+        m.add(f"at = {m.search(f'{first.data[0]:#04x}', 'at', after)}")
+        with m.out.block("if at < 0:"):
+            m.not_found(m.least(after))
+        _measure_content(m, wrap, scope, after)
+        return
+    if isinstance(first, Const):
+        m.rest(wrap, after)
+    front = Skip(at=wrap.at, size=1)  # so that content of no bytes differs from no content
+    inside = type(m)(m.module, f"{m.identifier}_content", (front, *wrap.of), m.most)
+    inside.maybe_absent = m.maybe_absent
+    given: dict[str, str] = {}
+    inside.write(None, _handed(inside.needed, scope, "", given))
+    m.module.extra.append(inside.function(f"How long the content of the wrap in `{m.identifier}` is."))
+    m.settle()
+    size = m.names.fresh("size")
+    measure = m.module.function("measure_hex")
+    texts = "".join(f", {quoted(name)}: {text}" for name, text in given.items())
+    context = f"{{**ctx{texts}}}" if given else "ctx"
+    m.add(f"{size} = {measure}(measure_{inside.identifier}, data, at, end, {context})")
+    with m.out.block(f"if {size} <= 0:"):
+        m.add(f"return {size}")
+    m.skip(f"{size} - 1")
+
+
+def _handed(names: Iterable[str], scope: Scope, path: str, given: dict[str, str]) -> Scope:
+    """What the content of a wrap reads of the values around it, which it finds in the context it is given."""
+    found = Scope()
+    for name in sorted(names):
+        entry = scope.find(name)
+        if entry is not None and entry.direct and entry.inside is not None:
+            inside = _handed(entry.inside.entries, entry.inside, f"{path}{name}.", given)
+            found.entries[name] = replace(entry, inside=inside)
+        elif entry is not None:
+            given[f"{path}{name}"] = entry.text
+            found.entries[name] = replace(entry, text=f"ctx[{quoted(f'{path}{name}')}]")
+    return found
+
+
+def _symbol_behind(wrap: Wrap, after: Pairs) -> bytes:
+    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
+    found = b""
+    for segment, _ in after:
+        if not isinstance(segment, Const) or segment.when is not None or segment.refuse is not None:
+            break
+        found += segment.data
+    return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
 
 
 def _diagnose_limits(d: DiagnosisWriter, wrap: Wrap, scope: Scope) -> None:

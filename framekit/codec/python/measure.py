@@ -1,35 +1,37 @@
 """Measuring functions: how long is the frame that begins here, from as many bytes as are there.
 
 They read only what sizes depend on, compare only the constants a frame begins with, and say how many bytes they want at
-least, so that nobody has to ask for every single one.
+least, so that nobody has to ask for every single one. The kinds of segments write how they are passed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
-from framekit.codec.python.branches import default_text, numbers_of
+from framekit.codec.python import forms
+from framekit.codec.python.branches import default_text
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.describe import write_docstring
-from framekit.codec.python.expressions import Entry, Scope
-from framekit.codec.python.measure_wraps import WrapMeasurer
-from framekit.codec.python.measuring import Finished, Pairs
+from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, may_be_negative, may_fail
 from framekit.codec.python.module import Module
-from framekit.codec.python.places import Place
-from framekit.codec.python.shape import leading, may_be_empty, names_read
-from framekit.codec.python.source import Source, bytes_literal, literal, quoted
-from framekit.definition.expression.emit import PRODUCT
-from framekit.definition.expression.syntax import Expression
+from framekit.codec.python.names import Names
+from framekit.codec.python.places import Place, between, index
+from framekit.codec.python.registry import kind_of
+from framekit.codec.python.shape import leading
+from framekit.codec.python.source import Source, bytes_literal, literal
+from framekit.definition.expression.emit import SUM
+from framekit.definition.expression.syntax import Attribute, Expression, names_in, walk
+from framekit.definition.model.contents import bytes_of
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
+    Check,
     Choose,
     Const,
     Count,
     Data,
     Field,
     FieldType,
-    Fill,
     Inner,
     Length,
     Optional,
@@ -39,8 +41,17 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.model.walk import without_when
+from framekit.definition.model.walk import everything, flat, without_when
 
+Pairs = tuple[tuple[Segment, Scope], ...]
+"""Segments with the scopes their names belong to."""
+
+
+class Finished(Exception):  # noqa: N818 - a way out, no error
+    """The rest of the function is written: nothing behind matters for the length, or it cannot be told."""
+
+
+Number = Field | Length | Count | Bits
 MOST = 65_536 + 1_024
 """The longest frame where the definition gives none."""
 _HEADER = "data: bytes | bytearray, start: int, end: int, ctx: Context = DEFAULTS, seen: int = 0"
@@ -67,10 +78,334 @@ def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[
     return writer.function(f"What `measure_{identifier}` says if a good frame is at data[start].")
 
 
-class MeasureWriter(WrapMeasurer):
-    """Writes one measuring function."""
+class MeasureWriter:
+    """Writes one measuring function. `place` counts from `start` as long as that is fixed, then it is in `at`.
+
+    `asks_inside`: a frame inside decides on the size.
+    """
 
     kind = "measure"
+    asks_inside = False
+
+    def __init__(self, module: Module, identifier: str, segments: tuple[Segment, ...], most: int) -> None:
+        self.module = module
+        self.identifier = identifier
+        self.shapes = module.shapes
+        self.segments = segments
+        self.most = most
+        self.out = Source()
+        self.names = Names(module.words())
+        self.hoisted: dict[str, str] = {}
+        self.may_fail = False
+        self.place = Place("start", 0)
+        self.sure = 0
+        self.needed = needed_names(segments)
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.maybe_absent: set[str] = set()
+        self.in_list = False
+        self.looks_for_end = False
+
+    def add(self, text: str) -> None:
+        self.out.add(text)
+
+    def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
+        """The segments with those of records."""
+        found: list[tuple[Segment, Scope]] = []
+        for segment in segments:
+            if isinstance(segment, Record) and segment.when is None:
+                found.extend(self.pairs(segment.of, self._inside(segment, scope)))
+            else:
+                found.append((segment, scope))
+        return tuple(found)
+
+    @staticmethod
+    def _inside(record: Record, scope: Scope) -> Scope:
+        """The names of a record; two cases with a record of one name share them."""
+        known = scope.entries.get(record.name)
+        inside = Scope(scope) if known is None or known.inside is None else known.inside
+        scope.entries[record.name] = Entry(record.name, "record", inside, direct=True)
+        return inside
+
+    def absent(self, segments: Iterable[Segment], scope: Scope) -> None:
+        """Gives names that something else depends on no value, as long as nothing has been read that has them."""
+        for segment in flat(segments):
+            if isinstance(segment, Record):
+                self.absent(segment.of, self._inside(segment, scope))
+                continue
+            for name in segment.value_names:
+                if name in self.needed:
+                    self.maybe_absent.add(name)
+                    self.set_value(name, scope, "None")
+
+    # ---- texts --------------------------------------------------------------------------------------------
+
+    def context(self, name: str) -> str:
+        """The local that holds a context value; it is fetched once, before anything is read."""
+        if name not in self.hoisted:
+            self.module.context.add(self.module.known(name, self.by_name))
+            self.hoisted[name] = self.names.fresh(name)
+        return self.hoisted[name]
+
+    def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
+        """Text of an expression; if it can fail, the function will say that the end is lost then."""
+        if may_fail(expression.root) or _names_of(expression) & self.maybe_absent:
+            self.may_fail = True
+        return ExpressionWriter(self.module, scope, self.context).text(expression, level)
+
+    def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
+        """Text of a size that is not negative. Below 0 without any field of the frame, the frame fits nothing."""
+        text = self.text(expression, scope, level)
+        if not may_be_negative(expression.root):
+            return text
+        local = self.names.fresh("length")
+        self.add(f"{local} = {self.text(expression, scope)}")
+        by_fields = any(scope.find(name) is not None for name in names_in(expression.root))
+        with self.out.block(f"if {local} < 0:"):
+            self.add("return LOST" if by_fields else "return 0")
+        return local
+
+    def set_value(self, name: str, scope: Scope, text: str) -> str:
+        """Gives a name its value in a local."""
+        local = scope.entries[name].text if name in scope.entries else self.names.fresh(name)
+        scope.entries[name] = Entry(local)
+        self.add(f"{local} = {text}")
+        return local
+
+    # ---- places and wants ---------------------------------------------------------------------------------
+
+    def least(self, after: Pairs) -> int:
+        """The fewest bytes that segments take."""
+        return sum(self.shapes.of(segment).least for segment, _ in after)
+
+    def want(self, size: int, after: Pairs) -> None:
+        """Goes on only if `size` more bytes are there; else says how many are wanted at least."""
+        least = size + self.least(after)
+        if self.place.base == "start":
+            wanted = self.place.offset + size
+            if wanted > self.sure:
+                self.sure = wanted
+                with self.out.block(f"if end - start < {wanted}:"):
+                    self.add(f"return end - start - {self.place.offset + least}")
+            return
+        place = self.place.text("")
+        with self.out.block(f"if end < {place} + {size}:"):
+            self.add(f"return end - {place} - {least}" if " " not in place else f"return end - ({place}) - {least}")
+
+    def want_until(self, local: str, after: Pairs) -> None:
+        """Goes on only if the bytes up to the place `local` are there."""
+        least = self.least(after)
+        behind = f" + {least}" if least else ""
+        with self.out.block(f"if end < {local}:"):
+            back = f" - {least}" if least else ""
+            self.add(f"return end - {local}{back} if {local} - start{behind} <= {self.most} else LOST")
+
+    def advance(self, text: str) -> None:
+        if text != "at":
+            further = text.removeprefix("at + ")
+            self.add(f"at = {text}" if further == text else f"at += {further}")
+        self.place = Place("at", 0)
+
+    def settle(self) -> None:
+        """Puts the place into its local."""
+        if self.place != Place("at", 0):
+            self.advance(self.place.text(""))
+
+    def skip(self, size: str) -> None:
+        """Moves on by a size that needs no look at the bytes."""
+        if size.isdigit():
+            self.place = self.place.plus(int(size))
+        else:
+            self.advance(f"{self.place.text('')} + {size}")
+
+    def resume(self, after: Pairs, overlap: int = 0) -> str | None:
+        """Text of the place a search goes on at; None if it must begin anew.
+
+        An earlier call may have found the end and wanted what follows it, so that much is looked through again.
+        """
+        most = self.shapes.all(segment for segment, _ in after).most
+        if most is None or self.in_list:
+            return None
+        return f"start + seen - {most + overlap}" if most + overlap else "start + seen"
+
+    def search(self, what: str, place: str, after: Pairs, overlap: int = 0) -> str:
+        """Text of the place of some bytes from `place` on, -1 if they are not there."""
+        resume = self.resume(after, overlap)
+        return f"data.find({what}, {place if resume is None else f'max({place}, {resume})'}, end)"
+
+    def not_found(self, least: int) -> None:
+        """What to say when an end is not there yet; `least` bytes come with it."""
+        self.add(f"return -{least} if end - start + {least} <= {self.most} else LOST")
+
+    def return_total(self) -> None:
+        """The frame ends at the present place."""
+        if self.place.base == "start":
+            total = str(self.place.offset)
+            self.add(f"return {total} if end - start >= {total} else end - start - {total}")
+            return
+        self.add(f"size = {self.place.text('')} - start")
+        longest = self.shapes.all(self.segments).most
+        if self.looks_for_end or longest is None or longest > self.most:
+            with self.out.block(f"if size > {self.most}:"):
+                self.add("return LOST")
+        self.add("return size if size <= end - start else end - start - size")
+
+    def number(self, segment: Number, scope: Scope, after: Pairs) -> None:
+        needed = any(name in self.needed for name in segment.value_names)
+        type_ = segment.type
+        if isinstance(segment, Field) and segment.long is not None:
+            self._long(segment, scope, after)
+        elif isinstance(type_.size, Expression):
+            size = self.size_text(type_.size, scope)
+            if needed:
+                self.take(size, after)
+                self._read(segment, scope, Place("at", 0), Place("stop", 0))
+                self.advance("stop")
+            else:
+                self.skip(size)
+        elif type_.size is None:
+            self._text(segment, scope, after, needed)
+        else:
+            if needed:
+                self.want(type_.size, after)
+                self._read(segment, scope, self.place, self.place.plus(type_.size))
+            self.skip(str(type_.size))
+
+    def take(self, size: str, after: Pairs) -> None:
+        """Lets `stop` be the end of a segment that has to be read."""
+        self.settle()
+        self.add(f"stop = at + {size}")
+        self.want_until("stop", after)
+
+    def _read(self, segment: Number, scope: Scope, first: Place, last: Place) -> None:
+        wire = self.wire(segment.type, first, last)
+        if isinstance(segment, Bits):
+            whole = self.names.fresh("bits")
+            self.add(f"{whole} = {wire}")
+            for part in segment.parts:
+                if part.name in self.needed:
+                    mask = (1 << part.high - part.low + 1) - 1
+                    self.set_value(part.name, scope, f"{whole} >> {part.low} & {mask:#x}")
+            return
+        if segment.zero_means is not None:
+            wire = self.set_value(segment.name, scope, wire)
+        local = self.set_value(segment.name, scope, forms.value_of(segment, wire))
+        if segment.limits is not None and segment.refuse is None:
+            with self.out.block(f"if not {segment.limits[0]} <= {local} <= {segment.limits[1]}:"):
+                self.add("return LOST")
+
+    def wire(self, type_: FieldType, first: Place, last: Place) -> str:
+        if type_.kind == "int" and type_.fixed_size == 1 and not type_.signed:
+            return index("data", first)
+        self.may_fail = self.may_fail or type_.kind in ("digits", "bcd")
+        return forms.parse(self.module, type_, between("data", first, last))
+
+    def _long(self, field: Field, scope: Scope, after: Pairs) -> None:
+        assert field.long is not None
+        short, longer = field.type.fixed_size or 1, field.long.type.fixed_size or 0
+        self.want(short, after)
+        local = self.set_value(field.name, scope, self.wire(field.type, self.place, self.place.plus(short)))
+        self.advance(self.place.plus(short).text(""))
+        with self.out.block(f"if {local} == {field.long.mark:#x}:"):
+            if field.name in self.needed:
+                self.want(longer, after)
+                wire = self.wire(field.long.type, self.place, self.place.plus(longer))
+                self.add(f"{local} = {wire}")
+            self.add(f"at += {longer}")
+        if field.name in self.needed and forms.changes_value(field):
+            self.add(f"{local} = {forms.value_of(field, local)}")
+
+    def _text(self, segment: Number, scope: Scope, after: Pairs, needed: bool) -> None:
+        """A text that its end marks, or that takes the rest."""
+        end = segment.type.end
+        if end is None:
+            self.rest(segment, after)
+            return
+        self.settle()
+        self.add(f"stop = {self.search(bytes_literal(end), 'at', after, len(end))}")
+        with self.out.block("if stop < 0:"):
+            self.not_found(1 + self.least(after))
+        if needed and isinstance(segment, Field):
+            plain = FieldType("ascii", None, pad=segment.type.pad)
+            self.set_value(segment.name, scope, self.wire(plain, Place("at", 0), Place("stop", 0)))
+        self.advance(f"stop + {len(end)}")
+
+    # ---- what ends by what follows ------------------------------------------------------------------------
+
+    def rest(self, segment: Segment, after: Pairs) -> None:
+        """Something that reaches up to a constant after it, where everything around that fits, else up to silence.
+
+        What stands before the constant, such as a check code, is of fixed size: it is counted back from there.
+        """
+        place = self._constant(after)
+        if place is None:
+            self._until_silence(after)
+            return
+        first, before, behind = after[place][0], self._size_of(after[:place]), self._size_of(after[place:])
+        assert isinstance(first, Const)
+        may_hold = first.data[0] in bytes_of([segment, *(one for one, _ in after[:place])], self.shapes.frames)
+        self.settle()
+        self.add(f"behind = {behind}")
+        self.add(f"at = max({'at' if before == '0' else f'at + {before}'}, start + seen - behind)")
+        with self.out.block(f"while (at := data.find({bytes_literal(first.data)}, at, end)) >= 0:"):
+            self.add("size = at - start + behind")
+            with self.out.block(f"if size > {self.most}:"):
+                self.add("return LOST")
+            with self.out.block("if size > end - start:"):
+                self.add("return end - start - size")
+            if not may_hold or not any(isinstance(one, Check) for one, _ in after):
+                self.add("return size")
+            else:
+                ends_here = self.module.function("ends_here")
+                whole = "bytes(data[start : start + size])"
+                tail = "at - start" if before == "0" else f"at - start - ({before})"
+                with self.out.block(f"if {ends_here}(decode_{self.identifier}, {whole}, ctx, {tail}):"):
+                    self.add("return size")
+                self.add("at += 1")
+        self.not_found(1)
+        raise Finished
+
+    def _constant(self, after: Pairs) -> int | None:
+        """The place of the constant that is looked for; None if there is none, or too little is of fixed size."""
+        if any(self.shapes.present(segment).fixed is None for segment, _ in after):
+            return None
+        found = (place for place, (one, _) in enumerate(after) if isinstance(one, Const) and one.when is None)
+        return next(found, None)
+
+    def _size_of(self, after: Pairs) -> str:
+        """Text of the bytes of segments that are of fixed size when they are there."""
+        fixed, texts = 0, []
+        for segment, scope in after:
+            size = self.shapes.present(segment).fixed or 0
+            if segment.when is None:
+                fixed += size
+            elif size:
+                texts.append(f"({size} if {self.text(segment.when, scope, SUM)} else 0)")
+        return " + ".join([str(fixed), *texts])
+
+    def _until_silence(self, after: Pairs) -> None:
+        """Nothing but silence ends it."""
+        self.settle()
+        behind = self.least(after)
+        shortest = f"at - start + {behind}" if behind else "at - start"
+        self.add(f"size = {shortest}")
+        with self.out.block("if end - start < size:"):
+            self.add("return end - start - size")
+        self.add(f"return QUIET if end - start <= {self.most} else LOST")
+        raise Finished
+
+    def inner_may_misfit(self) -> bool:
+        """Whether an inner frame begins with constants, so that it has to be looked at."""
+        return any(
+            isinstance(segment, Inner) and self.begins_with_constants(segment) for segment in flat(self.segments)
+        )
+
+    def begins_with_constants(self, inner: Inner) -> bool:
+        frames = (self.shapes.frames[name] for name in inner.frames)
+        return any(leading(self.shapes, self.shapes.segments(frame)) for frame in frames)
+
+    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str) -> None:
+        """Gives the local `size` its value: that of the frame inside."""
+        self.add(f"{size} = {measure}({choice}, {arguments}{seen})")
 
     def function(self, sentence: str) -> Source:
         """The function around what was written."""
@@ -162,9 +497,9 @@ class MeasureWriter(WrapMeasurer):
             if segment.when is not None:
                 self._conditional(segment, scope, behind)
             else:
-                self._segment(segment, scope, behind)
+                kind_of(segment).measure(self, segment, scope, behind)
 
-    def _branch(self, pairs: Pairs, after: Pairs) -> bool:
+    def branch(self, pairs: Pairs, after: Pairs) -> bool:
         """Segments of which it is not sure that they are there; whether nothing behind matters any more."""
         finished = False
         try:
@@ -184,7 +519,7 @@ class MeasureWriter(WrapMeasurer):
         condition = self.text(segment.when, scope)
         self.settle()
         with self.out.block(f"if {condition}:"):
-            self._branch(self.pairs((present,), scope), behind)
+            self.branch(self.pairs((present,), scope), behind)
         if isinstance(segment, (Record, Wrap, Choose, Optional)):
             self._else_absent(segment, scope)
             return
@@ -208,114 +543,50 @@ class MeasureWriter(WrapMeasurer):
             with self.out.block("else:"):
                 self.out.extend(out)
 
-    def _segment(self, segment: Segment, scope: Scope, after: Pairs) -> None:
-        match segment:
-            case Value(name=name, read=read):
-                if name in self.needed:
-                    self.set_value(name, scope, self.text(read, scope))
-            case Field() | Length() | Count() | Bits():
-                self.number(segment, scope, after)
-            case Data():
-                self.data(segment, scope, after)
-            case Repeat():
-                self._repeat(segment, scope, after)
-            case Choose():
-                self._choose(segment, scope, after)
-            case Wrap():
-                self.wrap(segment, scope, after)
-            case Inner():
-                self.inner(segment, scope, after)
-            case Optional():
-                self.rest(segment, after)
-            case Fill(total=total):
-                self.place = Place("start", total)
-                self.return_total()
-                raise Finished
-            case _:
-                self.skip(str(self.shapes.present(segment).fixed or 0))
-
     # ---- segments with others inside ----------------------------------------------------------------------
 
-    def _repeat(self, repeat: Repeat, scope: Scope, after: Pairs) -> None:
-        item = repeat.of.sizes if isinstance(repeat.of, FieldType) else self.shapes.all(repeat.of)
-        if repeat.times == "rest":
-            self.rest(repeat, after)
-        times = str(repeat.times)
-        if isinstance(repeat.times, Expression):
-            times = self.size_text(repeat.times, scope, PRODUCT + 1)
-        if item.fixed is not None and repeat.name not in self.needed:
-            whole = str(int(times) * item.fixed) if times.isdigit() else f"{item.fixed} * {times}"
-            self.skip(times if item.fixed == 1 else whole)
-        elif isinstance(repeat.of, FieldType):
-            size = repeat.of.fixed_size or 0
-            self.take(f"{size} * {times}", after)
-            place = self.names.fresh("place")
-            one = self.wire(repeat.of, Place(place, 0), Place(place, size))
-            local = self.set_value(repeat.name, scope, f"[{one} for {place} in range(at, stop, {size})]")
-            scope.entries[repeat.name] = Entry(local, "list", Scope())
-            self.advance("stop")
-        else:
-            self._records(repeat, repeat.of, scope, times, after)
 
-    def _records(self, repeat: Repeat, of: tuple[Segment, ...], scope: Scope, times: str, after: Pairs) -> None:
-        """Items of different size are walked through; what the others take at least is wanted at once."""
-        empty, behind = may_be_empty(self.shapes, repeat), self.least(after)
-        least = 1 if empty else self.shapes.all(of).least
-        if not times.isdigit():
-            with self.out.block(f"if {times} > {self.most}:"):
-                self.add("return LOST")
-        self.settle()
-        inside = Scope(scope)
-        found = self.set_value(repeat.name, scope, "[]") if repeat.name in self.needed else None
-        left = self.names.fresh("left")
-        needed = self.needed
-        if found is not None:
-            inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
-            self.needed = needed | names_read(of) | {name for one in of for name in one.value_names}
-        with self.out.block(f"for {left} in range({times}, 0, -1):"):
-            total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
-            if least:
-                with self.out.block(f"if end < at + {least}:"):
-                    self.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
-            before = self.names.fresh("before")
-            if empty:
-                self.add(f"{before} = at")
-            outside, self.in_list = self.in_list, True
-            finished = self._branch(self.pairs(of, inside), ())
-            self.in_list = outside
-            if finished:
-                raise Finished
-            if empty:
-                with self.out.block(f"if at == {before}:"):
-                    self.add("return LOST")
-            if found is not None:
-                fields = ", ".join(
-                    f"{quoted(name)}: {entry.text}" for name, entry in inside.entries.items() if entry.text != found
-                )
-                self.add(f"{found}.append({{{fields}}})")
-        self.needed = needed
-        if found is not None:
-            scope.entries[repeat.name] = Entry(found, "list", inside)
+def _names_of(expression: Expression) -> set[str]:
+    """Every name in an expression, those of fields of records too."""
+    fields = {node.name for node in walk(expression.root) if isinstance(node, Attribute)}
+    return names_in(expression.root) | fields
 
-    def _choose(self, choose: Choose, scope: Scope, after: Pairs) -> None:
-        numbers = numbers_of(choose.on, scope, self.by_name)
-        case = self.names.fresh("case")
-        self.add(f"{case} = {self.text(choose.on, scope)}")
-        self.absent((choose,), scope)
-        self.settle()
-        finished = []
-        for place, (keys, of) in enumerate(choose.cases):
-            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-            test = f"{case} == {literal(values[0])}" if len(values) == 1 else f"{case} in {literal(values)}"
-            with self.out.block(f"{'elif' if place else 'if'} {test}:"):
-                finished.append(self._branch(self.pairs(of, scope), after))
-        with self.out.block("else:"):
-            if choose.otherwise is None:
-                self.add("return LOST")
-            else:
-                finished.append(self._branch(self.pairs(choose.otherwise, scope), after))
-        if all(finished):
-            raise Finished
+
+def needed_names(segments: tuple[Segment, ...]) -> set[str]:
+    """Names that sizes, counts and conditions depend on, and those these depend on."""
+    found: set[str] = set()
+    values: dict[str, set[str]] = {}
+    records = {segment.name for segment in everything(segments) if isinstance(segment, Record)}
+    for segment in everything(segments):
+        if isinstance(segment, Value):
+            values[segment.name] = _names_of(segment.read)
+        if isinstance(segment, Field) and segment.default is not None and segment.when is not None:
+            values[segment.name] = _names_of(segment.default)
+        for expression in size_expressions(segment):
+            found |= names_in(expression.root)
+            if records & names_in(expression.root):
+                found |= _names_of(expression)
+    known: set[str] = set()
+    while found - known:
+        name = min(found - known)
+        known.add(name)
+        found |= values.get(name, set())
+    return found
+
+
+def size_expressions(segment: Segment) -> list[Expression]:
+    """What decides about the size of a segment."""
+    found: list[object] = [segment.when]
+    match segment:
+        case Data(size=size) | Inner(size=size):
+            found.append(size)
+        case Field(type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
+            found.append(type_.size)
+        case Repeat(times=times):
+            found.append(times)
+        case Choose(on=on):
+            found.append(on)
+    return [expression for expression in found if isinstance(expression, Expression)]
 
 
 class ExtentWriter(MeasureWriter):

@@ -13,7 +13,7 @@ from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import MISFIT, Function
 from framekit.codec.python.joined import Apart, Pair, compare_size, function_of, sole_names
-from framekit.codec.python.measuring import needed_names
+from framekit.codec.python.measure import needed_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item
