@@ -7,12 +7,21 @@ from random import Random
 from typing import Any
 
 from construct_oracle import ConstructCodec, compile_construct
+from link_world import feed
 
 from framekit.codec.ambiguity import check_matrices
+from framekit.codec.batch.cut import Cut
+from framekit.codec.batch.decoder import BatchDecoder
+from framekit.codec.builders import Builders
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Inner
+from framekit.definition.model.walk import parts_of
+from framekit.definition.times import LineFormat
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
 
 PYTHONS_WORDS = re.compile(
     r"not supported between|unsupported operand|object is not|NoneType|'(dict|list|tuple|bytearray)'|Error\b|too"
@@ -38,10 +47,14 @@ class Trial:
         data = self.built()
         if data is None:
             return None
+        made = Builders(self.codec, self.codec.defaults).builder("f")(**self.values)
+        assert made == data, f"the builder makes {made.hex(' ')}, not {data.hex(' ')}"
         self.read(data)
         self.measure(data)
         for _ in range(6):
             self.damaged(damaged(data, self.random))
+        self.receive(data)
+        self.together(data)
         return data
 
     # ---- building -----------------------------------------------------------------------------------------
@@ -110,6 +123,36 @@ class Trial:
                 seen, wanted = have, have - found
         assert codec.measure("f", data, 0, None, None, seen) == len(data)
         assert codec.measure("f", b"\x10" + data + b"\x10\x03\x00", 1) == len(data)
+
+    # ---- streams and many at once -------------------------------------------------------------------------
+
+    def receive(self, data: bytes) -> None:
+        """A receiver finds the same however the stream is cut, and the frame itself where measuring finds its end."""
+        if any(len(inner.frames) > 1 for inner in parts_of(dict(self.protocol.frames), Inner)):
+            return  # the first that is complete is taken, though a longer one stands before it in the order written
+        stream = data + damaged(data, self.random) + data
+        places = sorted(self.random.randrange(len(stream) + 1) for _ in range(3))
+        cuts = zip([0, *places], [*places, len(stream)], strict=True)
+        whole = self._received([stream])
+        for pieces in ([stream[place : place + 1] for place in range(len(stream))], [stream[a:b] for a, b in cuts]):
+            found = self._received(pieces)
+            assert found == whole, f"{stream.hex(' ')} cut otherwise: {found} is not {whole}"
+        if data and self.codec.measure("f", data) == len(data):
+            first = self._received([data])[:1]
+            assert [one[:3] for one in first] == [("frame", "f", data)], f"{data.hex(' ')} is received as {first}"
+
+    def _received(self, pieces: list[bytes]) -> list[tuple[Any, ...]]:
+        receiver = Receiver(self.codec, self.protocol, Scope(self.protocol, params={}, line=LineFormat(9600)))
+        return feed(receiver, pieces, ("f",))
+
+    def together(self, data: bytes) -> None:
+        """Many frames at once are what they are one by one."""
+        frames = [data, damaged(data, self.random), data]
+        found = BatchDecoder(self.codec, "f").decode(Cut.of(frames))
+        for one, there in zip(frames, found, strict=True):
+            alone = read(self.codec, one)
+            result = (there.cause, there.refuse) if isinstance(there, FrameError) else there
+            assert result == alone, f"{one.hex(' ')} among others: {result} is not {alone}"
 
 
 def try_samples(protocol: Protocol) -> None:

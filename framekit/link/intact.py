@@ -53,6 +53,8 @@ def _check_of(frame: Frame) -> Intact | None:
     last = frame.segments[-1] if frame.segments else None
     if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
         return None
+    if frame.size is not None and not frame.tail:  # what fills it up stands behind
+        return None
     if (
         last.method.kind == "fold"
         or last.over is not None

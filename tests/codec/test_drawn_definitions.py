@@ -135,6 +135,48 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 3, "d": b"a"},
         "03 61 2E 2E 03",
     ),
+    "a check in an item covers its own item": (
+        "[{count: n, type: u8, of: r},"
+        " {repeat: r, times: n, of: [{field: a, type: u8}, {check: sum8, over: a..here}]}]",
+        {"r": [{"a": 3}, {"a": 4}]},
+        "02 03 03 04 04",
+    ),
+    "a check over digits covers what they stand for": (
+        "[{wrap: hex, of: [{bits: {a: 0-2}, of: oct, size: 3}], name: w}, {check: sum8, over: [w]}]",
+        {"a": 6},
+        "33 30 33 30 33 36 96",
+    ),
+    "a check over an optional part": (
+        "[{optional: [{field: a, type: u8}, {field: b, type: u8}], name: o}, {check: sum8, over: [o]}]",
+        {"a": 3, "b": 4},
+        "03 04 07",
+    ),
+    "an optional part that is not there adds nothing to a check": (
+        "[{field: k, type: u8}, {optional: [{field: a, type: u8}], name: o}, {check: sum8, over: [k, o]}]",
+        {"k": 9},
+        "09 09",
+    ),
+    "a list that is not there is nothing": (
+        "[{field: k, type: u8}, {repeat: r, times: 2, of: u8, when: k}, {value: v, read: r == none()}]",
+        {"k": 0},
+        "00",
+    ),
+    "data that are not there are nothing": (
+        "[{field: k, type: u8}, {data: d, size: 2, when: k}, {value: v, read: d == none()}]",
+        {"k": 0},
+        "00",
+    ),
+    "what fills a frame up is in the range of a check": (
+        "[{const: 05, name: c}, {data: d, size: k}], group: filled, size: 6, fill: 2A",
+        {"k": 1, "d": b"a"},
+        "01 05 61 2A 2A BA",
+    ),
+    "a wrap in an item of a list ends in it": (
+        "[{count: n, type: u8, of: r},"
+        " {repeat: r, times: n, of: [{wrap: {escape: DLE}, of: [{data: a, size: rest}]}, {const: 10 03}]}]",
+        {"r": [{"a": b"x\x10"}, {"a": b""}]},
+        "02 78 10 10 10 03 10 03",
+    ),
     "a frame inside may be empty data": (
         "[{field: k, type: u8}, {inner: i, of: [open]}]",
         {"k": 3, "i": {"open": {"d": b""}}},
@@ -203,6 +245,18 @@ REFUSED: dict[str, tuple[str, str]] = {
         "[{field: k, type: u8}, {include: held, as: v}, {field: a, type: u8}, {check: sum8, over: v..here}]",
         "'v' takes no bytes – name segments that stand on the wire",
     ),
+    "a check over a part of a case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{field: a, type: u8}]}, else: []}, {check: sum8, over: [a]}]",
+        "a check covers what stands in a case: 'a' – name the choose part, or what stands beside it",
+    ),
+    "a check over a part of what is optional": (
+        "[{field: k, type: u8}, {optional: [{field: a, type: u8}]}, {check: sum8, over: [k, a]}]",
+        "a check covers what stands in an optional part: 'a' – name the optional part, or what stands beside it",
+    ),
+    "a number with a sign whose 0 means another": (
+        "[{field: a, type: i8, zero_means: 9}]",
+        "'a' has a sign: its 0 stands between other numbers and cannot mean 9",
+    ),
     "a range that begins with what takes no bytes": (
         "[{field: k, type: u8}, {value: v, read: k}, {field: a, type: u8}, {check: sum8, over: v..here}]",
         "'v' takes no bytes – name segments that stand on the wire",
@@ -219,7 +273,8 @@ FRAMES = "open: {body: [{data: d, size: rest}]}, nothing: {body: [{const: 05, wh
 
 def protocol_of(body: str) -> str:
     layouts = f"layouts: {{hop: [{{field: a, type: u8}}], {PART}, held: [{{require: k > 3}}]}}"
-    return f"protocol: found\n{layouts}\nframes: {{f: {{body: {body}}}, {FRAMES}}}"
+    groups = "groups: {filled: {head: [{field: k, type: u8}], tail: [{check: sum8, over: c..here}]}}"
+    return f"protocol: found\n{layouts}\n{groups}\nframes: {{f: {{body: {body}}}, {FRAMES}}}"
 
 
 @pytest.mark.parametrize("title", FOUND)
@@ -278,8 +333,6 @@ def test_what_is_quoted_in_a_table_is_a_text() -> None:
 PAIRS = tuple(combinations_with_replacement(DRAWN, 2))
 ROUNDS = int(os.environ.get("FRAMEKIT_DRAWN", "2"))
 """How often every pair of kinds is drawn; with FRAMEKIT_DRAWN=50 it takes minutes and many thousand definitions."""
-OPEN = {"text count 1"}
-"""What has been found and is not mended yet."""
 SEGMENTS = Path(__file__).parents[2] / "schemas" / "protocol.schema.json"
 
 
@@ -302,8 +355,6 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
         if pair[0] == kind:
             for number in range(ROUNDS):
                 seed = f"{' '.join(pair)} {number}"
-                if seed in OPEN:
-                    continue
                 try:
                     results.append(tried(seed, pair))
                 except Exception as error:
@@ -311,8 +362,22 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
     assert len(results) >= ROUNDS
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(0, 3000, 500))
+def test_thousands_of_definitions_hold(first: int) -> None:
+    """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
+    results, failed = [], {}
+    for seed in range(first, first + 500):
+        try:
+            results.append(tried(str(seed), ()))
+        except Exception as error:
+            failed[seed] = str(error)
+    assert not failed
+    assert results.count("built") > 100
+
+
 def test_half_of_what_is_drawn_is_taken_and_built() -> None:
-    results = [tried(str(seed), ()) for seed in range(60) if str(seed) not in OPEN]
+    results = [tried(str(seed), ()) for seed in range(60)]
     assert results.count("built") > 10
 
 

@@ -145,7 +145,7 @@ class FrameConstruct(Construct):
 
     def _read_bounded(self, end: int, stream: BytesIO, reading: Reading, context: Container, path: str) -> None:
         """Reads a body that ends at `end`; with a wrong content, too."""
-        with reading.within(Region(end, exact=True)):
+        with reading.within(Region(end, exact=self.frame.size is None)):  # else something fills it up
             try:
                 self.body._parse(stream, context, path)
             except Stop:

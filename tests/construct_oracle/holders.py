@@ -11,7 +11,8 @@ from construct import Construct, Container
 from construct_oracle.base import SegmentConstruct, ValueSegment, named_segments, names_of
 from construct_oracle.faults import Place
 from construct_oracle.filling import MISSING, Absent, Filling, Plan
-from construct_oracle.state import Reading, State
+from construct_oracle.rest import rest_size
+from construct_oracle.state import Reading, Region, State
 from construct_oracle.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
 from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.definition.expression.syntax import Expression
@@ -158,7 +159,7 @@ class RepeatConstruct(ValueSegment):
         items: list[Any] = []
         reading.store(context, self.name, items, place)
         times = self._times(reading, context, place)
-        with reading.within(reading.room(context)):
+        with reading.within(self._room(reading, stream, context, place)):
             while len(items) < times if times is not None else stream.tell() < reading.region.end:
                 before = stream.tell()
                 inner = self.fields.open(stream, context)
@@ -173,7 +174,7 @@ class RepeatConstruct(ValueSegment):
         assert isinstance(self.segment.of, FieldType)
         items: list[Any] = []
         times = self._times(reading, context, place)
-        with reading.within(reading.room(context)):
+        with reading.within(self._room(reading, stream, context, place)):
             while len(items) < times if times is not None else stream.tell() < reading.region.end:
                 left, size = reading.region.end - stream.tell(), self.segment.of.fixed_size
                 if times is None and size is not None and left < size:
@@ -183,6 +184,11 @@ class RepeatConstruct(ValueSegment):
                 items.append(read_wire(self.segment.of, stream, context, place))
         if all(item is not DAMAGED for item in items):
             reading.store(context, self.name, items, place)
+
+    def _room(self, reading: Reading, stream: BytesIO, context: Container, place: Place) -> Region:
+        if self.segment.times != "rest":
+            return reading.room(context)
+        return Region(stream.tell() + rest_size(self, stream, context, place), exact=True)
 
     def _times(self, reading: Reading, context: Container, place: Place) -> int | None:
         times = self.segment.times

@@ -6,6 +6,7 @@ It reads the model only. An `Evaluate` gives the value of an expression as far a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from framekit.definition.expression.syntax import Expression
@@ -77,6 +78,8 @@ class KnownSizes:
         """Size of one segment; 0 if it is not there."""
         if segment.when is not None:
             present = evaluate(segment.when)
+            if present is None and self.of(replace(segment, when=None), evaluate) == 0:
+                return 0
             if not present:
                 return None if present is None else 0
         match segment:

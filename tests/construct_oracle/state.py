@@ -251,7 +251,7 @@ class Writing(State):
         try:
             yield
             if not self.measuring:
-                for fill_in in self.later:
+                for fill_in in (*outer, *self.later):  # what stands around it may be covered, too
                     fill_in()
         finally:
             self.later = outer

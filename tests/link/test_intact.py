@@ -10,7 +10,7 @@ import pytest
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol
+from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.link.intact import intact_of
 from framekit.link.scope import Scope
 
@@ -84,3 +84,13 @@ def test_bytes_at_fixed_places_and_digits_there_under_a_condition(tmp_path: Path
     assert letter(b"a\x61") and not letter(b"a\x62") and letter(b"A") and letter(b"A\x00")
     assert fixed(b"\x09\x02\x0b") and not fixed(b"\x09\x03\x0a") and not fixed(b"\x09\x02\x0a")
     assert digits(b"\xab" + b"aB") and not digits(b"\xab" + b"AC")
+
+
+def test_a_check_code_before_what_fills_a_frame_up_is_not_at_its_end() -> None:
+    text = (
+        "protocol: p\nframes: {f: {body: [{field: n, type: u8}, {data: d, size: n}, {check: sum8}], size: 6, fill: 2A}}"
+    )
+    codec = compile_protocol(load_protocol_text(text, "p"))
+    intact, data = intact_of(codec.protocol.frames["f"]), codec.encode("f", {"n": 1, "d": b"a"})
+    assert data == b"\x01a\x62***"
+    assert intact is None or intact(data)

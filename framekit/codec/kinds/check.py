@@ -25,7 +25,8 @@ class CheckKind(SegmentKind[Check]):
         if segment.span is not None and not span_names(segment, d.segments):
             covered = 'b""'
         elif segment.over is not None:
-            covered = f"n.bytes_of({', '.join(quoted(name) for name in segment.over)})"
+            over = (d.by_name[name] for name in segment.over if name in d.by_name)
+            covered = f"n.bytes_of({', '.join(quoted(leaf.name or '') for leaf in leaves(over))})"
         elif segment.span is not None and segment.span[1] == "here" and _in_one_buffer(segment, d.segments):
             covered = f"n.bytes_from({quoted(span_names(segment, d.segments)[0])})"
         elif segment.span is not None:

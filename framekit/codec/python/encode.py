@@ -100,6 +100,7 @@ class EncodeWriter(PieceWriter):
         """A list of records: each item's values and bytes."""
         assert isinstance(repeat.of, tuple)
         items = scope.entries[repeat.name].text
+        there = items if items.isidentifier() else f"{items} or ()"
         item, wire = self.names.fresh("item"), self.names.fresh(f"{repeat.name}_bytes")
         self.flush()
         self.add(f'{wire} = b""')
@@ -114,7 +115,7 @@ class EncodeWriter(PieceWriter):
         path = (*given.path, f"{repeat.name}[", Code(place), "].")
         inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
         before = self.names.fresh("before") if may_be_empty(self.shapes, repeat) else ""
-        with self.out.block(f"for {place}, {item} in enumerate({items}):"):
+        with self.out.block(f"for {place}, {item} in enumerate({there}):"):
             if before:
                 self.add(f"{before} = len({wire})")
             self.values(repeat.of, inside, inner)
@@ -134,7 +135,8 @@ class EncodeWriter(PieceWriter):
         self.wires[repeat.name] = wire
         for entry in inside.entries.values():
             entry.direct = False
-        scope.entries[repeat.name] = Entry(complete or items, "list", inside)
+        text = self.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
+        scope.entries[repeat.name] = Entry(text, "list", inside)
 
     def _is_read_inside(self, repeat: Repeat) -> bool:
         """Whether an expression reads fields of the items, which may be computed."""

@@ -272,7 +272,7 @@ class FieldValueWriter(Building):
             self.refuse(data, scope, f"len({local}) != {data.size}")
         elif data.least:
             self.refuse(data, scope, f"len({local}) < {data.least}")
-        scope.entries[data.name] = Entry(local)
+        scope.entries[data.name] = Entry(self.or_nothing(data.name, local, data.when, scope))
 
     def _fill_up(self, data: Data, local: str, scope: Scope) -> None:
         """Data that are too short get as long as they must be, before anybody asks for their length."""

@@ -184,13 +184,13 @@ def value_range(field: Numbered) -> Range:
     else:
         found = wire_range(field.type)
     least, most = found.least, found.most
+    if field.zero_means is not None:
+        least = least or 1
     if isinstance(field, Field):
         least = None if least is None else (least - field.plus) * (field.unit or 1)
         most = None if most is None else (most - field.plus) * (field.unit or 1)
     if field.zero_means is not None:
-        low, high = (0 if least is None else least), field.zero_means
-        least = (1 if low == 0 else low) * (field.unit or 1 if isinstance(field, Field) else 1)
-        most = high if most is None else max(most, high)
+        most = field.zero_means if most is None else max(most, field.zero_means)
     if field.limits is not None:
         least = field.limits[0] if least is None else max(least, field.limits[0])
         most = field.limits[1] if most is None else min(most, field.limits[1])

@@ -20,6 +20,7 @@ from framekit.definition.model.segments import (
     Length,
     Optional,
     Record,
+    Repeat,
     Segment,
     Wrap,
 )
@@ -248,5 +249,6 @@ def span_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:
     first = ends.get(check.span[0], (check.span[0], None))[0]
     last = check.name if check.span[1] == "here" else ends.get(check.span[1], (None, check.span[1]))[1]
     if first not in order or last not in order:
-        return []
+        lists = (one.of for one in everything(segments) if isinstance(one, Repeat) and isinstance(one.of, tuple))
+        return next((span_names(check, of) for of in lists if check in tuple(leaves(of))), [])
     return order[order.index(first) : order.index(last) + (check.span[1] != "here")]

@@ -171,9 +171,10 @@ class Reader(BranchReader):
             if may_be_empty(self.shapes, repeat):
                 begin = function.names.fresh("item_start")
                 function.add(f"{begin} = {self.at}")
-            outside, self.deferred = self.deferred, []
+            outside = self.deferred, self.in_item
+            self.deferred, self.in_item = [], True
             self.read(repeat.of, inside, fields, ())
-            self.deferred = outside
+            self.deferred, self.in_item = outside
             self.settle()
             if begin is not None:
                 function.misfit_if(f"{self.at} == {begin}")

@@ -142,6 +142,7 @@ class NestedValueWriter(ValueWriter):
             self.counts[local] = count
         if isinstance(repeat.times, int):
             self.refuse(repeat, scope, f"{self.count_of(local)} != {repeat.times}")
+        scope.entries[repeat.name].text = self.or_nothing(repeat.name, local, repeat.when, scope)
 
     def _is_asked_often(self, repeat: Repeat) -> bool:
         """Whether the number of a list's values is asked for before they are packed."""

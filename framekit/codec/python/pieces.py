@@ -164,7 +164,14 @@ class PieceWriter(PackingWriter):
         message = text_source("the values take ", Code(f"len({buffer})"), " bytes, more than ", Code(room))
         self.complain(f"len({buffer}) > {room}", '""', message)
         self.gathered.clear()
-        self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
+        names = (fill.name or "",)
+        if self.coverage.of(names):
+            local = self.names.fresh("fill")
+            self.add(f"{local} = b''.ljust({room} - len({buffer}), {bytes_literal(bytes((fill.byte,)))})")
+            self.parts.append(Part(names, local))
+            self.add(f"{buffer} += {local}")
+        else:
+            self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
         return buffer
 
     # ---- what checks cover --------------------------------------------------------------------------------

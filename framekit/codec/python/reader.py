@@ -45,6 +45,7 @@ class BufferReader:
         self.at = at
         self.begin = self.place = begin
         self.deferred: list[Callable[[], None]] = []
+        self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
         """The segments with those of records, so that structs may reach over their borders."""
@@ -96,7 +97,7 @@ class BufferReader:
         fixed, conditional = 0, []
         for item in after:
             size = self.shapes.present(item.segment).fixed
-            if size is None or not self._is_told(item):
+            if size is None or self.in_item or not self._is_told(item):
                 return self._next_constant(after[0])
             if item.segment.when is None:
                 fixed += size
@@ -112,7 +113,9 @@ class BufferReader:
 
     def knows_behind(self, after: tuple[Item, ...]) -> bool:
         """Whether the bytes that follow can be counted already."""
-        return all(self.shapes.present(item.segment).fixed is not None and self._is_told(item) for item in after)
+        return not self.in_item and all(
+            self.shapes.present(item.segment).fixed is not None and self._is_told(item) for item in after
+        )
 
     def _is_told(self, item: Item) -> bool:
         """Whether it can be told already if the segment is there."""

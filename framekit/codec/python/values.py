@@ -161,7 +161,8 @@ class ValueWriter(FieldValueWriter):
 
     def _count(self, count: Count, scope: Scope, given: Given) -> None:
         items = scope.find(count.of)
-        self._number(count, self.count_of("()" if items is None else items.text), scope, given)
+        text = "()" if items is None else items.text
+        self._number(count, self.count_of(text if text.isidentifier() else f"{text} or ()"), scope, given)
 
     def _number(self, number: Length | Count, text: str, scope: Scope, given: Given) -> None:
         local = self.names.fresh(number.name)

@@ -114,6 +114,7 @@ def _spans(frame: Frame) -> Iterator[Problem]:
     """What a check covers `from..to` is written in the order of the frame."""
     order = [segment.name for segment in flat(frame.segments)]
     for check in parts_of(frame.segments, Check):
+        yield from _covered_in_part(frame, check)
         if check.span is None or not set(check.span) <= {*order, "here"}:
             continue
         first, last = check.span
@@ -123,13 +124,21 @@ def _spans(frame: Frame) -> Iterator[Problem]:
         elif last != "here" and check.name in _between(order, first, last):
             todo = "let its range end before it, or begin behind it"
             yield Problem(check.at, "a check code cannot cover itself", todo)
-        for choose in parts_of(frame.segments, Choose):
-            cases = [{one.name for one in flat(block) if one.name} for block in choose.blocks]
-            here = next((names for names in cases if check.name in names), set())
-            names = {name for case in cases for name in case if name in (first, last)} - here
+
+
+def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
+    """A check outside a case or an optional part covers the whole of it."""
+    covered = set(check.span or check.over or ())
+    for kind, called, part in ((Choose, "a case", "choose"), (Optional, "an optional part", "optional")):
+        for holder in parts_of(frame.segments, kind):
+            blocks = [{one.name for one in flat(block) if one.name} for block in holder.blocks]
+            here = next((names for names in blocks if check.name in names), set())
+            names = {name for block in blocks for name in block & covered} - here
             if names:
-                what = f"the range of a check ends in a case: '{', '.join(sorted(names))}'"
-                yield Problem(check.at, what, "name the choose part, or what stands beside it")
+                what = "the range of a check ends in" if check.span else "a check covers what stands in"
+                names_told = ", ".join(sorted(name for name in names))
+                todo = f"name the {part} part, or what stands beside it"
+                yield Problem(check.at, f"{what} {called}: '{names_told}'", todo)
 
 
 def _between(order: list[str | None], first: str, last: str) -> list[str | None]:

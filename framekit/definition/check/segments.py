@@ -78,6 +78,13 @@ def _field(field: Field) -> Iterator[Problem]:
         yield Problem(field.at, what, "give a mark that it can hold, or use a wider type")
     if bounds is not None and field.long is None:
         yield from _numbers(field, bounds)
+    yield from _zero(field)
+
+
+def _zero(segment: Field | Length | Count) -> Iterator[Problem]:
+    if segment.zero_means is not None and segment.type.signed:
+        what = f"'{segment.name}' has a sign: its 0 stands between other numbers and cannot mean {segment.zero_means}"
+        yield Problem(segment.at, what, "take a type without sign, or leave zero_means out")
 
 
 def _contradictions(field: Field) -> Iterator[Problem]:
@@ -185,6 +192,7 @@ def _counting(segment: Length | Count) -> Iterator[Problem]:
         yield Problem(segment.at, what, "use u8, u16, hex, dec or bcd")
         return
     yield from _limits(segment)
+    yield from _zero(segment)
     if isinstance(segment, Length) and segment.unit < 1:
         yield Problem(segment.at, f"a unit of {segment.unit} bytes counts nothing", "give 1 or more")
 
