@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.check.segments import check_segment
+from framekit.definition.check.segments import NUMBERS, check_segment
 from framekit.definition.expression.syntax import Expression, Logic, names_in
 from framekit.definition.model.frame_sizes import StaticSizes, all_fixed, fixed_size, least_size
 from framekit.definition.model.frames import Frame
@@ -39,6 +39,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     """Everything wrong with one frame by itself."""
     found = list(_level(frame.segments))
     found += _order_of_sizes(frame.segments, set())
+    found += _lengths_of_numbers(frame)
     ends = _Ends(protocol)
     found += ends.check(frame)
     found += _spans(frame)
@@ -225,6 +226,20 @@ def _needed(segment: Segment) -> Iterator[tuple[str, Expression]]:
         yield "size", kind.size
     if isinstance(segment, Require):
         yield "condition", segment.condition
+
+
+def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
+    """A number does not say how many bytes it takes: a length cannot count them and be their size."""
+    fields = {field.name: field for field in parts_of(frame.segments, Field) if field.type.kind in NUMBERS}
+    for length in parts_of(frame.segments, Length):
+        for field in (fields[name] for name in length.of if name in fields):
+            size = field.type.size
+            if isinstance(size, Expression) and length.name in names_in(size.root):
+                what = f"'{length.name}' counts the bytes of '{field.name}' and is their number: nothing says how many"
+                todo = (
+                    f"write {{field: {length.name}, …}}, which is given, or {{data: {field.name}, size: {length.name}}}"
+                )
+                yield Problem(length.at, what, todo)
 
 
 class _Ends:

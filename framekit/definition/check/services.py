@@ -95,10 +95,24 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
         yield Problem(row.at, f"a row of {row.service} has no request", "add request: {frame: {…}}")
     yield from _data(row)
     yield from _lists(protocol, row)
+    yield from _units(protocol, row)
     sequences = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
     if row.run is not None and isinstance(row.run.root, Text) and sequences and row.run.root.value not in sequences:
         what = f"'{row.run.root.value}' is no exchange of any role"
         yield Problem(row.run.at, what, did_you_mean(row.run.root.value, sequences))
+
+
+def _units(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """A client asks in the units that addresses have: those of their forms, else those of their areas."""
+    if row.server_only or not protocol.addresses or any(form.units_table for form in protocol.addresses):
+        return
+    known = {form.unit for form in protocol.addresses if form.unit is not None}
+    if any(form.unit is None for form in protocol.addresses):
+        known |= {area.unit for name, area in protocol.areas.items() if not row.areas or name in row.areas}
+    if row.units and all(map(is_unit, row.units)) and not known & set(row.units):
+        what = f"no address is counted in {listed(row.units)}: a client never comes to this row of {row.service}"
+        todo = f"add a form with unit: {row.units[0]} to addresses, or server_only: yes"
+        yield Problem(row.at, what, todo, warning=True)
 
 
 def _data(row: ServiceRow) -> Iterator[Problem]:
