@@ -6,7 +6,7 @@ protocol it belongs to, is not known here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -15,7 +15,6 @@ from framekit.codec.errors import FrameError
 Context = Mapping[str, Any]
 Encode = Callable[..., bytes]
 Decode = Callable[..., dict[str, Any]]
-Take = Callable[..., tuple[bytes | None, Any] | tuple[()] | None]
 Span = tuple[str, int, int, Any]
 
 
@@ -30,8 +29,6 @@ class FrameFunctions:
     """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for those who call often.
 
     `kept`: what users of these functions have made of them, by its class, for as long as they are used.
-    `together`: by a frame's name the place of a byte, and by that byte what takes it together with the frame inside it;
-    `rows`: what takes many of a frame in a row.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).
     """
 
@@ -42,8 +39,6 @@ class FrameFunctions:
         self.frames: Mapping[str, Any] = names["FRAMES"]
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]
-        self.together: Mapping[str, tuple[int, Sequence[Take | None]]] = names.get("TOGETHER", {})
-        self.rows: Mapping[str, Callable[..., tuple[int, Any]]] = names.get("ROWS", {})
         self.QUIET: int = names["QUIET"]
         self.LOST: int = names["LOST"]
         self.encoders: dict[str, Encode] = {name: frame.encode for name, frame in self.frames.items()}

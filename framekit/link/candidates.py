@@ -1,25 +1,100 @@
-"""One candidate at one place: does it begin here, want more, fit, or have a fault?
+"""One candidate at one place in the stream: no such frame, one that wants more, a good one or a bad one.
 
-Remembers what each candidate said, so that it is asked again only when the bytes it lacked are there. It knows what
-codecs answer (`measure`, `decode`) and nothing of who waits for what.
+What each candidate said is remembered, so that it is measured again only when the bytes it lacked are there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from framekit.codec.errors import FrameError
-from framekit.link.arrivals import BadFrame, Fault
+from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
 from framekit.link.frame_info import FrameInfo
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
-from framekit.link.verdicts import NO, Bad, Complete, Good, Result, Unfinished, worse
 
 Trouble = Callable[[str, Exception], None]
 """Told about an expression of a frame that could not be worked out: the frame's name and what happened."""
+
+
+class Good:
+    """A complete frame; `refusal` is the code it is to be refused with."""
+
+    __slots__ = ("fields", "info", "raw", "refusal")
+
+    def __init__(self, info: FrameInfo, raw: bytes, fields: dict[str, Any], refusal: int | None) -> None:
+        self.info, self.raw, self.fields, self.refusal = info, raw, fields, refusal
+
+
+class Bad:
+    """A frame with a fault. `known_end`: its end does not depend on content that may be damaged.
+
+    `open_at(size)`: of one that grew too long, whether silence could still have ended it with so many bytes.
+
+    Most are never reported, so the report is made when it is asked for, and so is `size` where it takes work; that has
+    to be before the place in the stream changes.
+    """
+
+    __slots__ = ("_bad", "_report", "_size", "known_end", "open_at")
+
+    def __init__(
+        self,
+        report: Callable[[], BadFrame],
+        size: int | Callable[[], int],
+        known_end: bool,
+        open_at: Callable[[int], bool] | None = None,
+    ) -> None:
+        self._report = report
+        self.open_at = open_at
+        self._bad: BadFrame | None = None
+        self._size = size
+        self.known_end = known_end
+
+    @property
+    def bad(self) -> BadFrame:
+        if self._bad is None:
+            self._bad = self._report()
+        return self._bad
+
+    @property
+    def size(self) -> int:
+        if not isinstance(self._size, int):
+            self._size = self._size()
+        return self._size
+
+
+class Complete:
+    """All its `size` bytes are there; whether anything is wrong with them has not been looked at yet."""
+
+    __slots__ = ("size",)
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+
+class Unfinished:
+    """Fits so far and wants more, or, if `silent`, waits for a silence.
+
+    Its end does not stand in the first `seen` bytes. It may have found its end and lack only what follows: what it
+    had at the call before is what is certain, so `seen` is one call behind `had`.
+    """
+
+    __slots__ = ("had", "seen", "silent")
+
+    def __init__(self, silent: bool, had: int, seen: int) -> None:
+        self.silent, self.had, self.seen = silent, had, seen
+
+
+class _No:
+    __slots__ = ()
+
+
+NO = _No()
+Result = Good | Bad | Complete | Unfinished | _No
 
 
 class Candidates:
@@ -39,7 +114,9 @@ class Candidates:
         if self.said:
             self.said = {}
 
-    def ask(self, info: FrameInfo, end: int) -> Result:
+    # ---- size ---------------------------------------------------------------------------------------------
+
+    def measure(self, info: FrameInfo, end: int) -> Result:
         """What `info` is at the current place, with the bytes up to buffer index `end`."""
         said = self.said.get(info.name)
         stream = self._stream
@@ -58,10 +135,21 @@ class Candidates:
         elif length == self._lost:
             result = self._without_end(info, position, end)
         else:
-            silent = length == self._quiet
-            result = Unfinished(silent, end - position, before, 0 if silent else end - position - length)
+            result = Unfinished(length == self._quiet, end - position, before)
         self.said[info.name] = result
         return result
+
+    def seen(self, info: FrameInfo) -> int | None:
+        """How many bytes surely do not hold its end; None where it said anything but that it wants more."""
+        said = self.said.get(info.name)
+        if said is None:
+            return 0
+        return said.seen if type(said) is Unfinished and not said.silent else None
+
+    def wants_more(self, info: FrameInfo, had: int) -> None:
+        """It wants more than `had` bytes."""
+        said = self.said.get(info.name)
+        self.said[info.name] = Unfinished(False, had, said.had if type(said) is Unfinished else 0)
 
     def _length(self, info: FrameInfo, start: int, end: int, seen: int = 0) -> int:
         """What measuring says; where it fails, that no such frame begins here."""
@@ -71,13 +159,9 @@ class Candidates:
             self._trouble(info.name, error)
             return 0
 
-    def read(self, info: FrameInfo, complete: Complete) -> Result:
-        """What a complete candidate holds: a good frame or a bad one."""
-        position = self._stream.position
-        result = self.said[info.name] = self._read(info, position, position + complete.size)
-        return result
+    # ---- content ------------------------------------------------------------------------------------------
 
-    def judge(
+    def validate(
         self,
         infos: tuple[FrameInfo, ...],
         limit: int,
@@ -97,7 +181,7 @@ class Candidates:
         shortest: Good | None = None
         for place, info in enumerate(infos):
             end = limit if inside is None else inside.end_for(info.name, limit, self._stream.base)
-            result = self.ask(info, end)
+            result = self.measure(info, end)
             if type(result) is Complete:
                 complete.append((result.size, place, info, result))
             elif type(result) is Unfinished:
@@ -106,7 +190,9 @@ class Candidates:
                 furthest = worse_of(furthest, result)
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
                 shortest = result
-        for size, _, info, found in sorted(complete, key=_by_size):
+        if len(complete) > 1:
+            complete.sort(key=_by_size)
+        for size, _, info, found in complete:
             if shortest is not None and size >= len(shortest.raw):
                 break
             result = self.read(info, found)
@@ -116,11 +202,25 @@ class Candidates:
                 furthest = worse_of(furthest, result)
         return shortest, furthest, wanting
 
+    def read(self, info: FrameInfo, complete: Complete) -> Result:
+        """What a complete candidate holds: a good frame or a bad one."""
+        position = self._stream.position
+        result = self.said[info.name] = self._read(info, position, position + complete.size)
+        return result
+
     def at_silence(self, info: FrameInfo, end: int) -> Result:
         """A frame that silence ends, ended at buffer index `end`."""
         result = self._read(info, self._stream.position, end)
         self.said[info.name] = result
         return result
+
+    def cut(self, info: FrameInfo, end: int) -> Bad:
+        """A frame that fitted and was broken off before buffer index `end`."""
+        start = self._stream.position
+        raw = bytes(self._stream.buffer[start:end])
+        fault = self._stream.fault_in(start, end)
+        found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found="a pause")
+        return self._bad(info, raw, lambda: found, False)
 
     def _read(self, info: FrameInfo, start: int, end: int) -> Result:
         raw = bytes(self._stream.buffer[start:end])
@@ -128,26 +228,37 @@ class Candidates:
         if fault is not None:
             return self._damaged(info, raw, fault, True)
         if info.intact is not None and not info.intact(raw):
-            return self.misread(info, raw, info.misread(raw, self._context))
+            return self._misread(info, raw, info.misread(raw, self._context), True)
         try:
             return Good(info, raw, info.decode(raw, self._context), None)
         except CODEC_ERRORS as error:
-            return self._judged(info, raw, error, True)
+            return self._refused(info, raw, error, True)
 
-    def _judged(self, info: FrameInfo, raw: bytes, error: Exception, known_end: bool) -> Result:
+    # ---- bad frames ---------------------------------------------------------------------------------------
+
+    def _refused(self, info: FrameInfo, raw: bytes, error: Exception, known_end: bool) -> Result:
+        """What decoding has not taken: a bad frame, or a good one that is to be answered with a refusal."""
         if not isinstance(error, FrameError):
             self._trouble(info.name, error)
             return self._bad(info, raw, lambda: Fault("value", expected="values that fit together"), known_end)
         if error.refuse is not None:
             return Good(info, raw, dict(error.fields), error.refuse)
-        return self.misread(info, raw, error, known_end)
+        return self._misread(info, raw, error, known_end)
 
-    def misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool = True) -> Bad:
-        """A bad frame at the current place, as decoding says."""
+    def _misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool) -> Bad:
         return self._bad(info, raw, partial(fault_of, error), known_end)
+
+    def _damaged(self, info: FrameInfo, raw: bytes, fault: LineFault, known_end: bool) -> Bad:
+        return self._bad(info, raw, lambda: Fault(fault.value, found="a damaged character"), known_end)
 
     def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:
         return Bad(partial(self._report, info, raw, explain), len(raw), known_end)
+
+    def _report(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault]) -> BadFrame:
+        stream = self._stream
+        place = stream.position
+        started, ended = stream.times_of(place, place + len(raw) if raw else place + 1)
+        return BadFrame(info.name, raw, stream.offset, started, ended, explain)
 
     def _without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
         """A frame whose end is lost. Most begin in noise and are not told: how it is bad is worked out on demand."""
@@ -179,37 +290,34 @@ class Candidates:
         try:
             info.decode(raw, self._context)
         except CODEC_ERRORS as error:
-            judged = self._judged(info, raw, error, False)
-            return judged if type(judged) is Bad else self._endless(info, raw)
+            found = self._refused(info, raw, error, False)
+            return found if type(found) is Bad else self._endless(info, raw)
         return self._endless(info, raw)
 
     def _endless(self, info: FrameInfo, raw: bytes) -> Bad:
         return self._bad(info, raw, lambda: Fault("length", expected="a findable end", found="none"), False)
 
-    def cut(self, info: FrameInfo, end: int) -> Bad:
-        """A frame that fitted and was broken off before buffer index `end`."""
-        start = self._stream.position
-        raw = bytes(self._stream.buffer[start:end])
-        fault = self._stream.fault_in(start, end)
-        found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found="a pause")
-        return self._bad(info, raw, lambda: found, False)
-
-    def _damaged(self, info: FrameInfo, raw: bytes, fault: LineFault, known_end: bool) -> Bad:
-        return self._bad(info, raw, lambda: Fault(fault.value, found="a damaged character"), known_end)
-
-    def _report(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault]) -> BadFrame:
-        return self.told(info, raw, self._stream.position, explain)
-
-    def told(self, info: FrameInfo, raw: bytes, place: int, explain: Callable[[], Fault]) -> BadFrame:
-        """A bad frame at buffer index `place`, not before the current one."""
-        stream = self._stream
-        started, ended = stream.times_of(place, place + len(raw) if raw else place + 1)
-        return BadFrame(info.name, raw, stream.offset + place - stream.position, started, ended, explain)
-
 
 def fault_of(error: FrameError) -> Fault:
     """What is wrong, as decoding has found."""
     return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error))
+
+
+def worse(first: Bad | None, second: Bad) -> Bad:
+    """The one that got further; of two that got equally far, the one asked first.
+
+    One that silence could still have ended when the other was complete was none then: the other one is told. Where
+    both end at the same place nothing depends on it before it is asked what was wrong.
+    """
+    if first is None:
+        return second
+    if first.open_at is not None and first.open_at(second.size):
+        return second
+    if second.open_at is not None and second.open_at(first.size):
+        return first
+    if first.size == second.size and first.known_end == second.known_end:
+        return Bad(lambda: EitherBad(first.bad, second.bad), first.size, first.known_end)
+    return second if second.bad.place > first.bad.place else first
 
 
 def any_of(first: Bad | None, second: Bad) -> Bad:

@@ -40,30 +40,14 @@ class FrameCodec(Protocol):
     @property
     def extent(self) -> Callable[..., int] | None: ...
     @property
-    def take(self) -> Take | None: ...
-    @property
     def examine(self) -> Callable[..., Any]: ...
 
 
-UNCERTAIN = -(1 << 62)
-"""Below everything that `measure` says."""
-
-Taken = tuple[bytes | None, Any] | tuple[()] | None
-"""A frame's bytes and fields; (): it has begun and wants more bytes. None and a size: a frame so long, whose check
-code is wrong; None and 0: surely none. None: it is not sure.
-"""
+UNKNOWN = 1 << 62
+"""More bytes than any frame has."""
 
 Make = Callable[[dict[str, Any], bytes, int | None], FrameValue]
 """Makes a value of decoded fields, bytes and refusal, with values of the frames inside."""
-
-Take = Callable[..., Taken]
-"""What measures and decodes a frame at once."""
-
-Rows = Callable[..., tuple[int, Taken]]
-"""Makes arrivals of all good frames in a row; gives the place behind them, and what is taken there, as far as known."""
-
-Together = tuple[int, Sequence[Take | None]]
-"""The place of a byte, and by that byte what takes a frame together with the one inside it."""
 
 Shape = tuple[tuple[str, str, Any], ...]
 """Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
@@ -73,17 +57,15 @@ class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
-    `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `constant`: its bytes, if
-    it is nothing else. `intact`: a quick look at its check code, where there is one; what fails it is bad, never
-    refused. `take`: measures and decodes at once what is surely good; `together`: as `take`, the frame inside as well;
-    `rows`: many of them. The table of all frames sets these two, and `make`. `carries`: frames that may be put into
-    this one when `insert` holds.
+    `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `intact`: a quick look at
+    its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
+    `carries`: frames that may be put into this one when `insert` holds.
     """
 
     __slots__ = (
-        "_examine", "announces", "behind", "carries", "computed", "constant", "decode", "echo",
+        "_examine", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "rows", "shape", "take", "together",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -98,12 +80,8 @@ class FrameInfo:
         self.guesses = codec.extent is not None and self.inner is not None
         self.behind = _behind_inner(frame.segments)
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
-        self.take = codec.take
-        self.together: Together | None = None
-        self.rows: Rows | None = None
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
-        self.constant = _constant(frame.segments)
         self._examine = codec.examine
         self.most = frame.most
         self.known: dict[str, Any] = {}
@@ -115,16 +93,6 @@ class FrameInfo:
         self._collect(frame.segments)
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
-
-    def checked(self, data: bytes, place: int, size: int, names: Mapping[str, Any]) -> int:
-        """What `measure` says, if `extent` has said `size`; UNCERTAIN where it says another size.
-
-        A frame inside whose own end is not there yet has been measured as it is.
-        """
-        if not self.guesses or size < -self.behind:
-            return size
-        sure = self.measure(data, place, len(data), names, 0)
-        return sure if sure <= 0 or sure == size else UNCERTAIN
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""
@@ -189,13 +157,6 @@ def _plain_name(expression: Any) -> str | None:
     return expression.root.name if isinstance(expression.root, Name) else None
 
 
-def _constant(segments: tuple[Segment, ...]) -> bytes | None:
-    """The bytes of a frame that is nothing but constants."""
-    data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
-    plain = all(isinstance(segment, Const) and segment.when is None for segment in segments)
-    return data if plain and data else None
-
-
 def _behind_inner(segments: tuple[Segment, ...]) -> int:
     """The bytes behind the last frame inside; more than any frame has if these are not plain."""
     size = 0
@@ -205,7 +166,7 @@ def _behind_inner(segments: tuple[Segment, ...]) -> int:
         if not isinstance(segment, Check) or segment.when is not None:
             break
         size += segment.size
-    return -UNCERTAIN
+    return UNKNOWN
 
 
 def first_byte(segments: tuple[Segment, ...]) -> int | None:

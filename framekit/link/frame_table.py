@@ -15,7 +15,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.model.walk import everything
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names
-from framekit.link.frame_info import FrameCodec, FrameInfo, Rows, Shape, Together
+from framekit.link.frame_info import FrameCodec, FrameInfo, Shape
 from framekit.link.values import FrameValue, plain
 
 Context = Mapping[str, Any]
@@ -28,10 +28,6 @@ class Codec(Protocol):
     def frames(self) -> Mapping[str, FrameCodec]: ...
     @property
     def layouts(self) -> Mapping[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]]: ...
-    @property
-    def together(self) -> Mapping[str, Together]: ...
-    @property
-    def rows(self) -> Mapping[str, Rows]: ...
     @property
     def QUIET(self) -> int: ...  # noqa: N802 - a constant of the generated module
     @property
@@ -50,8 +46,6 @@ class FrameTable:
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
         for info in self.infos.values():
-            info.together = codec.together.get(info.name)
-            info.rows = codec.rows.get(info.name)
             info.make = partial(self.received_as, info)
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]

@@ -7,9 +7,8 @@ escape nor the region's end. It knows no protocol, only the segments of a frame.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from framekit.definition.model.segments import Const, Field, Segment, Skip, Wrap
 from framekit.link.evaluate import Names
@@ -85,11 +84,9 @@ class InsideFinder:
         if self.places:
             self.places.clear()
 
-    def search_in(self, outer: FrameInfo) -> Callable[[bytes], Any] | None:
-        """What finds something in `outer` that may be a frame inside; None if there never is one."""
-        if outer.name not in self._rules:
-            return None
-        return self._marks.search if self._marks is not None else lambda _: True
+    def nothing_begins(self, infos: Iterable[FrameInfo]) -> bool:
+        """Whether none of these may hold others."""
+        return not any(info.name in self._rules for info in infos)
 
     def nothing_in(self, outer: FrameInfo, raw: bytes) -> bool:
         """Whether there is surely no frame inside `outer`, all of whose bytes are `raw`."""

@@ -1,38 +1,59 @@
-"""Bytes to frames: finds expected frames, other frames, bad ones and noise in a stream (language reference, section 6).
+"""Bytes to frames: a scanner that finds expected frames, other frames, bad ones and noise in a stream.
 
-Sans-I/O and pull-based: whoever waits says at every `next` what he waits for. The result does not depend on how the
-stream is cut into pieces. It knows no sequences; who takes a frame and what follows is not its business.
+Language reference, section 6. Sans-I/O and pull-based: every `next` says which frames are expected. The result does
+not depend on how the stream is cut into pieces. At each place it measures the candidates that may begin there, decodes
+those that are whole, and reports what it found. It knows no sequences: which step takes a frame is not decided here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived, Noise
-from framekit.link.candidates import Trouble
+from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, any_of, worse
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
+from framekit.link.expected import ExpectedFrames, Left
+from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import Codec, FrameTable
-from framekit.link.interest import Interest
-from framekit.link.plain import PlainLooking
-from framekit.link.recovery import Again
-from framekit.link.rough import NOTHING, UNSURE, WANTING
-from framekit.link.verdicts import Complete, Good
+from framekit.link.inside import InsideFinder
+from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
+
+MOST_BAD, BAD_TIME, BAD_APART = 16, 10_000_000, 256
+"""Of bad frames without a good one between them so many are told in a row, then one for each such time (ns).
+
+Of those that come faster, one is told for so many bytes; what is between is what a bad frame left.
+"""
+
+MADE_GOOD = 4
+"""For so many bad frames a good one makes up."""
+
+
+Read = tuple[FrameInfo | None, int, dict[str, Any] | None]
+"""A candidate, its size and its fields."""
+
+
+class Again:
+    """The place has changed: look again."""
+
+
+AGAIN = Again()
 
 
 def _ignore(frame: str, error: Exception) -> None:
     return None
 
 
-class Receiver(PlainLooking):
+class Receiver:
     """Finds frames. `names` are what expressions of frames read; `pauses` tells how long silences and gaps are.
 
-    `deadline`: when `tick` and `next` are to be called although nothing came. `waiting` names the candidates that the
-    bytes at hand fit so far; their first byte came at `waiting_since`. `broken`: the stream is out of step, and the
-    definition wants the connection closed; everything is dropped until `reset`.
+    `waiting` names the candidates that the bytes at hand fit so far; their first byte came at `waiting_since`.
+    `broken`: the stream is out of step, and the definition wants the connection closed; everything is dropped until
+    `reset`.
     """
 
     def __init__(
@@ -43,7 +64,32 @@ class Receiver(PlainLooking):
         table: FrameTable | None = None,
         trouble: Trouble = _ignore,
     ) -> None:
-        super().__init__(codec, protocol, names, table or FrameTable(protocol, codec), trouble)
+        self.table = table or FrameTable(protocol, codec)
+        self.stream = Stream()
+        self.pauses = Pauses(protocol.receiver, names, self.stream)
+        self.broken = False
+        self.waiting: tuple[str, ...] = ()
+        self.waiting_since = 0
+        self._rules = protocol.receiver
+        self._names = names
+        self._scope = scope_of(names)
+        self._version = 0
+        self._trouble = trouble
+        self._quiet, self._lost = codec.QUIET, codec.LOST
+        self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
+        inside = InsideFinder(self.table, names)
+        self._inside = inside if inside else None
+        self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], ExpectedFrames] = {}
+        self._expected = self._expect((), ())
+        self._now = 0
+        self._noise = NoiseRun()
+        self._given = 0
+        self._declined: list[str] = []
+        self._needs_silence = False
+        self._skipping = False
+        self._bad_until = 0
+        self._bad_busy = 0
+        self._good_since = False
 
     # ---- bytes in -----------------------------------------------------------------------------------------
 
@@ -54,7 +100,6 @@ class Receiver(PlainLooking):
         if not data or self.broken:
             return
         self._now = now
-        self._looks_later = False
         stream = self.stream
         last = stream.last
         goes_on = stream.add(data, now, faults)
@@ -63,18 +108,42 @@ class Receiver(PlainLooking):
 
     def tick(self, now: int) -> None:
         """Nothing has come until `now`; `next` tells what follows from that."""
-        if self._looks_later:
-            self._look_now()
         self._now = max(self._now, now)
 
     def cut(self) -> None:
-        """Whoever waits allows no longer pause: what is unfinished ends here."""
-        if self._looks_later:
-            self._look_now()
+        """The step that waits allows no longer pause: what is unfinished ends here."""
         stream = self.stream
         place = stream.base + len(stream.buffer)
         if not stream.pauses or stream.pauses[-1] != place:
             stream.mark(stream.pauses, place)
+
+    def answered(self) -> None:
+        """This side has sent something: what comes from now on answers that, no silence has to stand before it."""
+        if self._skipping:
+            self._skipping = False
+            if self.stream.position < len(self.stream.buffer):
+                self._collect(len(self.stream.buffer) - self.stream.position, True)
+
+    def flush(self) -> list[Noise]:
+        """Drops everything that has not become a frame; returns it as noise."""
+        if self._given:
+            self._use()
+        found = [self._noise.take()] if self._noise else []
+        stream = self.stream
+        if stream.position < len(stream.buffer):
+            self._collect(len(stream.buffer) - stream.position, False)
+            found.append(self._noise.take())
+        stream.clear()
+        self._skipping = False
+        self.waiting = ()
+        return found
+
+    def reset(self) -> list[Noise]:
+        """As `flush`; and a broken stream may begin anew."""
+        self.broken = False
+        return self.flush()
+
+    # ---- what is at hand ----------------------------------------------------------------------------------
 
     @property
     def is_empty(self) -> bool:
@@ -82,115 +151,49 @@ class Receiver(PlainLooking):
         return self.stream.position + self._given >= len(self.stream.buffer) and not self._noise
 
     @property
-    def is_idle(self) -> bool:
-        """Whether what comes next begins anew: nothing is at hand, skipped over, or out of step."""
+    def deadline(self) -> int:
+        """When `tick` and `next` are to be called although nothing came."""
         stream = self.stream
-        at_end = stream.position + self._given >= len(stream.buffer)
-        return at_end and not self._noise.data and not self._skipping and not self.broken and self._inside is None
-
-    def pass_by(self, size: int, now: int) -> None:
-        """So many bytes came, the last of them at `now`, and were a good frame for somebody else."""
-        if self._given:
-            self._use()
-        stream = self.stream
-        if stream.buffer:
-            stream.tidy()
-        stream.base += size
-        stream.last = self._now = now
+        if self.waiting:
+            quiet, gap = self.pauses.limits()
+            deadline = NEVER if gap is None else stream.last + gap
+            if self._needs_silence:
+                deadline = min(deadline, stream.last + quiet)
+        elif self._noise or self._skipping or stream.position + self._given < len(stream.buffer):
+            deadline = stream.last + self.pauses.limits()[0]
+        else:
+            return NEVER
+        return deadline if deadline > self._now else NEVER
 
     # ---- frames out ---------------------------------------------------------------------------------------
 
     def next(self, expected: tuple[str, ...], others: tuple[str, ...] = ()) -> Arrival | None:
-        """The next thing in the stream for those who wait for `expected`, then `others`; None: nothing yet.
+        """The next thing in the stream where `expected` frames are looked for, then `others`; None: nothing yet.
 
         What it returns counts as used at the next call; until then `other_reading` may read the same bytes otherwise.
         """
-        interest = self._begin(expected, others)
-        if interest is None:
-            return None
         found: list[Arrival] = []
-        while True:
-            if self._noise.data:
-                self._pass_over(interest)
-            self._looks_later = self._plain(interest, found)
-            if found:
-                return found[0]
-            if self._looks_later:
-                return None
-            arrival = self._look(interest)
-            if not isinstance(arrival, Again):
-                if arrival is None:
-                    self._set_deadline()
-                return arrival
+        self._scan(expected, others, found, False)
+        return found[0] if found else None
 
     def arrivals(self, expected: tuple[str, ...], others: tuple[str, ...] = ()) -> list[Arrival]:
-        """All that `next` gives until nothing more is there; all of it counts as used.
-
-        For those who wait for the same whatever comes: it is much quicker.
-        """
+        """All that `next` gives until nothing more is there; all of it counts as used."""
         found: list[Arrival] = []
-        interest = self._interest
-        if self._given or self._candidates.said or interest.expected is not expected or interest.others is not others:
-            begun = self._begin(expected, others)
-            if begun is None:
-                return found
-            interest = begun
-        data = bytes(self.stream.buffer)
-        while (ended := self._rows(interest, found, data)) == UNSURE:
-            one: list[Arrival] = []
-            self._looks_later = self._plain(interest, one)
-            if self._looks_later and not one:
-                return found
-            arrival = one[0] if one else self._look(interest)
-            if arrival is None:
-                self._set_deadline()
-                return found
-            if not isinstance(arrival, Again):
-                found.append(arrival)
-                if self._given:
-                    self._use()
-            if len(data) != len(self.stream.buffer):  # something has been taken out of the middle, or all dropped
-                data = bytes(self.stream.buffer)
-        if ended == NOTHING:
-            self._nothing_waits()
-        self._looks_later = ended == WANTING
+        self._scan(expected, others, found, True)
         return found
-
-    def _nothing_waits(self) -> None:
-        self._looks_later = False
-        self._waiting = ()
-        self._deadline = NEVER
-
-    def _begin(self, expected: tuple[str, ...], others: tuple[str, ...]) -> Interest | None:
-        """Who is looked for from the present place on; None if nothing is there to look at."""
-        if self._given:
-            self._use()
-        self._looks_later = False
-        interest = self._interest
-        if interest.expected is not expected or interest.others is not others:
-            interest = self._interest_of(expected, others)
-        if self._scope is not None:
-            if self._candidates.said and self._scope.version != self._version:
-                self._candidates.forget()
-            self._version = self._scope.version
-        stream = self.stream
-        if stream.position >= len(stream.buffer) and not self._noise.data and not self._skipping:
-            self._nothing_waits()
-            return None
-        return interest
 
     def other_reading(self) -> FrameArrived | None:
         """The same bytes as another frame that fits them, in the order of the rows; None when there is none."""
         if not self._given:
             return None
-        stream, interest = self.stream, self._interest
+        stream, candidates = self.stream, self._candidates
         end = len(stream.buffer)
-        for infos in interest.at(stream.buffer[stream.position]):
+        for infos in self._expected.at(stream.buffer[stream.position]):
             for info in infos:
                 if info.name not in self._declined:
-                    result = self._candidates.ask(info, end)
+                    result = candidates.measure(info, end)
                     if type(result) is Complete:
-                        result = self._candidates.read(info, result)
+                        result = candidates.read(info, result)
                     if type(result) is Good:
                         return self._arrived(result)
         return None
@@ -213,21 +216,440 @@ class Receiver(PlainLooking):
                     continue
         return False
 
-    def flush(self) -> list[Noise]:
-        """Drops everything that has not become a frame; returns it as noise."""
+    # ---- scanning -----------------------------------------------------------------------------------------
+
+    def _scan(self, expected: tuple[str, ...], others: tuple[str, ...], found: list[Arrival], is_all: bool) -> None:
+        """Adds the next thing that is there to `found`, or `is_all`."""
         if self._given:
             self._use()
-        found = [self._noise.take()] if self._noise else []
-        stream = self.stream
-        if stream.position < len(stream.buffer):
-            self._collect(len(stream.buffer) - stream.position, False)
-            found.append(self._noise.take())
-        stream.clear()
-        self._skipping = False
-        self._nothing_waits()
-        return found
+        self.waiting = ()
+        frames, stream = self._expected, self.stream
+        if frames.expected is not expected or frames.others is not others:
+            frames = self._expect(expected, others)
+        if self._scope is not None:
+            if self._candidates.said and self._scope.version != self._version:
+                self._candidates.forget()
+            self._version = self._scope.version
+        while stream.position < len(stream.buffer) or self._noise.data or self._skipping:
+            if not self._is_strange() and (self._read_row(frames, found, is_all) or (found and not is_all)):
+                return
+            arrival = self._look(frames)
+            if arrival is None:
+                return
+            if not isinstance(arrival, Again):
+                found.append(arrival)
+                if not is_all:
+                    return
+                if self._given:
+                    self._use()
 
-    def reset(self) -> list[Noise]:
-        """As `flush`; and a broken stream may begin anew."""
-        self.broken = False
-        return self.flush()
+    def _expect(self, expected: tuple[str, ...], others: tuple[str, ...]) -> ExpectedFrames:
+        """What is prepared for these names; it keeps these very tuples, so that the next call knows them at once."""
+        frames = self._known.get((expected, others))
+        if frames is None:
+            frames = ExpectedFrames(self.table, expected, others, self._rules.symbols)
+            self._known[expected, others] = frames
+        frames.expected, frames.others = expected, others
+        self._expected = frames
+        return frames
+
+    def _is_strange(self) -> bool:
+        """Whether more than the bytes themselves counts here: long pauses, damaged characters, a frame taken out."""
+        stream = self.stream
+        if self._now != stream.last or self._skipping:
+            return True
+        return stream.is_marked and bool(stream.pauses or stream.faults or stream.taken_out)
+
+    def _read_row(self, frames: ExpectedFrames, found: list[Arrival], is_all: bool) -> bool:
+        """Reads frames as long as each place tells by itself what begins there, and passes over noise between them.
+
+        It stops where `_look` has to compare candidates, and finds nothing that `_look` would not find. Tells whether
+        a frame has begun and wants more bytes.
+        """
+        stream, names, said, inside = self.stream, self._names, self._candidates.said, self._inside
+        buffer, starting, add = stream.buffer, frames.starting, found.append
+        place = first = stream.position
+        end, offset, came = len(buffer), stream.base + stream.removed, (stream.last, stream.last)
+        newest = stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
+        try:
+            while place < end:
+                start = starting[buffer[place]] or frames.start(buffer[place])
+                at = place + start.at
+                if at >= end:
+                    break
+                left = start.left[buffer[at]]
+                info, fields = left.alone, None
+                if info is None:
+                    size = 0
+                    if left.infos and not self._noise.data:
+                        info, size, fields = self._shortest(left.infos, place)
+                        if info is None:
+                            break
+                elif said:
+                    seen = self._candidates.seen(info)
+                    if seen is None:
+                        break
+                    size = info.measure(buffer, place, end, names, seen)
+                else:
+                    size = info.extent(buffer, place, end, names)
+                if size < 0:
+                    stream.position = place
+                    return self._is_begun(left, size)
+                raw = buffer[place : place + size]
+                if type(raw) is not bytes:
+                    raw = bytes(raw)
+                if size and fields is None and info is not None:
+                    try:
+                        fields = info.decode(raw, names)
+                    except FrameError as error:
+                        if error.refuse is not None:
+                            break
+                    else:
+                        if info.guesses and not said and not info.holds_known(fields):
+                            break
+                if fields is None or info is None:
+                    stream.position = place
+                    self._pass_over(frames, found)
+                    if stream.position == place or (found and not is_all):
+                        place = first = stream.position
+                        break
+                    place = stream.position
+                    continue
+                if inside is not None and not (left.sure and inside.nothing_in(info, raw)):
+                    break
+                if self._noise.data:
+                    add(self._noise.take())
+                    if not is_all:
+                        break
+                arrived = FrameArrived()
+                arrived.make, arrived.decoded, arrived.raw = info.make, fields, raw
+                arrived.offset = offset + place
+                arrived.times = came if place >= newest else stream.times_of(place, place + size)
+                add(arrived)
+                self._good_since = True
+                if not is_all:
+                    self._given = size
+                    self._declined.append(info.name)
+                    break
+                place += size
+                if said:
+                    self._candidates.forget()
+                    said = self._candidates.said
+        except CODEC_ERRORS:
+            pass
+        if place != first:
+            stream.position = place
+            self._moved()
+        return False
+
+    def _shortest(
+        self, infos: tuple[FrameInfo, ...], place: int
+    ) -> tuple[FrameInfo | None, int, dict[str, Any] | None]:
+        """The shortest good frame of several that may begin at `place`; None where that is not sure."""
+        candidates, buffer, names = self._candidates, self.stream.buffer, self._names
+        whole: list[tuple[int, int, FrameInfo]] = []
+        for number, info in enumerate(infos):
+            seen = candidates.seen(info)
+            if seen is None:
+                return None, 0, None
+            size = info.measure(buffer, place, len(buffer), names, seen)
+            if size > 0:
+                whole.append((size, number, info))
+        if len(whole) > 1:
+            whole.sort()
+        for size, _, info in whole:
+            raw = bytes(buffer[place : place + size])
+            if len(whole) == 1 or info.intact is None or info.intact(raw):
+                try:
+                    return info, size, info.decode(raw, names)
+                except FrameError as error:
+                    if error.refuse is not None:
+                        break
+        return None, 0, None
+
+    def _is_begun(self, left: Left, size: int) -> bool:
+        """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else."""
+        stream, info = self.stream, left.alone
+        if info is None or not left.sure or size <= self._quiet or stream.silences or self._noise.is_long:
+            return False
+        place, end = stream.position, len(stream.buffer)
+        if self._inside is not None and not self._inside.nothing_from(info, stream.buffer, place):
+            return False
+        if info.guesses and size >= -info.behind and not self._candidates.said:
+            size = info.measure(stream.buffer, place, end, self._names, 0)
+            if size >= 0 or size <= self._quiet:
+                return False
+        self._candidates.wants_more(info, end - place)
+        self._needs_silence = False
+        self.waiting = (info.name,)
+        self.waiting_since = stream.time_of(place)
+        return True
+
+    def _pass_over(self, frames: ExpectedFrames, found: list[Arrival]) -> None:
+        """Passes over places where no good frame begins, and none that is told of or wants more bytes.
+
+        It does at each place what `_look` does, and leaves to that all that may be anything else. Noise that ends here
+        comes to `found`.
+        """
+        stream, inside, symbol = self.stream, self._inside, self._rules.symbols
+        buffer, place = stream.buffer, stream.position
+        if self._rules.resync == "never" or self._candidates.said:
+            return
+        is_skipped = stream.base + place < self._bad_until
+        silence = stream.first_after(stream.silences, place - 1) if stream.silences else None
+        total, goes_on = len(buffer), bool(self._noise.data) and self._noise.skipped is is_skipped
+        end = total if silence is None else silence
+        end = min(end, place + LONGEST - (len(self._noise.data) if goes_on else 0))
+        if is_skipped:
+            end = min(end, self._bad_until - stream.base)
+        if self._noise.is_long:
+            return
+        names, lost, every, stops = self._names, self._lost, frames.every, frames.stops
+        first, starting = place, every.starting
+        try:
+            while place < end:
+                start = starting[buffer[place]] or every.start(buffer[place])
+                at = place + start.at
+                if at >= total:
+                    break
+                left = start.left[buffer[at]]
+                if inside is not None and not (left.sure and inside.nothing_begins(left.infos)):
+                    break
+                for extent, looks in every.ends(left, buffer[place]):
+                    size = extent(buffer, place, total, names)
+                    if size == 0 or (is_skipped and size == lost):
+                        continue
+                    if not is_skipped or size < 0:
+                        break
+                    raw = buffer[place : place + size]
+                    if any(look is None or look(raw) for look in looks):
+                        break
+                else:
+                    step = 1
+                    if buffer[place] == symbol:
+                        if place + 1 == total:
+                            break
+                        step = 2
+                    if stops is None:
+                        place += step
+                    elif place + step < end:
+                        match = stops.search(buffer, place + step, end)
+                        place = end if match is None else match.start()
+                    else:
+                        place += step
+                    continue
+                break
+        except CODEC_ERRORS:
+            pass
+        if place > first:
+            if self._noise.data and not goes_on:
+                found.append(self._noise.take())
+            self._collect(place - first, is_skipped)
+
+    def _look(self, frames: ExpectedFrames) -> Arrival | Again | None:
+        """What is at the present place, all candidates compared, and whatever may be strange about it."""
+        stream = self.stream
+        position = stream.position
+        self.waiting = ()
+        self._needs_silence = False
+        if position >= len(stream.buffer):
+            return self._at_end()
+        if self._skipping:
+            return self._skip()
+        if self._noise and (self._noise.is_long or stream.first_after(stream.silences, position - 1) == position):
+            return self._noise.take()
+        levels = frames.at(stream.buffer[position])
+        if self._inside:
+            inside = self._inside.find(stream, (*levels[0], *levels[1]))
+            if inside is not None:
+                return self._noise_before() or self._taken_out(*inside)
+        limit, is_cut = self.pauses.reach(self._now)
+        worst: Bad | None = None
+        silent: list[FrameInfo] = []
+        is_told = stream.base + position >= self._bad_until
+        worse_of = worse if is_told else any_of
+        for infos in levels:
+            good, bad, wanting = self._candidates.validate(infos, limit, silent, self._inside, is_told)
+            if good is not None:
+                return self._noise_before() or self._arrived(good)
+            if wanting and not is_cut:
+                self._wait((*wanting, *silent))
+                return None
+            worst = worst if bad is None else worse_of(worst, bad)
+            if wanting and worst is None:
+                worst = self._candidates.cut(wanting[0], limit)
+        if worst is not None:
+            return self._bad(worst)
+        return self._ended_by_silence(silent) if silent else self._unusable()
+
+    def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
+        self.waiting = tuple(info.name for info in infos)
+        self.waiting_since = self.stream.time_of(self.stream.position)
+
+    def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | Again | None:
+        """Rule 4: nothing else applies; the frame ends where a silence begins."""
+        stop = self.pauses.silence_behind(self.stream.position, self._now)
+        if stop is None:
+            self._needs_silence = True
+            self._wait(tuple(silent))
+            return None
+        worst: Bad | None = None
+        for info in silent:
+            result = self._candidates.at_silence(info, stop)
+            if isinstance(result, Good):
+                return self._noise_before() or self._arrived(result)
+            if isinstance(result, Bad):
+                worst = worse(worst, result)
+        return self._unusable() if worst is None else self._bad(worst)
+
+    # ---- good frames --------------------------------------------------------------------------------------
+
+    def _arrived(self, good: Good) -> FrameArrived:
+        info = good.info
+        self._given = len(good.raw)
+        self._good_since = True
+        self._declined.append(info.name)
+        arrived = self._arrival(info, good.fields, good.raw, self.stream.position)
+        arrived.value = info.make(good.fields, good.raw, good.refusal)
+        return arrived
+
+    def _arrival(self, info: FrameInfo, fields: dict[str, Any], raw: bytes, place: int) -> FrameArrived:
+        """A frame that stands at buffer index `place`."""
+        stream, arrived = self.stream, FrameArrived()
+        arrived.make, arrived.decoded, arrived.raw = info.make, fields, raw
+        arrived.offset = stream.offset + place - stream.position
+        arrived.times = stream.times_of(place, place + len(raw))
+        return arrived
+
+    def _taken_out(self, info: FrameInfo, start: int, end: int) -> FrameArrived | None:
+        """A frame that stood inside the one that is arriving: handed over at once, it counts in nothing there."""
+        stream = self.stream
+        raw = bytes(stream.buffer[start:end])
+        try:
+            fields = info.decode(raw, self._names)
+        except CODEC_ERRORS as error:
+            self._trouble(info.name, error)
+            fields = {}
+        arrived = self._arrival(info, fields, raw, start)
+        stream.remove(start, end)
+        self._candidates.forget()
+        return arrived
+
+    def _use(self) -> None:
+        """Goes on behind what was handed over last."""
+        self.stream.position += self._given
+        self._given = 0
+        self._declined.clear()
+        self._moved()
+
+    def _moved(self) -> None:
+        """The place in the stream has changed."""
+        self._candidates.forget()
+        if self._inside is not None:
+            self._inside.forget()
+
+    # ---- bad frames ---------------------------------------------------------------------------------------
+
+    def _bad(self, worst: Bad) -> Arrival | Again | None:
+        """Reports a bad frame once; bad frames that begin inside one that has been reported are not new ones."""
+        stream = self.stream
+        start = stream.base + stream.position
+        if start < self._bad_until:
+            return self._unusable()
+        before = self._noise_before()
+        if before is not None:
+            return before
+        bad, size, mode = worst.bad, worst.size, self._rules.resync
+        self._bad_until = start + self._bad_reach(size, bad.started_at)
+        if mode == "never":
+            self._break_off()
+        elif mode == "after_quiet":
+            self._skipping = True
+            self._collect(size, True)
+            self._noise.take()
+        elif mode == "after_frame" and worst.known_end:
+            self._move(size)
+        else:
+            self._collect(self._symbol(), True)
+        return bad
+
+    def _bad_reach(self, size: int, came: int) -> int:
+        """How far behind the start of a bad frame that is told none is told anew: to its end, or further in a crowd."""
+        busy = max(self._bad_busy - (MADE_GOOD * BAD_TIME if self._good_since else 0), came) + BAD_TIME
+        most = came + MOST_BAD * BAD_TIME
+        self._good_since = False
+        self._bad_busy = min(busy, most)
+        return max(size, BAD_APART) if busy > most and self._rules.resync == "next_start" else size
+
+    def _break_off(self) -> None:
+        self.broken = True
+        self.stream.clear()
+        self._moved()
+
+    def _skip(self) -> Again | None:
+        """After a bad frame, where reading goes on only behind a silence."""
+        stream = self.stream
+        place = self.pauses.silence_behind(stream.position - 1, self._now)
+        self._skipping = place is None
+        stop = len(stream.buffer) if place is None else place
+        if stop > stream.position:
+            self._collect(stop - stream.position, True)
+        return AGAIN
+
+    # ---- noise --------------------------------------------------------------------------------------------
+
+    def _at_end(self) -> Noise | None:
+        if (self._noise or self._skipping) and self.pauses.is_quiet(self._now):
+            self._skipping = False
+            return self._noise.take() if self._noise else None
+        return None
+
+    def _unusable(self) -> Arrival | Again | None:
+        """Rule 5: the bytes here begin nothing."""
+        stream = self.stream
+        skipped = stream.base + stream.position < self._bad_until
+        if self._noise and self._noise.skipped != skipped:
+            return self._noise.take()
+        if self._rules.resync == "never":
+            self._collect(1, False)
+            self._break_off()
+            return self._noise.take()
+        symbols = self._rules.symbols
+        count = self._to_next_start(skipped) if symbols is None else self._symbol()
+        if count == 1 and stream.buffer[stream.position] == symbols and not self.pauses.is_quiet(self._now):
+            return None
+        self._collect(count, skipped)
+        return AGAIN
+
+    def _symbol(self) -> int:
+        """How many bytes are passed over together: two, when the first is the escape symbol and the second is there."""
+        stream = self.stream
+        if stream.buffer[stream.position] != self._rules.symbols:
+            return 1
+        return min(2, len(stream.buffer) - stream.position)
+
+    def _to_next_start(self, skipped: bool) -> int:
+        """Bytes up to the next that may begin a frame, not over a silence or the end of a bad frame."""
+        stream, starts = self.stream, self._expected.starts
+        if starts is None:
+            return 1
+        match = starts.search(stream.buffer, stream.position + 1)
+        stops = [len(stream.buffer) if match is None else match.start()]
+        silence = stream.first_after(stream.silences, stream.position)
+        if silence is not None:
+            stops.append(silence)
+        if skipped:
+            stops.append(self._bad_until - stream.base)
+        return max(1, min(stops) - stream.position)
+
+    def _collect(self, count: int, skipped: bool) -> None:
+        position = self.stream.position
+        self._noise.collect(self.stream, position, position + count, skipped)
+        self._move(count)
+
+    def _move(self, count: int) -> None:
+        self.stream.position += count
+        self._moved()
+
+    def _noise_before(self) -> Noise | None:
+        return self._noise.take() if self._noise else None

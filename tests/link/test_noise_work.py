@@ -16,7 +16,7 @@ from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 from framekit.link.engine import Engine
 from framekit.link.observe import Monitor, Seen
-from framekit.link.recovery import BAD_APART, MOST_BAD
+from framekit.link.receiver import BAD_APART, MOST_BAD
 
 SIZE = 12_000
 MOST = 60

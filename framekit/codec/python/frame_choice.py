@@ -13,10 +13,7 @@ from framekit.codec.python.runtime import LOST, QUIET, Context
 
 
 class Frame(NamedTuple):
-    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`.
-
-    `take`: reads the frame out of the middle of a buffer; None where that takes more than going from front to back.
-    """
+    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`."""
 
     name: str
     encode: Callable[..., bytes]
@@ -25,7 +22,6 @@ class Frame(NamedTuple):
     examine: Callable[..., Any]
     refuse: int | None = None
     extent: Callable[..., int] | None = None
-    take: Callable[..., Any] | None = None
 
 
 class Choice:
@@ -34,12 +30,11 @@ class Choice:
     `named` holds them by name, `encoders` what builds them. `readers`: by the deciding byte, names with decoders in the
     order they are tried, or another choice; `all_readers`: those for when that byte is not there. `likely`: by the
     deciding byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it
-    allows, None where there are several; `takes`: the name of the first it allows and
-    what takes that, if it can be taken.
+    allows, None where there are several.
     """
 
     __slots__ = (
-        "all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole", "takes",
+        "all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole",
     )  # fmt: skip
 
     def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
@@ -52,11 +47,9 @@ class Choice:
         self.all_readers = readers_of(everything)
         self.readers = [readers_of(self.others)] * 256
         self.sole = [measure_of(self.others)] * 256
-        self.takes = [take_of(self.others)] * 256
         for byte, found in self.cases.items():
             self.readers[byte] = readers_of(found)
             self.sole[byte] = measure_of(found)
-            self.takes[byte] = take_of(found)
         self.likely = [found[0] if type(found) is tuple and 1 <= len(found) <= 2 else None for found in self.readers]
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
@@ -85,25 +78,9 @@ def no_frame(data: bytes | bytearray, start: int, end: int, ctx: Context, seen: 
     return 0
 
 
-def take_of(found: Any) -> Any:
-    """The name of the first frame of a row, and what takes it: if it fits, nobody asks the others."""
-    if type(found) is not tuple or not found or found[0].take is None:
-        return None
-    return found[0].name, found[0].take
-
-
-def readers_at_once(choice: Choice, readers: dict[str, Any], where_none_is: Any = None) -> list[Any]:
-    """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does.
-
-    `where_none_is`: what reads where the byte allows no frame.
-    """
-    by_byte = [None if one is None else readers.get(one[0]) for one in choice.likely]
-    return [where_none_is if found == () else one for found, one in zip(choice.readers, by_byte, strict=True)]
-
-
-def take_none(data: bytes, begin: int, end: int, ctx: Context) -> tuple[None, int]:
-    """What takes where no frame may stand."""
-    return None, 0
+def readers_at_once(choice: Choice, readers: dict[str, Any]) -> list[Any]:
+    """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does."""
+    return [None if one is None else readers.get(one[0]) for one in choice.likely]
 
 
 def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
@@ -196,7 +173,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "extent_first": ("measure_first",),
     "fits": ("Frame",),
     "encode_one": ("Choice", "Frame"),
-    "Choice": ("Frame", "measure_of", "no_frame", "readers_of", "take_of"),
+    "Choice": ("Frame", "measure_of", "no_frame", "readers_of"),
     "readers_at_once": ("Choice",),
 }
 """The names of this module that a helper uses itself."""

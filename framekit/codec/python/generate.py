@@ -31,7 +31,6 @@ from framekit.codec.python.pasting import used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Source, literal, quoted
-from framekit.codec.python.takes import Together, write_takes
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Length, Repeat, Segment
@@ -65,10 +64,7 @@ class ModuleWriter:
         self.frames_part: list[Source] = []
         self.examine_part: list[Source] = []
         self.extents: set[str] = set()
-        self.takes: dict[str, Source] = {}
-        self.together: Together = {}
         self.builders: dict[tuple[str, ...], str] = {}
-        self.rows: dict[str, Source] = {}
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
@@ -76,9 +72,6 @@ class ModuleWriter:
             self._frame(name, frame)
         if self.standalone:  # inside framekit they are made when somebody asks for one
             self._builders()
-        if not self.standalone and self.protocol.kind == "protocol":  # receivers use them, and nobody else
-            self.takes, self.together, self.rows = write_takes(self.module, self.protocol, self.identifiers)
-            self.frames_part.extend((*self.takes.values(), *self.rows.values()))
         for name, layout in self.protocol.layouts.items():
             if self._stands_alone(layout):
                 self.layouts[name] = self._identifier(f"layout_{name}")
@@ -102,7 +95,7 @@ class ModuleWriter:
     def _identifier(self, name: str) -> str:
         wanted, number = identifier(name).strip("_"), 1
         found = wanted
-        while found in self.taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent", "take")):
+        while found in self.taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent")):
             number += 1
             found = f"{wanted}_{number}"
         self.taken.add(found)
@@ -255,7 +248,6 @@ class ModuleWriter:
             refuse = self.protocol.frames[name].refuse
             more = "" if refuse is None else f", refuse={refuse:#x}"
             more += f", extent=extent_{known}" if known in self.extents else ""
-            more += f", take=take_{known}" if known in self.takes else ""
             out.depth = 1
             out.add(f"{quoted(name)}: Frame({quoted(name)}, {functions}{more}),")
             out.depth = 0
@@ -266,11 +258,6 @@ class ModuleWriter:
             out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
         for name, text in self.module.joined.items():
             out.add(f"{name} = {text}")
-        if self.together:
-            entries = ", ".join(f"{quoted(name)}: ({place}, {table})" for name, (place, table) in self.together.items())
-            out.add(f"TOGETHER = {{{entries}}}")
-            rows = ", ".join(f"{quoted(name)}: rows_{self.identifiers[name]}" for name in self.rows)
-            out.add(f"ROWS = {{{rows}}}")
         return out
 
 
@@ -289,7 +276,6 @@ _ALIASES = {
     "Reads": "Callable[..., dict[str, Any]]",
     "Opened": "tuple[bytes, Sequence[int], str]",
     "Rules": "Mapping[str, Any]",
-    "Taken": "tuple[bytes | None, Any] | tuple[()] | None",
     "Span": "tuple[str, int, int, Any]",
 }
 

@@ -181,17 +181,11 @@ class Module:
             self.choices[frames] = self.names.constant(*name)
         return self.choices[frames]
 
-    def at_once(
-        self, identifier: str, frames: tuple[str, ...], readers: Mapping[str, str], where_none_is: str = ""
-    ) -> str:
-        """The module constant with what reads a frame together with one of those inside it, by the deciding byte.
-
-        `where_none_is`: the helper that reads where the byte allows none.
-        """
+    def at_once(self, identifier: str, frames: tuple[str, ...], readers: Mapping[str, str]) -> str:
+        """The module constant with what reads a frame together with one of those inside it, by the deciding byte."""
         name, choice = self.names.constant(identifier, "at_once"), self.choice(frames, identifier, "inside")
         entries = ", ".join(f"{literal(frame)}: {function}" for frame, function in readers.items())
-        more = f", {self.function(where_none_is)}" if where_none_is else ""
-        self.joined[name] = f"{self.function('readers_at_once')}({choice}, {{{entries}}}{more})"
+        self.joined[name] = f"{self.function('readers_at_once')}({choice}, {{{entries}}})"
         return name
 
     def embedded(self, wrap: Wrap) -> str:

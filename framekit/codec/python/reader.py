@@ -32,18 +32,15 @@ class Item:
 
 
 class BufferReader:
-    """Reads one buffer. `buffer` is its text, `at` the local that holds the place once that is not fixed any more.
+    """Reads one buffer. `buffer` is its text, `at` the local that holds the place once that is not fixed any more."""
 
-    `begin`: where in the buffer what is read begins.
-    """
-
-    def __init__(self, function: Function, buffer: str, at: str, begin: Place = START) -> None:
+    def __init__(self, function: Function, buffer: str, at: str) -> None:
         self.function = function
         self.module = function.module
         self.shapes = function.shapes
         self.buffer = buffer
         self.at = at
-        self.begin = self.place = begin
+        self.begin = self.place = START
         self.deferred: list[Callable[[], None]] = []
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
 

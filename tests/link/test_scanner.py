@@ -1,4 +1,4 @@
-"""The quick way through a stream gives exactly what looking at every place gives: the same things at the same times."""
+"""Reading frames in a row gives exactly what looking at every place gives: the same things at the same times."""
 
 from __future__ import annotations
 
