@@ -27,13 +27,12 @@ if TYPE_CHECKING:
     from framekit.api.run import AsyncRun, Run, VirtualRun
     from framekit.api.server import AsyncServer, Server, aserve, serve
     from framekit.api.values import Answer, Frame, Reading
-    from framekit.blocks.block_status import BlockStatus, Failure
-    from framekit.blocks.error_codes import ErrorCode
     from framekit.codec.batch.result import Batch
     from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
     from framekit.link.observe import Seen
     from framekit.memory.views import Order
+    from framekit.run.block_state import BlockStatus, ErrorCode, Failure
 
 __version__ = "0.1.0"
 
@@ -49,13 +48,12 @@ _HOMES = {
         "api.run": ("AsyncRun", "Run", "VirtualRun"),
     "api.server": ("AsyncServer", "Server", "aserve", "serve"),
     "api.values": ("Answer", "Frame", "Reading"),
-    "blocks.block_status": ("BlockStatus", "Failure"),
-    "blocks.error_codes": ("ErrorCode",),
     "codec.batch.result": ("Batch",),
     "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
     "link.observe": ("Seen",),
     "memory.views": ("Order",),
+    "run.block_state": ("BlockStatus", "ErrorCode", "Failure"),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from unittest.mock import patch
 
-from framekit.blocks.model import Run
+from framekit.run.model import Run
 from framekit.runfile.devices import Device
 from framekit.runfile.run_file import load_run
 from framekit.service.device import DeviceService

@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.jobs.order import Command, Order
-from framekit.blocks.jobs.profile import JobProfile
-from framekit.blocks.jobs.slot import Attempt
-from framekit.blocks.jobs.table import JobTable
-from framekit.blocks.model import Place
-from framekit.blocks.own_memory import addresses_of
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.profile import load_profile
+from framekit.run.block_state import Failure
+from framekit.run.job_profile import JobProfile
+from framekit.run.job_status import Attempt
+from framekit.run.job_table import JobTable
+from framekit.run.model import JobCommand, Order, Place
+from framekit.run.own_memory import addresses_of
 from framekit.runfile.job_profiles import load_job_profile
 
 MS = 1_000_000
@@ -66,7 +65,7 @@ class JobWorld:
     def write_bits(self, bits: tuple[int, ...]) -> None:
         self.notes.append(("bits", self.now, tuple(number for number, bit in enumerate(bits, 1) if bit)))
 
-    def answered(self, command: Command, word: int | None) -> None:
+    def answered(self, command: JobCommand, word: int | None) -> None:
         self.answers.append((command.id, word))
 
     # ---- what tests do ------------------------------------------------------------------------------------
@@ -74,7 +73,9 @@ class JobWorld:
     def command(self, kind: str, slot: int | None, **more: Any) -> int:
         self.ids += 1
         status = more.pop("status", f"D{slot or 0}")
-        command = Command(kind=kind, slot=slot, status=None if status is None else place(status), id=self.ids, **more)  # type: ignore[arg-type]
+        command = JobCommand(
+            kind=kind, slot=slot, status=None if status is None else place(status), id=self.ids, **more
+        )  # type: ignore[arg-type]
         self.table.take(command, self.now)
         return self.ids
 

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 CODE = sorted((ROOT / "framekit").rglob("*.py"))
 NAMES = re.compile(r"\b(mldp|modbus|snpx?|snp-x|df1|pccc|ccm|srtp|xgt|commreq)\b", re.IGNORECASE)
-LAYERS = ["definition", "codec", "memory", "link", "transport", "blocks", "runfile", "service", "api", "cli"]
+LAYERS = ["definition", "codec", "memory", "link", "transport", "run", "runfile", "service", "api", "cli"]
 
 
 VERB = re.compile(r'^    "commreq": "')

@@ -30,7 +30,6 @@ from framekit.api.values import (
     typed_each,
     values_given,
 )
-from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
@@ -41,6 +40,7 @@ from framekit.link.services.client import MOST_KEPT, TransferResult
 from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.memory.views import Order
+from framekit.run.commands import CommandBlocks, CommandEnd
 from framekit.runfile.channels import needs_own
 from framekit.runfile.devices import memory_of
 from framekit.service.client import Begin, ClientService

@@ -16,12 +16,12 @@ from framekit.api.errors import LineClosedError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.settings import ProtocolGiven, line_settings
 from framekit.api.values import Answer, FloatType, Frame, IntType, Reading, TextType, Value
-from framekit.blocks.commands import CommandBlocks, CommandEnd
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address
 from framekit.link.observe import Seen
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import Order
+from framekit.run.commands import CommandBlocks, CommandEnd
 
 T = TypeVar("T")
 

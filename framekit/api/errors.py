@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from framekit.blocks.error_codes import ErrorCode, error_code, error_table
 from framekit.link.codes import code_text
 from framekit.link.services.client import TransferResult
+from framekit.run.block_state import ErrorCode, error_code, error_table
 
 NO_REPLY = ("no_reply", "timeout")
 BAD_REPLIES = ("damaged_reply", "unfit_reply", "exhausted")

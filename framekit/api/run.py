@@ -12,12 +12,12 @@ from typing import Self
 from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.memory import Do, Memory
-from framekit.blocks.block_status import BlockStatus
-from framekit.blocks.model import Run as RunModel
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.observe import Seen
+from framekit.run.block_state import BlockStatus
+from framekit.run.model import Run as RunModel
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.state_file import StateError

@@ -15,9 +15,9 @@ from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.memory import Do, Memory
 from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
-from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
+from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import Device, DeviceSettings, load_devices, with_faults
 from framekit.service.serving import Serving
 from framekit.service.serving_ports import begin_serving, check_line, line_of

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from framekit.api.errors import RequestError
-from framekit.blocks.model import Channel
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE, Position, did_you_mean
 from framekit.definition.times import LineFormat, parse_format
 from framekit.link.parameters import ParameterError, given_value
+from framekit.run.model import Channel
 from framekit.runfile.channels import needs_own, needs_station, parse_station
 
 

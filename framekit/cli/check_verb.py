@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from framekit.cli.common import VerbError, add_json, add_protocol, near, print_json, status_of, told_once
 
 if TYPE_CHECKING:
-    from framekit.blocks.feasibility import ChannelLoad
     from framekit.definition.problems import Problem
+    from framekit.run.feasibility import ChannelLoad
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,9 @@ def _device(path: Path) -> Checked:
 
 
 def _run(path: Path) -> Checked:
-    from framekit.blocks.feasibility import load_problems
     from framekit.codec.ambiguity import check_matrices
     from framekit.definition.problems import DefinitionError
+    from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import read_run
     from framekit.service.ports import devices_of
     from framekit.service.rehearsal import loads_of
@@ -174,9 +174,9 @@ def _vectors(path: Path) -> Checked:
 
 
 def _memory(path: Path) -> Checked:
-    from framekit.blocks.block_settings import check_items
     from framekit.link.addresses import check_addresses
     from framekit.memory.profile import load_profile
+    from framekit.run.block_words import check_items
     from framekit.runfile.devices import check_profile
 
     profile = load_profile(path)

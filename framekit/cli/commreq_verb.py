@@ -23,16 +23,14 @@ from framekit.link.codes import code_text
 if TYPE_CHECKING:
     from framekit.api.client import Client
     from framekit.api.settings import ClientSettings
-    from framekit.blocks.block_status import Failure
-    from framekit.blocks.command_meaning import Meaning
-    from framekit.blocks.command_words import CommandWords
-    from framekit.blocks.commands import CommandBlocks, CommandEnd
-    from framekit.blocks.jobs.diagnosis import JobStatus
-    from framekit.blocks.jobs.profile import JobProfile
     from framekit.definition.model.protocol import Protocol
     from framekit.link.addresses import AddressGrammar
     from framekit.link.services.areas import Span
     from framekit.memory.memory import DeviceMemory
+    from framekit.run.block_state import Failure
+    from framekit.run.commands import CommandBlocks, CommandEnd, CommandWords, Meaning
+    from framekit.run.job_profile import JobProfile
+    from framekit.run.job_status import JobStatus
     from framekit.service.job_line import JobLine
 
 
@@ -109,11 +107,11 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
 
 def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
     """Command blocks on a port that has done nothing yet, over an empty memory."""
-    from framekit.blocks.commands import CommandBlocks
     from framekit.codec.codec import compile_protocol
     from framekit.link.frame_vectors import default_line
     from framekit.link.scope import Scope
     from framekit.memory.memory import DeviceMemory
+    from framekit.run.commands import CommandBlocks
     from framekit.runfile.devices import memory_of
 
     role = arguments.role or protocol.asking_role
@@ -127,8 +125,7 @@ def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Names
 
 def explain(blocks: CommandBlocks, protocol: Protocol, data: bytes, arguments: argparse.Namespace) -> int:
     """Says what a command block means; the exit status."""
-    from framekit.blocks.command_meaning import meaning_of
-    from framekit.blocks.command_words import CommandFaultError
+    from framekit.run.commands import CommandFaultError, meaning_of
 
     try:
         meaning = meaning_of(blocks.words.read(data), blocks, protocol)
@@ -235,9 +232,9 @@ def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict
 
 def _numbered(words: CommandWords, texts: list[str], head: dict[str, object]) -> bytes:
     """A whole block, or the words of one from the command on. Raises ValueError."""
-    from framekit.blocks.command_words import CommandFaultError, bytes_of
     from framekit.codec.plain import PlainValues
     from framekit.definition.load.scalars import parse_number
+    from framekit.run.commands import CommandFaultError, bytes_of
 
     data = bytes_of([parse_number(text) for text in texts])
     try:
@@ -287,7 +284,7 @@ class CommandOutput:
 
     def meaning(self, data: bytes) -> tuple[Meaning, Span]:
         """What a command means, and the place of its status word. Raises CommandFaultError, DeviceMemoryError."""
-        from framekit.blocks.command_meaning import meaning_of
+        from framekit.run.commands import meaning_of
 
         command = self.blocks.words.read(data)
         return meaning_of(command, self.blocks, self.protocol, judge=False), self.blocks.status_place(command)
@@ -365,8 +362,8 @@ class CommandRun:
 
     def carry_out(self, data: bytes) -> int:
         """Carries a command out and prints what came of it; the exit status."""
-        from framekit.blocks.command_words import CommandFaultError
         from framekit.memory.memory import DeviceMemoryError
+        from framekit.run.commands import CommandFaultError
 
         try:
             meaning, place = self.output.meaning(data)
@@ -478,9 +475,9 @@ class JobCommands:
             line.stop()
 
     def _blocks(self, line: JobLine) -> CommandBlocks:
-        from framekit.blocks.commands import CommandBlocks
         from framekit.codec.codec import compile_protocol
         from framekit.link.scope import Scope
+        from framekit.run.commands import CommandBlocks
 
         channel = Scope(self.application, role=None)
         return CommandBlocks(self.application, compile_protocol(self.application), line.memory, channel=channel)
@@ -505,8 +502,8 @@ class JobCommands:
 
     async def _command(self, line: JobLine, output: CommandOutput, data: bytes) -> int:
         """Gives one command, and shows it when it has its status word; the exit status."""
-        from framekit.blocks.command_words import CommandFaultError
         from framekit.memory.memory import DeviceMemoryError
+        from framekit.run.commands import CommandFaultError
 
         ended: list[Failure | None] = []
 
@@ -537,8 +534,8 @@ class JobCommands:
 
     def _end(self, failure: Failure | None) -> tuple[CommandEnd, int]:
         """How a command ended, and the exit status; one that is only late has not failed yet."""
-        from framekit.blocks.block_status import Failure
-        from framekit.blocks.commands import CommandEnd
+        from framekit.run.block_state import Failure
+        from framekit.run.commands import CommandEnd
 
         words = self.profile.words
         word = words["good"] if failure is None else failure.device_code or 0

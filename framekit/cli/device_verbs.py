@@ -116,7 +116,7 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
 def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     """Prints what went wrong; the exit status."""
     from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
-    from framekit.blocks.error_codes import ErrorCode
+    from framekit.run.block_state import ErrorCode
 
     if arguments.json and isinstance(error, ExchangeError):
         shown: dict[str, Any] = {"error": error.outcome, "message": str(error)}

@@ -7,23 +7,21 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from framekit.blocks.feasibility import milliseconds
 from framekit.cli.common import VerbError, seen_data, seen_text, table, told
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time
 from framekit.link.codes import code_text
 from framekit.memory.memory import unit_bits
+from framekit.run.feasibility import milliseconds
 
 if TYPE_CHECKING:
-    from framekit.blocks.block_state import BlockState
-    from framekit.blocks.block_status import BlockStatus
-    from framekit.blocks.feasibility import BlockLoad, ChannelLoad
-    from framekit.blocks.jobs.diagnosis import JobStatus
-    from framekit.blocks.model import Block, Run
-    from framekit.blocks.removed_blocks import RemovedBlocks
-    from framekit.blocks.run_edit import Edit
     from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
+    from framekit.run.block_state import BlockState, BlockStatus
+    from framekit.run.edit import Edit, RemovedBlocks
+    from framekit.run.feasibility import BlockLoad, ChannelLoad
+    from framekit.run.job_status import JobStatus
+    from framekit.run.model import Block, Run
     from framekit.service.run import RunService
     from framekit.service.status import ChannelStatus, JobsStatus, RunStatus
     from framekit.transport.clock import Clock
@@ -61,9 +59,9 @@ def percent(part: float) -> str:
 
 def what_of(block: Block) -> str:
     """`READ M0100, M0110`, `SEND WR.REQ`."""
-    from framekit.blocks.jobs.order import Command
+    from framekit.run.model import JobCommand
 
-    if isinstance(block.job, Command):
+    if isinstance(block.job, JobCommand):
         slot = "ALL" if block.job.slot is None else str(block.job.slot)
         order = block.job.order
         return f"{block.instruction.upper()} {slot}" + (f" {order.kind} {order.remote}".rstrip() if order else "")

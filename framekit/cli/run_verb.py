@@ -34,8 +34,8 @@ from framekit.service.live_view import LineOf, LiveView
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
-    from framekit.blocks.model import Run
     from framekit.cli.run_output import RunOutput
+    from framekit.run.model import Run
     from framekit.service.capture import Capture
     from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
@@ -71,8 +71,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_run(arguments: argparse.Namespace) -> int:
-    from framekit.blocks.feasibility import load_problems
     from framekit.cli.run_output import JsonOutput, TextOutput
+    from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import load_run
     from framekit.service.file_watch import content_of
     from framekit.service.rehearsal import loads_of

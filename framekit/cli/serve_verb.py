@@ -39,9 +39,9 @@ from framekit.transport.schemes import help_on_ports
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from framekit.blocks.model import ConnectionLimits
     from framekit.definition.times import LineFormat
     from framekit.link.observe import Seen
+    from framekit.run.model import ConnectionLimits
     from framekit.runfile.devices import Device, DeviceSettings
     from framekit.service.serving import Serving, ServingMonitor
     from framekit.service.serving_ports import Served
@@ -248,8 +248,8 @@ async def begin(
 
 def connection_limits(idle: str | None, per_address: int | None) -> ConnectionLimits:
     """What `--idle-timeout` and `--connections` say. Raises WordsError."""
-    from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
     from framekit.definition.times import parse_time
+    from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 
     try:
         return ConnectionLimits(

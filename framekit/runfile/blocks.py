@@ -8,11 +8,6 @@ from collections.abc import Mapping as MappingOf
 from pathlib import Path
 from typing import Any, Literal
 
-from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order, Record
-from framekit.blocks.jobs.profile import JobProfile
-from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
-from framekit.blocks.load_triggers import STARTS, TriggerLoader
-from framekit.blocks.model import BLOCKS_IN_SET, Block, Channel, Instruction, Place
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import without_effect
@@ -28,6 +23,22 @@ from framekit.definition.times import NEVER, format_time
 from framekit.definition.tree import unread
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import unit_bits
+from framekit.run.job_profile import JobProfile
+from framekit.run.model import (
+    BLOCKS_IN_SET,
+    Block,
+    Channel,
+    CommandKind,
+    Instruction,
+    JobCommand,
+    JobRecord,
+    JobsSection,
+    Order,
+    OrderKind,
+    Place,
+    channel_to,
+    is_address,
+)
 from framekit.runfile.channels import RulesLoader, needs_own, needs_station, read_params, read_station
 from framekit.runfile.transfers import (
     Attempts,
@@ -38,6 +49,7 @@ from framekit.runfile.transfers import (
     check_written,
     read_place,
 )
+from framekit.runfile.triggers import STARTS, TriggerLoader
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
 
@@ -373,7 +385,7 @@ COMMANDS: tuple[CommandKind, ...] = ("job", "abort", "inspect")
 ALL = "all"
 MOST_TIMES = 0xFFFF
 
-_KINDS: dict[str, Kind] = {"read": "read", "write": "write", "report": "report"}
+_KINDS: dict[str, OrderKind] = {"read": "read", "write": "write", "report": "report"}
 
 
 class JobBlockLoader:
@@ -391,7 +403,7 @@ class JobBlockLoader:
         self.channels = channels
         self.section = section
 
-    def command(self, keys: MappingNode, entry: Entry, number: int) -> Command:
+    def command(self, keys: MappingNode, entry: Entry, number: int) -> JobCommand:
         """The command of a block. Raises Broken when anything of it is wrong, after all of it has been looked at."""
         if self.section == "wrong":
             raise Broken("what is wrong with the jobs of the run has been told")
@@ -414,20 +426,20 @@ class JobBlockLoader:
                 self.reader.note(entry.key.at, what, "add into: with an address of the own memory")
         if any(not problem.warning for problem in self.reader.problems[before:]):
             raise Broken(entry.key.text)
-        return Command(kind=kind, slot=slot, order=order, status=status, into=into, id=number)
+        return JobCommand(kind=kind, slot=slot, order=order, status=status, into=into, id=number)
 
     @property
     def reads_records(self) -> bool:
         """Whether the jobs of the run take commands whose words stand in memory."""
         return isinstance(self.section, JobsSection) and self.section.commands is not None
 
-    def record(self, keys: MappingNode, number: int) -> Record:
+    def record(self, keys: MappingNode, number: int) -> JobRecord:
         """The command of a block whose words stand in memory. Raises Broken."""
         section = self.section
         assert isinstance(section, JobsSection) and section.commands is not None
         node, fault = keys.get("command"), keys.get("fault")
         assert node is not None
-        return Record(
+        return JobRecord(
             place=read_place(self.reader, self.grammar, node, 16),
             application=section.commands,
             fault=None if fault is None else read_place(self.reader, self.grammar, fault, 1, written=True),

@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
-from framekit.blocks.fault_plan import FaultPlan
-from framekit.blocks.model import DEFAULT_LIMITS, Channel, ConnectionLimits, DeadRule, Merge, Silence, StationRules
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.line_settings import FAST, SPEEDS, Direction, LineSettings, Modem
 from framekit.definition.load.library import load_protocol
@@ -21,6 +19,16 @@ from framekit.definition.problems import DefinitionError, Problem, did_you_mean,
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.line_times import LineTimes
 from framekit.link.parameters import ParameterError, given_item, given_value
+from framekit.run.model import (
+    DEFAULT_LIMITS,
+    Channel,
+    ConnectionLimits,
+    DeadRule,
+    FaultPlan,
+    Merge,
+    Silence,
+    StationRules,
+)
 from framekit.runfile.fault_plans import read_fault_plan
 from framekit.transport.schemes import scheme_of
 

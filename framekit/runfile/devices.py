@@ -13,9 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from framekit.blocks.fault_plan import FaultPlan
-from framekit.blocks.model import Place
-from framekit.blocks.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
 from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import Call, Text, names_in, walk
 from framekit.definition.load.device import DeviceDefinition, load_device_definition
@@ -35,6 +32,8 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import Area as MemoryArea
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
+from framekit.run.model import FaultPlan, Place
+from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
 from framekit.runfile.channels import read_params, read_station
 from framekit.runfile.fault_plans import load_fault_plan, misfits, read_fault_plan
 from framekit.runfile.transfers import number_for

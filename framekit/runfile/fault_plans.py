@@ -7,7 +7,6 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from framekit.blocks.fault_plan import FaultPlan, FaultRule
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
@@ -17,6 +16,7 @@ from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.times import NEVER
 from framekit.link.frame_faults import station_fields
+from framekit.run.model import FaultPlan, FaultRule
 
 if TYPE_CHECKING:
     pass

@@ -8,7 +8,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from framekit.blocks.jobs.profile import (
+from framekit.definition.expression.syntax import names_in
+from framekit.definition.load.documents import Documents
+from framekit.definition.load.profile_files import find_profile
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar
+from framekit.definition.problems import NOWHERE, DefinitionError, Position
+from framekit.definition.times import NEVER
+from framekit.run.job_profile import (
     OTHERWISE,
     WORDS,
     AfterLate,
@@ -21,13 +28,6 @@ from framekit.blocks.jobs.profile import (
     StatusBits,
     TimeUnit,
 )
-from framekit.definition.expression.syntax import names_in
-from framekit.definition.load.documents import Documents
-from framekit.definition.load.profile_files import find_profile
-from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import NOWHERE, DefinitionError, Position
-from framekit.definition.times import NEVER
 
 SUFFIX = ".jobs.yaml"
 

@@ -14,14 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from framekit.blocks.block_settings import check_items
-from framekit.blocks.fields import fixed_bytes, takes_bytes
-from framekit.blocks.fields import parts_of as parts_of_fields
-from framekit.blocks.jobs.profile import AfterLate, JobProfile
-from framekit.blocks.jobs.section import HOST, JobsSection, Opening
-from framekit.blocks.model import BLOCKS_IN_SET, Block, BlockEnd, Channel, Every, KeptState, Place, Run
-from framekit.blocks.own_memory import AnyAddresses, addresses_of
-from framekit.blocks.status_words import status_sections, words_of
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
@@ -34,6 +26,23 @@ from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.memory import unit_bits
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node
+from framekit.run.block_words import check_items, status_sections, words_of
+from framekit.run.job_profile import AfterLate, JobProfile
+from framekit.run.model import (
+    BLOCKS_IN_SET,
+    HOST,
+    Block,
+    BlockEnd,
+    Channel,
+    Every,
+    JobsSection,
+    KeptState,
+    Opening,
+    Place,
+    Run,
+)
+from framekit.run.own_memory import AnyAddresses, addresses_of, fixed_bytes, takes_bytes
+from framekit.run.own_memory import parts_of as parts_of_fields
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, read_mapping, start_value

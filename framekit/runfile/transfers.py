@@ -12,9 +12,6 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
-from framekit.blocks.fields import FramePart, may_overflow, misfit, no_number, parts_of
-from framekit.blocks.model import ArgumentPlace, Channel, Place, ResultPlace
-from framekit.blocks.results import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.expression.syntax import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
@@ -33,6 +30,9 @@ from framekit.link.services.planning import TYPES, checked
 from framekit.link.services.rows import wants_address
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
+from framekit.run.model import ArgumentPlace, Channel, Place, ResultPlace
+from framekit.run.own_memory import FramePart, may_overflow, misfit, no_number, parts_of
+from framekit.run.transfer import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
 from framekit.runfile.channels import raw_value
 
 T = TypeVar("T")

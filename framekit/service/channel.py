@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.merging import Read
-from framekit.blocks.model import STATIONED, Block, Channel
-from framekit.blocks.transfer import BlockTransfers, Ended
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
@@ -18,6 +14,9 @@ from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
+from framekit.run.block_state import Failure
+from framekit.run.model import STATIONED, Block, Channel
+from framekit.run.transfer import BlockTransfers, Ended, Read
 from framekit.service.driver import Driver, Moment
 from framekit.service.listening_port import ListeningPort
 from framekit.service.memory_access import AddressedMemory

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from framekit.blocks.model import BLOCKS_IN_SET
+from framekit.run.model import BLOCKS_IN_SET
 from framekit.service.run import RunService
 
 COMMANDS = "fire N, enable N, disable N (a block, SET.BLOCK, set N or channel N), reset or stop"

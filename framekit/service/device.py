@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from framekit.blocks.fault_plan import FaultPlan
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.device_state import DeviceState
@@ -18,6 +17,7 @@ from framekit.link.observe import LinkCounters, Monitor, Seen
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits
+from framekit.run.model import FaultPlan
 from framekit.runfile.devices import Device
 from framekit.service.driver import Driver
 from framekit.service.fault_injector import FaultInjector

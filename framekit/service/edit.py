@@ -1,7 +1,7 @@
 """Applies an edited run to the one that goes on: whole, at a moment when no exchange runs on the channels touched.
 
 What is not different is not touched: channels stay open, blocks keep their counters and the phase of their cycles,
-memory stays. What is different, and whether it may be, is decided in `framekit.blocks.run_edit`.
+memory stays. What is different, and whether it may be, is decided in `framekit.run.edit`.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from framekit.blocks.run_edit import Edit, added_blocks, plan_edit
+from framekit.run.edit import Edit, added_blocks, plan_edit
 from framekit.service.exchanges import rules_of
 from framekit.service.run_channels import Made
 
 if TYPE_CHECKING:
-    from framekit.blocks.model import Run
+    from framekit.run.model import Run
     from framekit.service.run import RunService
 
 Applied = Callable[[Edit], None]

@@ -8,15 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from functools import partial
 
-from framekit.blocks.block_memory import BlockMemory
-from framekit.blocks.block_settings import SettingError
-from framekit.blocks.block_state import BlockState, Prompt
-from framekit.blocks.block_status import Failure
-from framekit.blocks.lanes import LaneRules
-from framekit.blocks.merging import Read, neighbours
-from framekit.blocks.model import Block, Channel
-from framekit.blocks.transfer import Ended
 from framekit.memory.memory import DeviceMemoryError
+from framekit.run.block_state import BlockState, Failure, Prompt
+from framekit.run.block_words import BlockMemory, SettingError
+from framekit.run.lanes import LaneRules
+from framekit.run.model import Block, Channel
+from framekit.run.transfer import Ended, Read, neighbours
 from framekit.service.channel import ChannelService
 from framekit.service.prompt_send import PromptSend
 from framekit.transport.clock import Clock

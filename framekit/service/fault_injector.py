@@ -9,9 +9,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from random import Random
 
-from framekit.blocks.fault_plan import LINE_KINDS, FaultPlan, FaultRule, Side
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.values import FrameValue
+from framekit.run.model import LINE_KINDS, FaultPlan, FaultRule, Side
 from framekit.transport.clock import Clock
 from framekit.transport.simulated_line import Transmission, hits
 

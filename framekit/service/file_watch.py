@@ -10,8 +10,8 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from framekit.blocks.model import Run
 from framekit.definition.problems import DefinitionError
+from framekit.run.model import Run
 from framekit.runfile.run_file import load_run
 
 INTERVAL = 1.0

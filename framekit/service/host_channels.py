@@ -10,9 +10,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
-from framekit.blocks.jobs.section import JobsSection, channel_to, is_address
-from framekit.blocks.jobs.slot import Attempt
-from framekit.blocks.model import Channel
+from framekit.run.job_status import Attempt
+from framekit.run.model import Channel, JobsSection, channel_to, is_address
 from framekit.service.channel import ChannelService
 from framekit.service.resolver import Resolve
 from framekit.transport.clock import Clock

@@ -8,15 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.jobs.profile import JobProfile
-from framekit.blocks.jobs.section import JobsSection, Opening
-from framekit.blocks.model import Block, Channel
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.observe import Monitor
 from framekit.memory.memory import DeviceMemory
+from framekit.run.block_state import Failure
+from framekit.run.job_profile import JobProfile
+from framekit.run.model import Block, Channel, JobsSection, Opening
 from framekit.runfile.devices import memory_of
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService

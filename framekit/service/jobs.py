@@ -11,15 +11,6 @@ import os
 from collections import deque
 from collections.abc import Callable, Container, Mapping
 
-from framekit.blocks.block_status import Failure, failure_of
-from framekit.blocks.command_words import CommandFaultError, StatusPlaceError
-from framekit.blocks.jobs.order import Command, Order, Record
-from framekit.blocks.jobs.records import RecordReader
-from framekit.blocks.jobs.section import JobsSection
-from framekit.blocks.jobs.slot import Attempt
-from framekit.blocks.jobs.table import JobTable
-from framekit.blocks.model import Place
-from framekit.blocks.own_memory import read_piece, store_pieces
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
@@ -29,6 +20,13 @@ from framekit.link.events import Command as LinkCommand
 from framekit.link.packing import values_of
 from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
+from framekit.run.block_state import Failure, failure_of
+from framekit.run.commands import CommandFaultError, StatusPlaceError
+from framekit.run.job_records import RecordReader
+from framekit.run.job_status import Attempt
+from framekit.run.job_table import JobTable
+from framekit.run.model import JobCommand, JobRecord, JobsSection, Order, Place
+from framekit.run.own_memory import read_piece, store_pieces
 from framekit.service.channel import ChannelService
 from framekit.service.host_channels import ChannelOpener, HostChannels
 from framekit.service.resolver import Resolve
@@ -66,7 +64,7 @@ class JobService:
         self.hosts = HostChannels(section, channels, clock, resolve, opener, self._uses)
         self._channel_of: dict[int, int] = {}
         self._waiting: dict[int, list[Attempt]] = {}
-        self._surplus: deque[Command] = deque()
+        self._surplus: deque[JobCommand] = deque()
         self._records: RecordReader | None = None
 
     # ---- life ---------------------------------------------------------------------------------------------
@@ -101,12 +99,12 @@ class JobService:
             self.table.take(self._surplus.popleft(), now)
         self.table.tick(now)
 
-    def take(self, command: Command | Record) -> None:
+    def take(self, command: JobCommand | JobRecord) -> None:
         """Carries a block's command out. Its status word is 0 from here until it has its answer.
 
         A record in memory is taken as it stands: who writes it clears its status word, and commands too many are lost.
         """
-        if isinstance(command, Record):
+        if isinstance(command, JobRecord):
             self._take_record(command)
             return
         if command.status is not None:
@@ -118,7 +116,7 @@ class JobService:
             self.table.take(command, now)
         self._wake()
 
-    def _take_record(self, record: Record) -> None:
+    def _take_record(self, record: JobRecord) -> None:
         reader = self._reader(record.application)
         try:
             command, refusal = reader.read(reader.words_at(record.place), record.id)
@@ -143,7 +141,7 @@ class JobService:
         self.table.take(command, self.clock.now(), refusal)
         self._wake()
 
-    def _show_fault(self, record: Record, fault: bool) -> None:
+    def _show_fault(self, record: JobRecord, fault: bool) -> None:
         if record.fault is not None:
             store_pieces(self.memory, [(record.fault, 1, bytes([fault]))])
 
@@ -284,7 +282,7 @@ class JobService:
         data = sum(bit << index for index, bit in enumerate(bits)).to_bytes(-(-len(bits) // 8), "little")
         self.memory.area(place.address.area).write_bits(place.address.first_bit, len(bits), data, force=True)
 
-    def answered(self, command: Command, word: int | None) -> None:
+    def answered(self, command: JobCommand, word: int | None) -> None:
         """The block of a command has ended."""
         if command.id is None:
             return

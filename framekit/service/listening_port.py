@@ -5,10 +5,10 @@ Nothing is sent or received on the port itself.
 
 from __future__ import annotations
 
-from framekit.blocks.model import Channel
 from framekit.link.exchange import Server
 from framekit.link.observe import LinkCounters, Monitor
 from framekit.link.services.server import ServiceCounters
+from framekit.run.model import Channel
 from framekit.runfile.devices import Device
 from framekit.service.device import DeviceStore
 from framekit.service.line_load import LineLoad

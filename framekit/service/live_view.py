@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from framekit.blocks.block_status import BlockStatus
+from framekit.run.block_state import BlockStatus
 from framekit.service.frame_log import FrameLog
 from framekit.service.line_load import LineLoad
 from framekit.transport.clock import Clock

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from framekit.blocks.fault_plan import FaultPlan
-from framekit.blocks.model import Channel
 from framekit.codec.codec import compile_protocol
 from framekit.definition.line_settings import MOST_STATIONS
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
+from framekit.run.model import Channel, FaultPlan
 from framekit.runfile.devices import Device, load_devices
 from framekit.service.device import DeviceService, stores_of
 from framekit.service.fault_injector import FaultInjector

@@ -10,14 +10,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from framekit.blocks.block_settings import BlockSettings
-from framekit.blocks.model import Block
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.memory.memory import DeviceMemoryError
+from framekit.run.block_words import BlockSettings
+from framekit.run.model import Block
 from framekit.transport.clock import Clock
 
 if TYPE_CHECKING:
-    from framekit.blocks.transfer import Ended
+    from framekit.run.transfer import Ended
     from framekit.service.channel import ChannelService
 
 

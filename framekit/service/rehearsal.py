@@ -10,13 +10,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
-from framekit.blocks.model import Block, Channel, Run
-from framekit.blocks.own_memory import addresses_of
 from framekit.codec.codec import compile_protocol
 from framekit.codec.samples import Sampler
 from framekit.link.scope import Scope
+from framekit.run.block_state import Failure
+from framekit.run.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
+from framekit.run.model import Block, Channel, Run
+from framekit.run.own_memory import addresses_of
 from framekit.runfile.devices import Device, memory_of, put_values
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService

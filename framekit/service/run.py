@@ -8,15 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from framekit.blocks.block_memory import status_of
-from framekit.blocks.block_state import BlockState
-from framekit.blocks.block_status import BlockStatus
-from framekit.blocks.model import Block, Channel, Run
-from framekit.blocks.own_memory import addresses_of
-from framekit.blocks.removed_blocks import Removed
-from framekit.blocks.triggers import awaited_bits
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
+from framekit.run.block_state import BlockState, BlockStatus
+from framekit.run.block_words import status_of
+from framekit.run.edit import Removed
+from framekit.run.model import Block, Channel, Run
+from framekit.run.own_memory import addresses_of
+from framekit.run.triggers import awaited_bits
 from framekit.runfile.devices import put_values
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService

@@ -8,15 +8,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Hashable, Mapping
 
-from framekit.blocks.block_memory import BlockMemory, status_of
-from framekit.blocks.block_settings import SettingError
-from framekit.blocks.block_state import BlockState, Prompt
-from framekit.blocks.block_status import BlockStatus, Failure
-from framekit.blocks.conditions import Resolve
-from framekit.blocks.model import Block, Run
-from framekit.blocks.scheduler import Scheduler
 from framekit.definition.model.protocol import Protocol
 from framekit.memory.memory import DeviceMemory
+from framekit.run.block_state import BlockState, BlockStatus, Failure, Prompt
+from framekit.run.block_words import BlockMemory, SettingError, status_of
+from framekit.run.model import Block, Run
+from framekit.run.scheduler import Scheduler
+from framekit.run.triggers import Resolve
 from framekit.service.channel import ChannelService
 from framekit.service.exchanges import Exchanges, rules_of
 from framekit.service.jobs import JobService

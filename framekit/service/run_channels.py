@@ -9,8 +9,8 @@ import logging
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
-from framekit.blocks.model import Block, Channel, Run
 from framekit.link.observe import Seen
+from framekit.run.model import Block, Channel, Run
 from framekit.service.channel import ChannelOwner, ChannelService
 from framekit.service.device import DeviceService
 from framekit.service.driver import Moment

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.observe import Seen
+from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import Device
 from framekit.service.device import DeviceService, DeviceStore, stores_of
 from framekit.transport.clock import Clock

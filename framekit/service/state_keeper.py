@@ -10,11 +10,10 @@ import logging
 from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from framekit.blocks.block_state import BlockState
-from framekit.blocks.block_status import Failure
 from framekit.definition.fingerprint import fingerprint
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
+from framekit.run.block_state import BlockState, Failure
 from framekit.service.state_file import Kept, KeptBlock, StateError, StateFile
 from framekit.transport.clock import Clock, Handle
 

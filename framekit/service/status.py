@@ -9,14 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from framekit.blocks.block_status import BlockStatus
-from framekit.blocks.jobs.diagnosis import Event, JobStatus, TableCounters
-from framekit.blocks.removed_blocks import RemovedBlocks
+from framekit.run.block_state import BlockStatus
+from framekit.run.edit import RemovedBlocks
+from framekit.run.job_status import Event, JobStatus, TableCounters
 from framekit.service.frame_log import USER_DEFINED
 
 if TYPE_CHECKING:
-    from framekit.blocks.jobs.table import JobTable
     from framekit.definition.line_settings import LineSettings
+    from framekit.run.job_table import JobTable
     from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
 

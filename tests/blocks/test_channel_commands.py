@@ -6,13 +6,11 @@ from functools import cache
 
 import pytest
 
-from framekit.blocks.command_meaning import Meaning, meaning_of
-from framekit.blocks.command_words import CommandFaultError, bytes_of
-from framekit.blocks.commands import CommandBlocks
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
+from framekit.run.commands import CommandBlocks, CommandFaultError, Meaning, bytes_of, meaning_of
 from framekit.runfile.devices import memory_of
 from framekit.runfile.job_profiles import load_job_profile
 

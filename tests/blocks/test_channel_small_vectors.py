@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from framekit.blocks.command_meaning import meaning_of
-from framekit.blocks.command_words import bytes_of, words_of
-from framekit.blocks.commands import CommandBlocks
-from framekit.blocks.jobs.profile import CodeClass
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import NOWHERE
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import as_signed
+from framekit.run.commands import CommandBlocks, bytes_of, meaning_of, words_of
+from framekit.run.job_profile import CodeClass
 from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of
 from framekit.runfile.job_profiles import load_job_profile

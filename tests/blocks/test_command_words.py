@@ -6,14 +6,12 @@ from functools import cache
 
 import pytest
 
-from framekit.blocks.command_meaning import Meaning, meaning_of
-from framekit.blocks.command_words import CommandFaultError, bytes_of, words_of
-from framekit.blocks.commands import CommandBlocks
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link.frame_vectors import default_line
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
+from framekit.run.commands import CommandBlocks, CommandFaultError, Meaning, bytes_of, meaning_of, words_of
 from framekit.runfile.devices import memory_of
 
 HEAD = [0, 8, 9, 0, 0]

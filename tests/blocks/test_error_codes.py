@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.error_codes import FIRST_OWN, ErrorCode, error_code, error_table, status_word
+from framekit.run.block_state import FIRST_OWN, ErrorCode, error_code, error_table, status_word
 
 PAGE = Path(__file__).parents[2] / "docs" / "error-codes.md"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.feasibility import BlockLoad, ChannelLoad, Cost, channel_loads, load_problems
+from framekit.run.feasibility import BlockLoad, ChannelLoad, Cost, channel_loads, load_problems
 from framekit.runfile.run_file import load_run
 
 MS = 1_000_000

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from job_world import profile_with
 
-from framekit.blocks.jobs.profile import CodeClass
 from framekit.definition.problems import DefinitionError
+from framekit.run.job_profile import CodeClass
 from framekit.runfile.job_profiles import load_job_profile
 
 HOUR = 3600 * 1_000_000_000

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from job_world import MS, SECOND, JobWorld, place, profile_with
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.jobs.slot import State
+from framekit.run.block_state import Failure
+from framekit.run.job_status import State
 
 READY = (13, 16)
 

@@ -6,15 +6,14 @@ import itertools
 
 import pytest
 
-from framekit.blocks.block_state import BlockState
-from framekit.blocks.block_status import Failure
-from framekit.blocks.model import After, Block, BlockEnd, Changed, Every, Rising, Trigger, While
-from framekit.blocks.scheduler import Scheduler
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory
+from framekit.run.block_state import BlockState, Failure
+from framekit.run.model import After, Block, BlockEnd, Changed, Every, Rising, Trigger, While
+from framekit.run.scheduler import Scheduler
 
 MS = 1_000_000
 

@@ -7,14 +7,13 @@ from itertools import pairwise
 
 import pytest
 
-from framekit.blocks.block_state import BlockState
-from framekit.blocks.block_status import Failure
-from framekit.blocks.lanes import LaneRules
-from framekit.blocks.model import Block, BlockEnd, DeadRule, Every, Silence, Trigger
-from framekit.blocks.scheduler import Scheduler
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory
+from framekit.run.block_state import BlockState, Failure
+from framekit.run.lanes import LaneRules
+from framekit.run.model import Block, BlockEnd, DeadRule, Every, Silence, Trigger
+from framekit.run.scheduler import Scheduler
 
 MS = 1_000_000
 SECOND = 1000 * MS

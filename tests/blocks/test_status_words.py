@@ -7,16 +7,21 @@ from dataclasses import replace
 
 import pytest
 
-from framekit.blocks.block_settings import BlockSettings, SettingError, check_items, settings_sections
-from framekit.blocks.block_status import BlockStatus, Failure
-from framekit.blocks.error_codes import ErrorCode
-from framekit.blocks.model import Run
-from framekit.blocks.status_words import StatusWords, status_sections
 from framekit.definition.model.protocol import StationType
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import BlockItem, BlockWords, load_profile
+from framekit.run.block_state import BlockStatus, ErrorCode, Failure
+from framekit.run.block_words import (
+    BlockSettings,
+    SettingError,
+    StatusWords,
+    check_items,
+    settings_sections,
+    status_sections,
+)
+from framekit.run.model import Run
 from framekit.runfile.run_file import load_run
 
 SCAN = 10_000_000

@@ -5,15 +5,14 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.blocks.block_state import BlockState
-from framekit.blocks.block_status import Failure
-from framekit.blocks.lanes import LaneRules
-from framekit.blocks.model import Block, DeadRule, Rising, Silence
-from framekit.blocks.scheduler import Scheduler
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory
+from framekit.run.block_state import BlockState, Failure
+from framekit.run.lanes import LaneRules
+from framekit.run.model import Block, DeadRule, Rising, Silence
+from framekit.run.scheduler import Scheduler
 
 CHANNELS = (1, 2, 3)
 MS = 1_000_000

@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.jobs.diagnosis import status_of
-from framekit.blocks.jobs.slot import Slot
 from framekit.cli.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
 from framekit.cli.main import build_parser
 from framekit.definition.load import load_protocol
+from framekit.run.job_status import Slot, status_of
 
 
 class Output:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from framekit.blocks.fault_plan import FaultPlan, FaultRule
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
@@ -16,6 +15,7 @@ from framekit.link.frame_faults import FrameFaults
 from framekit.link.observe import Seen
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
+from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.device import DeviceService
 from framekit.service.driver import Driver

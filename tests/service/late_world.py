@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from framekit.blocks.fault_plan import FaultPlan, FaultRule
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import parse_format
 from framekit.link.events import Command
 from framekit.link.observe import Seen
 from framekit.link.services.client import Client, Done, TransferResult
+from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from framekit.blocks.error_codes import ErrorCode
+from framekit.run.block_state import ErrorCode
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.status import run_status

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.run_edit import Edit, plan_edit
 from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen
+from framekit.run.edit import Edit, plan_edit
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.status import run_status

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 
-from framekit.blocks.fault_plan import FaultRule
+from framekit.run.model import FaultRule
 from framekit.runfile.fault_plans import misfits
 
 SINGLE: dict[str, dict[str, Any]] = {

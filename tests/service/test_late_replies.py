@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from service.late_world import LINES, MS, LateWorld, protocol_of
 
-from framekit.blocks.fault_plan import FaultRule
+from framekit.run.model import FaultRule
 
 ALIKE = ("modbus-rtu", "modbus-ascii", "mldp", "ge-rtu", "registers")
 """Replies that name no request. The last one is a definition of a user, on `standard`."""

@@ -6,8 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from framekit.blocks.feasibility import load_problems
 from framekit.link.observe import Seen
+from framekit.run.feasibility import load_problems
 from framekit.runfile.run_file import load_run
 from framekit.service.rehearsal import loads_of
 from framekit.service.run import RunService

@@ -10,7 +10,7 @@ from weakref import ref
 
 import pytest
 
-from framekit.blocks.model import Run
+from framekit.run.model import Run
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

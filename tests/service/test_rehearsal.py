@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.feasibility import Cost
 from framekit.link.observe import Seen
+from framekit.run.feasibility import Cost
 from framekit.runfile.run_file import load_run
 from framekit.service.rehearsal import loads_of, rehearse
 from framekit.service.run import RunService

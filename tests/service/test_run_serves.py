@@ -8,8 +8,8 @@ import select
 import socket
 from pathlib import Path
 
-from framekit.blocks.model import ConnectionLimits
 from framekit.link.observe import Seen
+from framekit.run.model import ConnectionLimits
 from framekit.runfile.run_file import load_run
 from framekit.service.listening_port import ListeningPort
 from framekit.service.run import RunService

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
 from framekit.link.sequences import runtime
+from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.serving import MOST_CONNECTIONS, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock

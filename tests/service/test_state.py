@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.blocks.error_codes import ErrorCode
 from framekit.cli.main import main
+from framekit.run.block_state import ErrorCode
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.state_file import StateError, StateFile

@@ -17,8 +17,8 @@ from framekit.service.control import COMMANDS
 from framekit.service.frame_log import FAULTY, FrameFilter
 
 if TYPE_CHECKING:
-    from framekit.blocks.block_status import BlockStatus
     from framekit.cli.screen.session import LiveSession
+    from framekit.run.block_state import BlockStatus
     from framekit.service.frame_log import FieldRow, FrameEntry
     from framekit.service.live_view import ChannelView, LiveView
 

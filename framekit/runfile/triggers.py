@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from framekit.blocks.model import After, BlockEnd, Changed, Every, Place, Rising, Trigger, While
-from framekit.blocks.triggers import bits_of
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
+from framekit.run.model import After, BlockEnd, Changed, Every, Place, Rising, Trigger, While
+from framekit.run.triggers import bits_of
 
 _BLOCK_END = re.compile(r"block\s+(\d+)\s+(done|failed)")
 STARTS = ("every", "when", "while", "on_change", "once", "after")

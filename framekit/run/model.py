@@ -7,22 +7,88 @@ for the protocol of the block's channel to read.
 
 from __future__ import annotations
 
+import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from framekit.blocks.fault_plan import FaultPlan
-from framekit.blocks.jobs.order import Command, Record
-from framekit.blocks.jobs.section import JobsSection
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Packing
-from framekit.definition.problems import Position, Problem
-from framekit.definition.times import LineFormat
+from framekit.definition.problems import NOWHERE, Position, Problem
+from framekit.definition.times import NEVER, LineFormat
 from framekit.link.addresses import Address
 from framekit.memory.profile import MemoryProfile
+from framekit.run.job_profile import JobProfile
+from framekit.transport.schemes import host_of as port_host
 from framekit.transport.schemes import scheme_of
+
+FaultKind = Literal[
+    "delay", "jitter", "no_reply", "wrong_check", "wrong_station", "error_reply", "truncate", "extra", "glue", "split",
+    "echo", "noise", "stray", "disconnect",
+]  # fmt: skip
+Side = Literal["replies", "requests"]
+
+LINE_KINDS: frozenset[FaultKind] = frozenset(("noise", "stray"))
+"""Faults that happen to a line and not to a single frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultRule:
+    """One fault. Times are ns; `begin` and `end` count from the first opening of the port.
+
+    `rate` is the probability for each frame (of noise: for each bit), `every` hits each so many frames; with neither it
+    always happens, at most `times` times. `of` is None where the file does not say. What `time`, `size` (bytes), `data`
+    and `code` mean is the kind's business; None: its usual value.
+    """
+
+    kind: FaultKind
+    of: Side | None = None
+    rate: float | None = None
+    every: int | None = None
+    times: int | None = None
+    begin: int = 0
+    end: int = NEVER
+    frame: str | None = None
+    time: int | None = None
+    size: int | None = None
+    data: bytes | None = None
+    before: bool = False
+    code: int | None = None
+    at: Position = NOWHERE
+
+    @property
+    def is_window(self) -> bool:
+        """Whether it is a disconnection that begins and ends by itself, whatever is sent."""
+        return self.kind == "disconnect" and self.every is None and self.rate is None and self.end < NEVER
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultPlan:
+    """Rules in the order of the file. One that does not say `of` is about replies."""
+
+    name: str = "faults"
+    seed: int = 0
+    rules: tuple[FaultRule, ...] = ()
+    at: Position = NOWHERE
+
+    def rules_of(self, side: Side) -> tuple[FaultRule, ...]:
+        """The rules about what one side sends."""
+        return tuple(rule for rule in self.rules if (rule.of or "replies") == side)
+
+    def of_line(self) -> FaultPlan:
+        """The plan of a whole line: the side that asks hears itself.
+
+        A device alone can only give it that by sending back what it hears.
+        """
+        usual: dict[FaultKind, Side] = {"echo": "requests"}
+        return replace(self, rules=tuple(replace(one, of=one.of or usual.get(one.kind)) for one in self.rules))
+
+    def joined(self, other: FaultPlan | None) -> FaultPlan:
+        """Its own rules, then those of another plan."""
+        return self if other is None else replace(self, rules=self.rules + other.rules)
+
 
 STATIONED = ("read", "write", "call")
 """Instructions of blocks that talk to one station; the others have none."""
@@ -146,7 +212,7 @@ class Block:
     sizes: Mapping[str, int] = field(default_factory=dict)
     sized_by: Mapping[str, str] = field(default_factory=dict)
     values: Any = None
-    job: Command | Record | None = None
+    job: JobCommand | JobRecord | None = None
     service: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
     argument_places: Mapping[str, ArgumentPlace] = field(default_factory=dict)
@@ -311,3 +377,120 @@ class Run:
     jobs: JobsSection | None = None
     warnings: tuple[Problem, ...]
     at: Position
+
+
+OrderKind = Literal["read", "write", "report"]
+CommandKind = Literal["job", "abort", "inspect"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """A transfer that is repeated. `remote` is read into `place`, or written from it; a report has no `remote`.
+
+    `count` elements of `unit` (None: what the address says). The other side is `host`, by number or name, or `channel`
+    of the run. `period` 0: back to back. `late` (ns) 0: no time-out is told. `times` 0: until it is aborted.
+    `params` go before the protocol's parameters.
+    """
+
+    slot: int
+    kind: OrderKind
+    place: Place
+    remote: str = ""
+    unit: str | None = None
+    count: int = 1
+    host: str = ""
+    channel: int | None = None
+    station: Any = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+    period: int = 0
+    late: int = 0
+    times: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobCommand:
+    """Establishes a job (`order`), aborts one, or all (`slot` None), or stores the two detail words of one (`into`).
+
+    `status`: where the answer is written; `id`: for whoever wants to hear of it. Two commands are never the same.
+    """
+
+    kind: CommandKind
+    slot: int | None
+    order: Order | None = None
+    into: Place | None = None
+    status: Place | None = None
+    id: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRecord:
+    """A command whose words stand in the own memory at `place`, as `application` reads them when it is given.
+
+    `fault`: the own bit that shows words that are no command; `id` as for commands.
+    """
+
+    place: Place
+    application: Protocol
+    fault: Place | None = None
+    id: int | None = None
+
+
+HOST = "{host}"
+"""Stands for a host's address in the port of channels that are opened when they are wanted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opening:
+    """The channel that is opened for a host to which none leads: `{host}` in its port stands for the address.
+
+    `connections`: so many of these at once.
+    """
+
+    channel: Channel
+    connections: int
+
+    @property
+    def leads_anywhere(self) -> bool:
+        """Whether the port is the same for every host: then nobody asks where one is."""
+        return HOST not in self.channel.port
+
+    def port_to(self, address: str) -> str:
+        """The port that leads to an address."""
+        port = self.channel.port
+        return port.replace(HOST, f"[{address}]" if ":" in address and "://" in port else address)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobsSection:
+    """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name.
+
+    `waits`: commands of blocks that are too many for a scan wait for the next one; else they are lost. `commands` reads
+    commands whose words stand in memory. `opening`: what is done for hosts without a channel; None: nothing.
+    """
+
+    profile: JobProfile
+    status: Place | None = None
+    hosts: Mapping[str, str] = field(default_factory=dict)
+    waits: bool = True
+    commands: Protocol | None = None
+    opening: Opening | None = None
+    at: Position
+
+
+def host_of(channel: Channel) -> str:
+    """How jobs call the other side of a channel; empty where nothing says it."""
+    return channel.host or port_host(channel.port)
+
+
+def channel_to(host: str, channels: Mapping[int, Channel]) -> int | None:
+    """The first channel that leads to a host, by what it is called there."""
+    return next((number for number, channel in channels.items() if host_of(channel) == host), None)
+
+
+def is_address(host: str) -> bool:
+    """Whether a host is given by its address, and needs no name service."""
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True

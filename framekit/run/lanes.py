@@ -11,12 +11,13 @@ from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.model import DeadRule, Silence
 from framekit.definition.times import NEVER
+from framekit.run.block_state import Failure
+from framekit.run.model import DeadRule, Silence
 
 if TYPE_CHECKING:
-    from framekit.blocks.block_state import BlockState
+    from framekit.run.block_state import BlockState
+
 
 Entry = tuple[int, int, int, "BlockState"]
 """When a block came due, its priority (less is sooner), its id, and the block."""

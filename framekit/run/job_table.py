@@ -6,25 +6,106 @@ order: its data, the status word of the command (once), the status bits. Numbers
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Callable, Container
+from typing import TYPE_CHECKING, Protocol
 
-from framekit.blocks.block_status import Failure
-from framekit.blocks.jobs.answers import CommandLimit
-from framekit.blocks.jobs.diagnosis import JobStatus, TableCounters, status_of
-from framekit.blocks.jobs.order import Command
-from framekit.blocks.jobs.owner import JobOwner
-from framekit.blocks.jobs.profile import CodeClass, JobProfile
-from framekit.blocks.jobs.slot import Attempt, Slot, State
-from framekit.blocks.jobs.transfers import JobTransfers
 from framekit.definition.times import NEVER
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.run.block_state import Failure
+from framekit.run.job_profile import OTHERWISE, CodeClass, JobProfile
+from framekit.run.job_status import Attempt, EventLog, JobStatus, Slot, State, StatusImage, TableCounters, status_of
+from framekit.run.model import JobCommand
+
+if TYPE_CHECKING:
+    from framekit.run.model import Place
 
 
-class JobTable(JobTransfers):
+Store = Callable[[], Failure | None]
+"""Puts what was read where it belongs; why not, if it cannot be."""
+
+Watcher = Callable[[JobStatus, Failure | None], None]
+"""Told how a slot is doing when a transfer has ended, is `late`, or could not begin; and with what was wrong."""
+
+
+class JobOwner(Protocol):
+    """Who does what a table wants."""
+
+    def connect(self, attempt: Attempt) -> None:
+        """Looks for a way to the host of an order; the table is told by `connected` or `not_connected`."""
+
+    def begin(self, attempt: Attempt) -> None:
+        """Begins a transfer; its end is told by `ended`."""
+
+    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
+        """Writes words from a place on; whether they could be."""
+
+    def write_bits(self, bits: tuple[int, ...]) -> None:
+        """Writes the status bits."""
+
+    def answered(self, command: JobCommand, word: int | None) -> None:
+        """A command has its answer; None: it never gets one."""
+
+
+class FailureWords:
+    """The words of failed transfers, by the profile's outcomes."""
+
+    def __init__(self, profile: JobProfile) -> None:
+        self._outcomes = profile.outcomes
+        self._unknown = profile.words["closed"]
+        self._words = {name: compile_expression(one.word) for name, one in profile.outcomes.items()}
+
+    def word_of(self, failure: Failure) -> tuple[int, bool]:
+        """The word, and whether the failure counts as a completed transfer. A device's code makes it a refusal."""
+        name = failure.outcome if failure.outcome in self._words else OTHERWISE
+        if failure.device_code is not None and "refused" in self._words:
+            name = "refused"
+        try:
+            word = int(self._words[name](Names({"code": failure.device_code or 0}))) & 0xFFFF
+        except EVALUATION_ERRORS:
+            word = 0
+        return word or self._unknown, self._outcomes[name].completed
+
+
+class CommandLimit:
+    """At most `most` commands a scan; scans of `scan` ns count from `origin`."""
+
+    def __init__(self, most: int, scan: int, origin: int) -> None:
+        self._most, self._scan, self._origin = most, scan, origin
+        self._current, self._taken = -1, 0
+
+    def room_at(self, now: int) -> int:
+        """When one more can be taken: now, or with the next scan."""
+        current = (now - self._origin) // self._scan
+        full = current == self._current and self._taken >= self._most
+        return self._origin + (current + 1) * self._scan if full else now
+
+    def takes(self, now: int) -> bool:
+        """Counts one more; whether it is not one too many."""
+        current = (now - self._origin) // self._scan
+        if current != self._current:
+            self._current, self._taken = current, 0
+        self._taken += 1
+        return self._taken <= self._most
+
+
+LEAST_TIME = 1_000_000
+"""A transfer that ends at the very moment it began is followed by the next one 1 ms later: nobody is stopped by it."""
+
+
+class JobTable:
     """The jobs of a run. `scan`: how often bits are shown (ns), if not as the profile says."""
 
     def __init__(self, profile: JobProfile, owner: JobOwner, scan: int | None = None) -> None:
-        super().__init__(profile, owner, scan)
+        self.profile = profile
+        self.owner = owner
+        self.scan = scan or profile.scan
+        self.slots = {number: Slot(number) for number in profile.slots}
+        self.image = StatusImage(profile.bits, profile.slots, self.scan, owner.write_bits)
+        self.log = EventLog(profile)
+        self.counters = TableCounters()
+        self._failures = FailureWords(profile)
         self._limit = CommandLimit(profile.commands, self.scan, 0)
+        self.watcher: Watcher | None = None
         self.running = False
 
     # ---- life ---------------------------------------------------------------------------------------------
@@ -60,7 +141,7 @@ class JobTable(JobTransfers):
 
     # ---- commands -----------------------------------------------------------------------------------------
 
-    def take(self, command: Command, now: int, refusal: int = 0) -> None:
+    def take(self, command: JobCommand, now: int, refusal: int = 0) -> None:
         """Carries a command out, or answers why not; `refusal` is the answer to one that is known to be wrong.
 
         One too many in a scan is lost, and never answered.
@@ -103,13 +184,13 @@ class JobTable(JobTransfers):
         self.counters.faults += 1
         self.log.add("fault", now, None, 0 if has_place else self.profile.words["no_place"])
 
-    def refuse(self, command: Command, word: int, now: int) -> None:
+    def refuse(self, command: JobCommand, word: int, now: int) -> None:
         """Answers a command that is wrong; nothing else happens."""
         self.counters.refused += 1
         self.log.add("refused", now, command.slot, word)
         self._answer(command, word, now)
 
-    def _inspect(self, command: Command, slot: Slot, now: int) -> None:
+    def _inspect(self, command: JobCommand, slot: Slot, now: int) -> None:
         """The detail words first, then the answer; bits stay as they are."""
         word = self.profile.words["good"]
         if command.into is not None and not self.owner.write_words(command.into, slot.details):
@@ -126,7 +207,7 @@ class JobTable(JobTransfers):
         for number in numbers:
             self._tell(self.slots[number], self.profile.words["replaced"], now)
 
-    def _establish(self, command: Command, slot: Slot, now: int) -> None:
+    def _establish(self, command: JobCommand, slot: Slot, now: int) -> None:
         order = command.order
         assert order is not None
         if order.kind == "report":
@@ -237,3 +318,87 @@ class JobTable(JobTransfers):
         slot.enter_period(now)
         slot.watch_lateness(self.profile.after_late, now)
         self._begin(slot)
+
+    # ---- transfers ----------------------------------------------------------------------------------------
+
+    def _begin(self, slot: Slot) -> None:
+        assert slot.order is not None
+        slot.state = State.TRANSFERRING
+        slot.start_at = NEVER
+        slot.attempt = attempt = Attempt(slot.number, slot.order)
+        self.owner.begin(attempt)
+
+    def ended(self, attempt: Attempt, failure: Failure | None, now: int, store: Store | None = None) -> None:
+        """A transfer is over. `store` puts its data in place, unless nobody waits for it any more."""
+        slot = self.slots[attempt.slot]
+        if slot.attempt is not attempt:
+            return
+        if failure is None and store is not None:
+            failure = store()
+        if failure is None:
+            self._settle(slot, self.profile.words["good"], True, now)
+        else:
+            self._settle(slot, *self._failures.word_of(failure), now)
+        self._watched(slot, failure)
+
+    def _watched(self, slot: Slot, failure: Failure | None) -> None:
+        if self.watcher is not None:
+            self.watcher(status_of(slot, self.profile), failure)
+
+    def _settle(self, slot: Slot, word: int, completed: bool, now: int) -> None:
+        """What came of a transfer: status word, bits, detail words; then the job waits, or is over."""
+        slot.period_at = slot.late_at = NEVER
+        slot.attempt = None
+        if not self._tell(slot, word, now):
+            word = self.profile.words["no_word"]
+        kind = self.profile.kind_of(word)
+        if completed:
+            self.image.completed(slot.number, now)
+        if kind is CodeClass.RESOURCE:
+            self.image.short(now)
+        if kind is CodeClass.GOOD:
+            slot.counters.good += 1
+            slot.last_good = now
+        else:
+            slot.counters.refused += completed
+        self._show(slot, word, kind is not CodeClass.GOOD, now)
+        if completed and slot.left:
+            slot.left -= 1
+        if kind in (CodeClass.FATAL, CodeClass.SYNTAX):
+            slot.counters.ended += 1
+            self.log.add("ended", now, slot.number, word)
+            slot.rest()
+        elif completed and slot.order is not None and slot.order.times and not slot.left:
+            slot.rest()
+        else:
+            self._wait(slot, word, now)
+
+    def _wait(self, slot: Slot, word: int, now: int) -> None:
+        """The next transfer starts at the beginning of a period, or as soon as it may."""
+        slot.state = State.WAITING
+        start = slot.next_start(self.profile.after_late, now)
+        if word & 0xFF in self.profile.pause_after:
+            start = max(start, now + self.profile.pause)
+        slot.start_at = max(start, now + LEAST_TIME) if now == slot.started else start
+
+    def _tell(self, slot: Slot, word: int, now: int) -> bool:
+        """Answers the command that waits for it, once; whether the word could be written."""
+        asked, slot.asked = slot.asked, None
+        return asked is None or self._answer(asked, word, now)
+
+    def _show(self, slot: Slot, word: int, error: bool, now: int) -> None:
+        if error and not slot.error:
+            self.log.add("error", now, slot.number, word)
+        if error:
+            slot.last_error = now
+        slot.word, slot.error = word, error
+        self.image.set_error(slot.number, error, now)
+
+    def _answer(self, command: JobCommand, word: int, now: int) -> bool:
+        """Writes the status word; whether that could be done."""
+        written = command.status is None or self.owner.write_words(command.status, (word,))
+        if not written:
+            word = self.profile.words["no_word"]
+            self.log.add("error", now, command.slot, word)
+        self.owner.answered(command, word)
+        return written

@@ -7,11 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from framekit.blocks.command_words import Command as CommandWords
-from framekit.blocks.command_words import CommandFaultError, StatusPlaceError
-from framekit.blocks.commands import CommandBlocks
-from framekit.blocks.jobs.order import Command, CommandKind, Kind, Order
-from framekit.blocks.model import Place
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
@@ -21,6 +16,9 @@ from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope
 from framekit.link.services.work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
+from framekit.run.commands import CommandBlocks, CommandFaultError, StatusPlaceError
+from framekit.run.commands import CommandFrame as CommandWords
+from framekit.run.model import CommandKind, JobCommand, Order, OrderKind, Place
 
 KINDS: dict[str, CommandKind] = {"job": "job", "abort": "abort", "inspect": "inspect"}
 ALL = "all"
@@ -42,7 +40,7 @@ class RecordReader:
         area, first = self.memory.area(place.address.area), place.address.first_bit // 8
         return area.read_bytes(first, min(2 * self.blocks.rules.most, area.size_bytes - first))
 
-    def read(self, data: bytes, number: int | None) -> tuple[Command, int]:
+    def read(self, data: bytes, number: int | None) -> tuple[JobCommand, int]:
         """The command that begins with these bytes, given by `number`, and the code of its refusal or 0.
 
         Raises CommandFaultError for words that are none, StatusPlaceError for those whose status word has no place.
@@ -55,7 +53,7 @@ class RecordReader:
         try:
             refusal, block, names = self.blocks.plan(words)
             if refusal or block is None or block.job is None:
-                return Command(kind="job", slot=None, status=status, id=number), refusal
+                return JobCommand(kind="job", slot=None, status=status, id=number), refusal
             return self._command(block, block.job, names, status, number), 0
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             raise CommandFaultError(explain(error)) from None
@@ -70,11 +68,11 @@ class RecordReader:
 
     def _command(
         self, block: CompiledBlock, job: CompiledJob, names: Names, status: Place, number: int | None
-    ) -> Command:
+    ) -> JobCommand:
         slot = job.slot(names)
         kind = KINDS[job.kind]
         into = self._place(block.into.on(names), 32) if kind == "inspect" and block.into is not None else None
-        return Command(
+        return JobCommand(
             kind=kind,
             slot=None if slot == ALL else int(slot),
             order=self._order(block, job, names, int(slot)) if kind == "job" else None,
@@ -84,7 +82,7 @@ class RecordReader:
         )
 
     def _order(self, block: CompiledBlock, job: CompiledJob, names: Names, slot: int) -> Order:
-        kind: Kind = "report"
+        kind: OrderKind = "report"
         moved, own = job.report, job.report
         if block.read is not None:
             kind, moved, own = "read", block.read, block.into

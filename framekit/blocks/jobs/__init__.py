@@ -1,1 +1,0 @@
-"""Jobs: numbered slots in which a transfer repeats by itself, with their status words and status bits."""

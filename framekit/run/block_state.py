@@ -1,0 +1,358 @@
+"""A block at work: what the scheduler counts and remembers of it, and how it is doing, as one frozen value.
+
+The codes that its failures have in memory are one table for all protocols, `error_codes.csv`.
+"""
+
+from __future__ import annotations
+
+import csv
+import enum
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, Protocol
+
+from framekit.link.codes import code_text
+from framekit.link.services.client import TransferResult
+from framekit.run.model import BLOCKS_IN_SET, STATIONED, Block
+from framekit.run.triggers import MemoryTriggers
+
+TABLE = Path(__file__).with_name("error_codes.csv")
+FIRST_OWN = 0xFF00
+"""Words from here on are framekit's own; those below are the codes of devices."""
+
+
+class ErrorCode(enum.IntEnum):
+    """framekit's word for each way an exchange can fail; the table says what it means and what to do."""
+
+    NONE = 0
+    NO_REPLY = 0xFF01
+    TIMEOUT = 0xFF02
+    DAMAGED_REPLY = 0xFF03
+    UNFIT_REPLY = 0xFF04
+    EXHAUSTED = 0xFF05
+    DAMAGED_FRAME = 0xFF06
+    LATE_REPLIES = 0xFF07
+    REFUSED = 0xFF10
+    CLOSED = 0xFF20
+    CANCELLED = 0xFF21
+    ABANDONED = 0xFF22
+    NO_SEQUENCE = 0xFF23
+    QUEUE_FULL = 0xFF24
+    EXPRESSION = 0xFF25
+    CIRCLE = 0xFF26
+    CANNOT_STORE = 0xFF30
+    CANNOT_SEND = 0xFF31
+    BAD_SETTING = 0xFF32
+    NOT_ALLOWED = 0xFF33
+    DEAD = 0xFF40
+    INTERRUPTED = 0xFF41
+    FAILED = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorMeaning:
+    """A row of the table: the outcome's name, what it means, what to do."""
+
+    code: ErrorCode
+    name: str
+    meaning: str
+    advice: str
+
+
+@cache
+def error_table() -> Mapping[str, ErrorMeaning]:
+    """The rows of the table by the name of the outcome, in the order of their codes."""
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        rows = [
+            ErrorMeaning(ErrorCode(int(row["code"], 16)), row["name"], row["meaning"], row["advice"])
+            for row in csv.DictReader(file)
+        ]
+    return MappingProxyType({row.name: row for row in rows})
+
+
+def error_code(outcome: str) -> ErrorCode:
+    """framekit's code of an outcome; `NONE` for '' (all is well), `FAILED` for a name that a protocol gives itself."""
+    if not outcome:
+        return ErrorCode.NONE
+    row = error_table().get(outcome)
+    return ErrorCode.FAILED if row is None else row.code
+
+
+def status_word(outcome: str, device_code: int | None) -> int:
+    """What STATUS shows: the code the device refused with, where it is a word of its own, else framekit's.
+
+    Codes of 0, negative ones and those from FF00 on are none of their own: they would be taken for something else.
+    """
+    if outcome and device_code is not None:
+        return device_code if 0 < device_code < FIRST_OWN else ErrorCode.REFUSED
+    return error_code(outcome)
+
+
+EXPLAINED = ("damaged_frame", "cannot_store", "cannot_send", "bad_setting")
+"""Outcomes that say little without their cause."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """An exchange that did not end well.
+
+    `outcome` is its name (`no_reply`, `refused`, …), `cause` more in words. `device_code` is what the device refused
+    with, `meaning` the name that its protocol gives to that. `at`: when, in nanoseconds of the run's clock.
+    """
+
+    outcome: str
+    cause: str = ""
+    device_code: int | None = None
+    meaning: str = ""
+    at: int = 0
+
+    def __str__(self) -> str:
+        """In words: the outcome, the device's code with its meaning, the cause where the outcome says too little."""
+        if self.device_code is not None:
+            return f"{self.outcome} {code_text(self.device_code)}" + (f": {self.meaning}" if self.meaning else "")
+        return f"{self.outcome}: {self.cause}" if self.cause and self.outcome in EXPLAINED else self.outcome
+
+    @property
+    def error(self) -> int:
+        """The word STATUS shows: the device's own code where it gave one that fits, else framekit's."""
+        return status_word(self.outcome, self.device_code)
+
+    @property
+    def reason(self) -> ErrorCode:
+        """framekit's code, whatever the device said."""
+        return error_code(self.outcome)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockStatus:
+    """A block's state and counters; started = done + failed + (1 if running). Sets count from 1, blocks from 0.
+
+    `last_failure` stays after a normal completion, as STATUS does (Snet module guide, status flags). `last_end`: when
+    the last exchange ended, in nanoseconds of the run's clock; None before the first.
+    """
+
+    set: int
+    block: int
+    name: str = ""
+    instruction: str = ""
+    channel: int = 0
+    enabled: bool = True
+    waiting: bool = False
+    started: int = 0
+    done: int = 0
+    failed: int = 0
+    overruns: int = 0
+    dead: bool = False
+    last_failure: Failure | None = None
+    last_end: int | None = None
+
+    @property
+    def id(self) -> int:
+        """One number for set and block: that of the block in set 1, and 64 more for each further set."""
+        return BLOCKS_IN_SET * (self.set - 1) + self.block
+
+    @property
+    def running(self) -> bool:
+        return self.started > self.done + self.failed
+
+    @property
+    def error(self) -> int:
+        """STATUS: the word of the last abnormal completion, 0 before the first."""
+        return 0 if self.last_failure is None else self.last_failure.error
+
+    @property
+    def reason(self) -> ErrorCode:
+        """framekit's code of the last abnormal completion."""
+        return ErrorCode.NONE if self.last_failure is None else self.last_failure.reason
+
+    @property
+    def device_code(self) -> int | None:
+        """The device's own code of the last abnormal completion, if it gave one."""
+        return None if self.last_failure is None else self.last_failure.device_code
+
+
+class Countable(Protocol):
+    """What words show of a block: of a status, or of a block at work."""
+
+    @property
+    def started(self) -> int: ...
+    @property
+    def done(self) -> int: ...
+    @property
+    def failed(self) -> int: ...
+    @property
+    def overruns(self) -> int: ...
+    @property
+    def enabled(self) -> bool: ...
+    @property
+    def waiting(self) -> bool: ...
+    @property
+    def running(self) -> bool: ...
+    @property
+    def dead(self) -> bool: ...
+    @property
+    def last_failure(self) -> Failure | None: ...
+
+
+ITEMS: Mapping[str, Callable[[Countable], int]] = MappingProxyType(
+    {
+        "error": lambda status: 0 if status.last_failure is None else status.last_failure.error,
+        "reason": lambda status: 0 if status.last_failure is None else status.last_failure.reason,
+        "device_code": lambda status: 0 if status.last_failure is None else status.last_failure.device_code or 0,
+        "started_count": lambda status: status.started,
+        "done_count": lambda status: status.done,
+        "failed_count": lambda status: status.failed,
+        "overrun_count": lambda status: status.overruns,
+        "enabled": lambda status: status.enabled,
+        "waiting": lambda status: status.waiting,
+        "running": lambda status: status.running,
+        "dead": lambda status: status.dead,
+    }
+)
+"""What the words of a block can show, by the names that memory profiles use."""
+
+PULSES = ("done", "failed")
+"""Bits that go on at a normal and at an abnormal completion, and off again by themselves."""
+
+
+def failure_of(result: TransferResult) -> Failure | None:
+    """What went wrong with a transfer; None when it went well."""
+    if result.ok:
+        return None
+    outcome = result.outcome or "failed"
+    return Failure(outcome=outcome, cause=result.cause, device_code=result.code, meaning=result.meaning)
+
+
+@dataclass(slots=True)
+class Counters:
+    """Counters of one block. `overruns`: times it came due while it was still waiting or running."""
+
+    started: int = 0
+    done: int = 0
+    failed: int = 0
+    overruns: int = 0
+
+    @property
+    def running(self) -> int:
+        return self.started - self.done - self.failed
+
+
+Prompt = Callable[[], Callable[[], None] | None]
+"""A quick start of a block: what is to be done once it counts as begun, None where it has to start as usual."""
+
+
+class BlockState:
+    """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
+
+    `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
+    counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: its quick
+    start, False where it has none, None before somebody has asked. `key`: its set, and its number there. `chain`: the
+    blocks that made it due one after the other, each of which ended while it was being started. `switched_on`: the
+    block itself is on; `set_on`: its set is.
+    """
+
+    __slots__ = (
+        "block",
+        "chain",
+        "companions",
+        "counters",
+        "dead",
+        "has_station",
+        "id",
+        "key",
+        "lane",
+        "last_end",
+        "last_failure",
+        "last_outcome",
+        "memory_triggers",
+        "probing",
+        "prompt",
+        "reasons",
+        "round",
+        "set_on",
+        "started_at",
+        "starts_left",
+        "switched_on",
+        "waiting",
+    )  # fmt: skip
+
+    def __init__(self, block: Block) -> None:
+        self.block = block
+        self.id = block.id
+        self.key = block.set, block.number
+        self.has_station = block.instruction in STATIONED
+        self.lane = block.lane
+        self.chain: tuple[int, ...] = ()
+        self.counters = Counters()
+        self.switched_on = block.enabled
+        self.set_on = True
+        self.waiting = False
+        self.starts_left = block.repeat
+        self.memory_triggers: MemoryTriggers | None = None
+        self.started_at = 0
+        self.last_failure: Failure | None = None
+        self.last_outcome = ""
+        self.reasons: Counter[str] = Counter()
+        self.last_end: int | None = None
+        self.companions: tuple[BlockState, ...] = ()
+        self.probing = False
+        self.prompt: Prompt | Literal[False] | None = None
+        self.dead = False
+        self.round = 0
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it may come due: neither it nor its set is switched off."""
+        return self.switched_on and self.set_on
+
+    @property
+    def running(self) -> bool:
+        return self.counters.running > 0
+
+    @property
+    def started(self) -> int:
+        return self.counters.started
+
+    @property
+    def done(self) -> int:
+        return self.counters.done
+
+    @property
+    def failed(self) -> int:
+        return self.counters.failed
+
+    @property
+    def overruns(self) -> int:
+        return self.counters.overruns
+
+    def begun(self, now: int) -> None:
+        """An exchange of it begins."""
+        self.waiting = False
+        if self.starts_left is not None:
+            self.starts_left -= 1
+        self.started_at = now
+        self.counters.started += 1
+
+    def ended(self, failure: Failure | None, now: int) -> None:
+        """An exchange of it has ended, well if `failure` is None."""
+        if failure is None:
+            self.counters.done += 1
+            self.last_outcome = ""
+        else:
+            self.counters.failed += 1
+            self.reasons[failure.outcome] += 1
+            self.last_failure = replace(failure, at=now)
+            self.last_outcome = str(failure)
+        self.last_end = now
+
+    def reset(self) -> None:
+        """As at the start; what runs is still counted."""
+        self.counters = Counters(started=1) if self.running else Counters()
+        self.starts_left = self.block.repeat
+        self.switched_on = self.block.enabled
+        self.last_failure, self.last_outcome, self.last_end = None, "", None
+        self.reasons.clear()

@@ -1,0 +1,500 @@
+"""The words in memory that belong to the blocks of a run: their state is shown there, their settings come from it."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from struct import Struct
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import UNIT_BITS
+from framekit.definition.problems import Problem, did_you_mean
+from framekit.definition.times import NEVER
+from framekit.link.packing import memory_of, values_of
+from framekit.memory.memory import Area, DeviceMemory, unit_bits
+from framekit.memory.profile import BlockItem, BlockWords, MemoryProfile
+from framekit.run.block_state import ITEMS, PULSES, BlockState, BlockStatus, Countable
+from framekit.run.model import Block
+from framekit.run.own_memory import fixed_bytes, parts_of, read_piece
+
+Key = tuple[int, int]
+"""Set and number of a block."""
+
+_NUMBERS = {16: Struct("<H"), 32: Struct("<I"), 64: Struct("<Q")}
+
+
+def status_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
+    """Those of a profile's sections that show the state of blocks."""
+    return tuple(section for section in sections if any(name in ITEMS or name in PULSES for name in section.items))
+
+
+class StatusWords:
+    """Shows blocks in the words of `sections`; areas that are read-only for others are written all the same.
+
+    `pulse` is how long a pulse lasts, in nanoseconds. Blocks for which a section has no words are not shown there.
+    """
+
+    def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords], pulse: int) -> None:
+        self._memory = memory
+        self._sections = tuple(sections)
+        self._pulse = pulse
+        self._ends: list[tuple[int, Key]] = []
+        self._end_of: dict[Key, int] = {}
+        self._places: dict[Key, tuple[_Place, ...]] = {}
+        shown = {name for section in self._sections for name in section.items}
+        self.shows_starts = any(name in shown for name in ("started_count", "waiting", "running", "overrun_count"))
+
+    # ---- what happens -------------------------------------------------------------------------------------
+
+    def show(self, key: Key, status: Countable) -> None:
+        """Brings the words of a block up to date; its pulses stay as they are."""
+        for place in self._places_of(key):
+            place.show(status)
+
+    def completed(self, key: Key, status: Countable, ok: bool, now: int) -> None:
+        """An exchange has ended: the counts, then the pulse of its kind."""
+        pulses = False
+        for place in self._places_of(key):
+            pulses |= place.completed(status, PULSES[0] if ok else PULSES[1])
+        if pulses:
+            if key not in self._end_of:
+                heapq.heappush(self._ends, (now + self._pulse, key))
+            self._end_of[key] = now + self._pulse
+
+    def forget(self, key: Key) -> None:
+        """A block is no more: its words are 0."""
+        if self._end_of.pop(key, None) is not None:
+            self._ends = [entry for entry in self._ends if entry[1] != key]
+            heapq.heapify(self._ends)
+        for place in self._places_of(key):
+            place.clear()
+        self._places.pop(key, None)
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    @property
+    def deadline(self) -> int:
+        """When a pulse ends next, at the earliest."""
+        return self._ends[0][0] if self._ends else NEVER
+
+    def tick(self, now: int) -> None:
+        """Ends the pulses whose time is over."""
+        while self._ends and self._ends[0][0] <= now:
+            key = self._ends[0][1]
+            end = self._end_of[key]
+            if end > now:  # another pulse has begun since
+                heapq.heapreplace(self._ends, (end, key))
+                continue
+            heapq.heappop(self._ends)
+            del self._end_of[key]
+            for place in self._places_of(key):
+                place.end_pulses()
+
+    # ---- words --------------------------------------------------------------------------------------------
+
+    def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
+        """The sections that have words for a block, and the first of them."""
+        return words_of(self._sections, key)
+
+    def _places_of(self, key: Key) -> tuple[_Place, ...]:
+        found = self._places.get(key)
+        if found is None:
+            places = [_Place(self._memory.area(one.area), first, one) for one, first in self.words(key)]
+            found = self._places[key] = tuple(place for place in places if place.shows_something)
+        return found
+
+
+class _Place:
+    """The words of one block in one section, with where everything in them stands."""
+
+    __slots__ = ("_area", "_at", "_every_pulse", "_flags", "_numbers", "_pulses", "_size", "shows_something")
+
+    def __init__(self, area: Area, first: int, section: BlockWords) -> None:
+        self._area = area
+        self._at, self._size = 2 * first, 2 * section.words
+        self._numbers: list[tuple[Callable[[Countable], int], Callable[..., None], int, int]] = []
+        self._flags: list[tuple[Callable[[Countable], int], int]] = []
+        self._pulses = dict.fromkeys(PULSES, 0)
+        for name, item in section.items.items():
+            read = ITEMS.get(name)
+            if name in self._pulses and item.bit is not None:
+                self._pulses[name] = 1 << 16 * item.word + item.bit
+            elif read is not None and item.bit is not None:
+                self._flags.append((read, 1 << 16 * item.word + item.bit))
+            elif read is not None and (bits := UNIT_BITS[item.unit]) in _NUMBERS:
+                self._numbers.append((read, _NUMBERS[bits].pack_into, 2 * item.word, (1 << bits) - 1))
+        self._every_pulse = sum(self._pulses.values())
+        self.shows_something = bool(self._numbers or self._flags or self._every_pulse)
+
+    def show(self, status: Countable) -> None:
+        before = self._area.read_bytes(self._at, self._size)
+        self._put(before, self._shown(before, status))
+
+    def completed(self, status: Countable, pulse: str) -> bool:
+        """Whether there is a pulse for it."""
+        before = self._area.read_bytes(self._at, self._size)
+        if self._every_pulse:
+            before = self._without_pulses(before)
+        self._put(before, self._shown(before, status), self._pulses[pulse])
+        return bool(self._pulses[pulse])
+
+    def end_pulses(self) -> None:
+        if self._every_pulse:
+            self._without_pulses(self._area.read_bytes(self._at, self._size))
+
+    def clear(self) -> None:
+        """Everything that this place shows is 0."""
+        data = bytearray(self._area.read_bytes(self._at, self._size))
+        for _, pack_into, at, _ in self._numbers:
+            pack_into(data, at, 0)
+        bits = self._every_pulse | sum(bit for _, bit in self._flags)
+        self._area.write_bytes(self._at, self._cleared(bytes(data), bits), force=True)
+
+    def _shown(self, before: bytes, status: Countable) -> bytes:
+        """The bytes with what the counts are now; bits beyond a counter's size are lost, so it begins anew at 0."""
+        data = bytearray(before)
+        for read, pack_into, at, most in self._numbers:
+            pack_into(data, at, read(status) & most)
+        if self._flags:
+            bits = int.from_bytes(data, "little")
+            for read, bit in self._flags:
+                bits = bits | bit if read(status) else bits & ~bit
+            return bits.to_bytes(self._size, "little")
+        return bytes(data)
+
+    def _put(self, before: bytes, data: bytes, pulse: int = 0) -> None:
+        """The counts, if they are others, and then a pulse: both are there when the pulse is seen."""
+        if pulse:
+            data = (int.from_bytes(data, "little") | pulse).to_bytes(self._size, "little")
+        if data != before:
+            self._area.write_bytes(self._at, data, force=True)
+
+    def _without_pulses(self, before: bytes) -> bytes:
+        """Ends the pulses that are on; the bytes as they are then."""
+        after = self._cleared(before, self._every_pulse)
+        if after != before:
+            self._area.write_bytes(self._at, after, force=True)
+        return after
+
+    def _cleared(self, data: bytes, bits: int) -> bytes:
+        return (int.from_bytes(data, "little") & ~bits).to_bytes(self._size, "little")
+
+
+def words_of(sections: Iterable[BlockWords], key: Key) -> Iterator[tuple[BlockWords, int]]:
+    """The sections that have words for a block, and the first of them."""
+    for section in sections:
+        if 1 <= key[0] <= section.sets and 0 <= key[1] < section.blocks:
+            yield section, section.base(*key)
+
+
+def put_item(words: list[int], item: BlockItem, value: int) -> None:
+    """Puts a number where an item of a block stands; bits beyond its size are lost, so counters begin anew at 0."""
+    if item.bit is not None:
+        mask = 1 << item.bit
+        words[item.word] = words[item.word] | mask if value else words[item.word] & ~mask
+        return
+    for at in range(UNIT_BITS[item.unit] // 16):
+        words[item.word + at] = value >> 16 * at & 0xFFFF
+
+
+def get_item(words: list[int], item: BlockItem) -> int:
+    """The number that stands at an item of a block."""
+    if item.bit is not None:
+        return words[item.word] >> item.bit & 1
+    return sum(words[item.word + at] << 16 * at for at in range(UNIT_BITS[item.unit] // 16))
+
+
+SLOTS = 4
+"""Variables of a block that have settings."""
+
+PLACES = {f"{kind}_{number}": (kind, number - 1) for kind in ("read", "write") for number in range(1, SLOTS + 1)}
+SIZES = {f"{name}_size": slot for name, slot in PLACES.items()}
+SETTINGS = ("station", *PLACES, *SIZES)
+"""What the words of a block can set, by the names that memory profiles use."""
+
+KINDS = {"read": "read", "receive": "read", "write": "write", "send": "write"}
+
+
+class SettingError(ValueError):
+    """A number in memory that a block cannot work with."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    """A variable of a block: how its place is written, its size, and what sets that: `count` or a field's name."""
+
+    text: str
+    size: int
+    sets: str | None = None
+
+
+class _Given:
+    """The words of one section for a block as the run gives them, and where they stand: from word `first` of `area`."""
+
+    __slots__ = ("area", "data", "first", "section", "words")
+
+    def __init__(self, section: BlockWords, area: Area, first: int, words: list[int]) -> None:
+        self.section = section
+        self.area = area
+        self.first = first
+        self.words = words
+        self.data = memory_of(words, "word")
+
+    def put(self, item: BlockItem, value: int) -> None:
+        """Another value for one item."""
+        put_item(self.words, item, value)
+        self.data = memory_of(self.words, "word")
+
+
+def settings_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
+    """Those of a profile's sections that hold settings of blocks."""
+    return tuple(section for section in sections if any(name in SETTINGS for name in section.items))
+
+
+class BlockSettings:
+    """Shows the settings of blocks in the words of `sections`, and reads them back before each exchange."""
+
+    def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords]) -> None:
+        self._memory = memory
+        self._sections = tuple(sections)
+        self._protocols: dict[Key, Protocol] = {}
+        self._given: dict[Key, list[_Given]] = {}
+
+    def show(self, block: Block, protocol: Protocol) -> None:
+        """Puts a block's settings into its words, as the run gives them, over what stood there."""
+        key = (block.set, block.number)
+        self._protocols[key] = protocol
+        shown = []
+        for section, first in self.words(key):
+            words = [0] * section.words
+            for item, value in self._items(section, block, protocol):
+                put_item(words, item, value)
+            area = self._memory.area(section.area)
+            area.write("word", first, words, force=True)
+            shown.append(_Given(section, area, first, words))
+        self._given[key] = shown
+
+    def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
+        """The sections that have words for a block, and the first of them."""
+        return words_of(self._sections, key)
+
+    def forget(self, key: Key) -> None:
+        """A block is no more: its words are free memory, and 0."""
+        self._protocols.pop(key, None)
+        for given in self._given.pop(key, ()):
+            given.area.write("word", given.first, [0] * len(given.words), force=True)
+
+    # ---- what the words say -------------------------------------------------------------------------------
+
+    def _items(self, section: BlockWords, block: Block, protocol: Protocol) -> list[tuple[BlockItem, int]]:
+        found = []
+        slots = slots_of(block, protocol)
+        kind = KINDS.get(block.instruction)
+        for name, item in section.items.items():
+            if name == "station" and isinstance(block.station, int):
+                found.append((item, block.station))
+            elif name in PLACES and PLACES[name][0] == kind and PLACES[name][1] < len(slots):
+                text = slots[PLACES[name][1]].text
+                found += _as_words(text, item)
+            elif name in SIZES and SIZES[name][0] == kind and SIZES[name][1] < len(slots):
+                found.append((item, slots[SIZES[name][1]].size))
+        return found
+
+    def effective(self, block: Block) -> Block:
+        """The block with what stands in memory now; the same one while nothing has been changed there.
+
+        What is only shown is put back where it was written over.
+
+        Raises SettingError for a station or a size it cannot work with.
+        """
+        changed = block
+        for given in self._given.get((block.set, block.number), ()):
+            if block.station_from is not None:
+                self._show_station(given, block)
+            if not given.area.holds(2 * given.first, given.data):
+                words = given.area.read("word", given.first, len(given.words))
+                changed = self._changed(changed, given, words)
+        return changed
+
+    def unchanged(self, block: Block) -> Callable[[], bool]:
+        """Tells at every call whether `effective` would give the block itself; for one with a station of its own."""
+        holds = [
+            given.area.holder(2 * given.first, given.data) for given in self._given.get((block.set, block.number), ())
+        ]
+        return holds[0] if len(holds) == 1 else lambda: all(one() for one in holds)
+
+    def _show_station(self, given: _Given, block: Block) -> None:
+        """A station that the run takes from elsewhere is only shown."""
+        item, place = given.section.items.get("station"), block.station_from
+        if item is None or place is None or self._protocols[block.set, block.number].station.type != "number":
+            return
+        number = values_of(read_piece(self._memory, place, place.address.unit_bits), place.address.unit, 1)[0]
+        given.put(item, number)
+        words = given.area.read("word", given.first, len(given.words))
+        put_item(words, item, number)
+        given.area.write("word", given.first, words, force=True)
+
+    def _changed(self, block: Block, given: _Given, words: list[int]) -> Block:
+        section, shown = given.section, list(given.words)
+        settable = [(item, slot, get_item(words, item)) for item, slot in self._settable(block, section)]
+        for item, _, value in settable:
+            put_item(shown, item, value)
+        if shown != words:
+            given.area.write("word", given.first, shown, force=True)
+        for item, slot, value in settable:
+            if value != get_item(given.words, item):
+                where = f"{section.area} word {section.base(block.set, block.number) + item.word}"
+                with_it = self._with_station if slot is None else partial(self._with_size, slot)
+                block = with_it(block, value, where)
+        return block
+
+    def _settable(self, block: Block, section: BlockWords) -> Iterator[tuple[BlockItem, _Slot | None]]:
+        """The items that count when they are changed, each with its variable; None: the station."""
+        slots = slots_of(block, self._protocols[block.set, block.number])
+        kind = KINDS.get(block.instruction)
+        for name, item in section.items.items():
+            if name == "station" and isinstance(block.station, int) and block.station_from is None:
+                yield item, None
+            elif name in SIZES and SIZES[name][0] == kind and SIZES[name][1] < len(slots):
+                slot = slots[SIZES[name][1]]
+                if slot.sets is not None:
+                    yield item, slot
+
+    def _with_station(self, block: Block, station: int, where: str) -> Block:
+        limits = self._protocols[block.set, block.number].station.limits
+        if limits is not None and not limits[0] <= station <= limits[1]:
+            raise SettingError(f"station {station} in {where} is not in {limits[0]}..{limits[1]}")
+        return replace(block, station=station)
+
+    def _with_size(self, slot: _Slot, block: Block, size: int, where: str) -> Block:
+        assert slot.sets is not None
+        if size < 1:
+            raise SettingError(f"the size in {where} is 0: that moves nothing")
+        if slot.sets != "count":
+            return replace(block, sizes={**block.sizes, slot.sets: size})
+        place = block.places[0]
+        if place.address.first_bit + size * unit_bits(block.units[0]) > self._memory.area(place.address.area).size_bits:
+            raise SettingError(f"the size {size} in {where} leaves no room from {place.text} on")
+        return replace(block, count=size)
+
+
+def slots_of(block: Block, protocol: Protocol) -> list[_Slot]:
+    """The variables of a block, at most four: those of the other side for READ and WRITE, fields of a frame else."""
+    if block.instruction in ("read", "write"):
+        if len(block.targets) > 1:
+            return [_Slot(text, 1) for text in block.targets[:SLOTS]]
+        settable = "count" if block.places and block.values is None else None
+        return [_Slot(text, block.count, settable) for text in block.targets]
+    if block.frame is None:
+        return []
+    parts = dict(parts_of(protocol.frames[block.frame].segments))
+    fixed = {name: fixed_bytes(parts[name]) for name in block.data}
+    return [
+        _Slot(place.text, block.sizes.get(name) or fixed[name] or 0, name if name in block.sizes else None)
+        for name, place in list(block.data.items())[:SLOTS]
+    ]
+
+
+def _as_words(text: str, item: BlockItem) -> list[tuple[BlockItem, int]]:
+    """An address as text, two characters a word, the first in the low byte; one that is too long is not shown."""
+    data = text.encode("ascii", "replace").ljust(2 * item.words, b"\0")
+    if len(data) > 2 * item.words:
+        return []
+    return [
+        (BlockItem(word=item.word + at), int.from_bytes(data[2 * at : 2 * at + 2], "little"))
+        for at in range(item.words)
+    ]
+
+
+def check_items(sections: Iterable[BlockWords]) -> Iterator[Problem]:
+    """Items of a profile that no block has."""
+    known = {*ITEMS, *PULSES, *SETTINGS}
+    for section in sections:
+        for name in section.items:
+            if name not in known:
+                yield Problem(section.at, f"'{name}' in '{section.name}' is nothing a block has", _hint(name, known))
+
+
+def _hint(name: str, known: set[str]) -> str:
+    return did_you_mean(name, known) or f"known: {', '.join(sorted(known))}"
+
+
+class BlockMemory:
+    """The words of blocks in `memory`; with `shown` false there are none, and all of it is plain memory.
+
+    `areas`: the names of the areas that they stand in.
+    """
+
+    def __init__(self, memory: DeviceMemory, profile: MemoryProfile, shown: bool = True) -> None:
+        sections = tuple(profile.flags.values()) if shown else ()
+        self.areas = {section.area for section in sections}
+        self.words = StatusWords(memory, status_sections(sections), profile.scan)
+        self.settings = BlockSettings(memory, settings_sections(sections))
+
+    def add(self, state: BlockState, protocol: Protocol | None) -> None:
+        """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
+        if protocol is not None:
+            self.settings.show(state.block, protocol)
+        self.words.show(state.key, state)
+
+    def remove(self, block: Block) -> None:
+        """A block is no more: its words are free, and 0."""
+        self.settings.forget((block.set, block.number))
+        self.words.forget((block.set, block.number))
+
+    def effective(self, block: Block) -> Block:
+        """The block with its settings as they stand in memory. Raises SettingError."""
+        return self.settings.effective(block)
+
+    def started(self, state: BlockState) -> None:
+        """An exchange begins."""
+        if self.words.shows_starts:
+            self.words.show(state.key, state)
+
+    def changed(self, state: BlockState) -> None:
+        """Something about a block is different, such as whether it is enabled."""
+        self.words.show(state.key, state)
+
+    def ended(self, state: BlockState, ok: bool, now: int) -> None:
+        """A completion: counts, error and one pulse."""
+        self.words.completed(state.key, state, ok, now)
+
+    def places(self, block: Block) -> list[tuple[str, int, int]]:
+        """The words of a block: area, first word, how many."""
+        key = (block.set, block.number)
+        return [
+            (section.area, first, section.words)
+            for section, first in (*self.words.words(key), *self.settings.words(key))
+        ]
+
+    @property
+    def deadline(self) -> int:
+        """When `tick` has something to do."""
+        return self.words.deadline
+
+    def tick(self, now: int) -> None:
+        """Ends the pulses whose time is over."""
+        self.words.tick(now)
+
+
+def status_of(state: BlockState) -> BlockStatus:
+    """A block's state and counters as they are now."""
+    block, counters = state.block, state.counters
+    return BlockStatus(
+        set=block.set,
+        block=block.number,
+        name=block.name,
+        instruction=block.instruction,
+        channel=block.channel,
+        enabled=state.enabled,
+        waiting=state.waiting,
+        started=counters.started,
+        done=counters.done,
+        failed=counters.failed,
+        overruns=counters.overruns,
+        dead=state.dead,
+        last_failure=state.last_failure,
+        last_end=state.last_end,
+    )

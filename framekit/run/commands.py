@@ -1,0 +1,754 @@
+"""Command blocks of one channel: words of memory become exchanges with the other side, and a status word in the end.
+
+Words are read as the frame that an application of commands says; `meaning_of` says what they mean, and does nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from typing import Protocol as Interface
+
+from framekit.codec.plain import PlainValues
+from framekit.codec.shown import explain
+from framekit.definition.model.commands import CommandRules
+from framekit.definition.model.frame_sizes import fixed_size
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Field, Inner, Length
+from framekit.definition.model.walk import flat, parts_of
+from framekit.definition.problems import plural
+from framekit.definition.times import NEVER, format_time
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.arrivals import BadFrame, FrameArrived
+from framekit.link.command_scope import CommandScope
+from framekit.link.construct_values import ValueCompiler
+from framekit.link.engine import Engine
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.events import Command as LinkCommand
+from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.packing import cut_memory, values_of
+from framekit.link.parameters import ParameterError
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
+from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
+from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.matching import RefusedError
+from framekit.link.services.server import MemoryServer
+from framekit.link.services.work import (
+    CompiledAfter,
+    CompiledBlock,
+    CompiledJob,
+    CompiledPlace,
+    Work,
+    assign,
+    compile_afters,
+)
+from framekit.link.values import FrameValue, plain
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, UnknownAreaError, unit_bits
+from framekit.run.block_state import Failure
+
+
+class CommandFaultError(ValueError):
+    """The words are no command block at all, or its status word has no place; no status word can tell of it.
+
+    `segment` is the one at fault, where it is one, `found` what it holds.
+    """
+
+    def __init__(self, message: str, segment: str = "", found: str = "") -> None:
+        super().__init__(message)
+        self.segment = segment
+        self.found = found
+
+
+class StatusPlaceError(CommandFaultError):
+    """The words are a command whose status word has no place."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandFrame:
+    """A command block that has been read: the whole record, the request inside it, and its bytes in memory's form.
+
+    `request.refusal` is the code of a request that is to be refused as it stands.
+    """
+
+    block: FrameValue
+    request: FrameValue
+    raw: bytes
+
+
+class CommandWords:
+    """Reads and makes the command blocks of one application. Raises ValueError when it has none."""
+
+    def __init__(self, application: Protocol, codec: Codec, table: FrameTable, names: Names) -> None:
+        self.application = application
+        self.rules = rules_of(application)
+        self._codec = codec
+        self._table = table
+        self._names = names
+        segments = application.frames[self.rules.frame].segments
+        before = itertools.takewhile(lambda segment: segment.name != self.rules.request, segments)
+        self.head_size = sum(fixed_size(segment) or 0 for segment in before)
+        """Bytes of a block before the request."""
+        counts = (one.name for one in segments if isinstance(one, Length) and self.rules.request in one.of)
+        self.length = next(counts, "")
+
+    def read(self, data: bytes) -> CommandFrame:
+        """The command that begins at the first of these bytes; what comes behind it is not looked at.
+
+        Raises CommandFaultError.
+        """
+        receiver = Receiver(self._codec, self.application, self._names, self._table)
+        receiver.append(data, 0)
+        found = receiver.next((self.rules.frame,))
+        if isinstance(found, FrameArrived):
+            request = found.value.fields.get(self.rules.request)
+            if isinstance(request, FrameValue):
+                return CommandFrame(found.value, request, found.raw)
+            raise CommandFaultError("it holds no command that is known")
+        if isinstance(found, BadFrame):
+            text = f"'{found.segment}' is {found.found}, expected {found.expected}"
+            raise CommandFaultError(text, found.segment, found.found)
+        raise CommandFaultError("it has more words than there are")
+
+    def head_misfit(self, data: bytes) -> str:
+        """How the length that a head says and what stands behind the head disagree; '' where neither can be told.
+
+        It is for words that are no command by themselves: those that are one need no head.
+        """
+        behind = data[self.head_size :]
+        there = plural(len(behind) // 2, "word")
+        try:
+            said = len(self.read(data + bytes(2 * self.rules.most)).raw) - self.head_size
+        except CommandFaultError as error:
+            is_head = self.is_known(behind) or (len(data) == self.head_size and error.found == "0")
+            return f"{error} ({there} behind the head)" if is_head and error.segment == self.length else ""
+        return "" if said == len(behind) else f"the head says {plural(said // 2, 'word')}, and {there} stand behind it"
+
+    def is_known(self, data: bytes) -> bool:
+        """Whether these bytes are a request that does not exist to be refused."""
+        try:
+            name, _ = self.read_request(data)
+        except CommandFaultError:
+            return False
+        return self.application.frames[name].refuse is None
+
+    def make(self, request: str, fields: Mapping[str, Any], head: Mapping[str, Any]) -> bytes:
+        """The bytes of a command with these plain values, the usual ones where none are given.
+
+        Raises ValueError (EncodeError) naming what does not fit.
+        """
+        known = PlainValues(self.application).from_plain(
+            self.rules.frame, {**head, self.rules.request: {request: dict(fields)}}
+        )
+        return self._table.encode(FrameValue(self.rules.frame, known), self._names)
+
+    def read_request(self, data: bytes) -> tuple[str, dict[str, Any]]:
+        """The request that exactly these bytes are, by its name, and its fields. Raises CommandFaultError."""
+        for name in self.requests:
+            try:
+                return name, self._table.infos[name].decode(data, self._names)
+            except EVALUATION_ERRORS:
+                continue
+        raise CommandFaultError("these words are no command")
+
+    @property
+    def requests(self) -> tuple[str, ...]:
+        """The commands there are, by the names of their frames; those that exist to be refused come last."""
+        frame = self.application.frames[self.rules.frame]
+        return tuple(
+            name for inner in parts_of(frame, Inner) if inner.name == self.rules.request for name in inner.frames
+        )
+
+    def head(self) -> tuple[str, ...]:
+        """The fields of a block beside the request."""
+        return tuple(
+            segment.name
+            for segment in self.application.frames[self.rules.frame].segments
+            if segment.name and segment.name != self.rules.request
+        )
+
+
+def rules_of(application: Protocol) -> CommandRules:
+    """How an application's records are command blocks. Raises ValueError when it has none."""
+    if application.commands is None:
+        raise ValueError(f"'{application.name}' has no command blocks")
+    return application.commands
+
+
+def words_of(data: bytes) -> list[int]:
+    """Bytes in memory's form as words of 16 bits."""
+    return [int.from_bytes(data[at : at + 2], "little") for at in range(0, len(data), 2)]
+
+
+def bytes_of(words: list[int]) -> bytes:
+    """Words of 16 bits, also negative ones, in memory's form. Raises ValueError for a number that is none."""
+    for word in words:
+        if not -0x8000 <= word <= 0xFFFF:
+            raise ValueError(f"{word} is no word of 16 bits: 0 to 65535")
+    return b"".join((word & 0xFFFF).to_bytes(2, "little") for word in words)
+
+
+NO_PLACE, NO_OWN_PLACE = "no_such_place", "no_own_place"
+"""Outcomes of places that the other side's protocol, or the own memory, does not have."""
+
+ParamsOf = Callable[[Any], Mapping[str, Any]]
+"""The parameters that a channel has for a station."""
+
+
+class Around(Interface):
+    """What an operation needs of the command blocks it belongs to."""
+
+    @property
+    def areas(self) -> DeviceAreas: ...
+    def own_span(self, given: Mapping[str, Any]) -> Span: ...
+    def checked_span(self, given: Mapping[str, Any]) -> Span: ...
+    def afterwards(self, rows: Sequence[CompiledAfter], end: OperationEnd, names: Names) -> None: ...
+
+
+NO_REPLY = FrameValue("", {})
+"""What `reply` is where there was none: a frame without fields."""
+
+
+@dataclass(slots=True, kw_only=True)
+class OperationEnd:
+    """How an operation ended: '' or the name of the failure, the device's code, what it brought.
+
+    `status` is the status word of a refusal that has one already.
+    """
+
+    outcome: str = ""
+    cause: str = ""
+    code: int | None = None
+    status: int = 0
+    result: dict[str, Any] = field(default_factory=dict)
+    reply: FrameValue | None = None
+    buffer: bytes = b""
+    data: bytes = b""
+
+    @property
+    def ok(self) -> bool:
+        return not self.outcome
+
+    def names(self) -> dict[str, Any]:
+        """As expressions see it; `code` is 0 where the device gave none."""
+        return {
+            "ok": int(self.ok), "outcome": self.outcome, "cause": self.cause, "code": self.code or 0,
+            "refused": int(self.code is not None), "result": self.result,
+            "reply": NO_REPLY if self.reply is None else self.reply, "buffer": self.buffer,
+            "data": self.data,
+        }  # fmt: skip
+
+
+class Operation:
+    """One exchange, or several one after the other; `on_end` is called exactly once."""
+
+    def __init__(
+        self, around: Around, engine: Engine, client: Client, block: CompiledBlock, names: Names,
+        on_end: Callable[[OperationEnd], None], params_of: ParamsOf | None = None,
+    ) -> None:  # fmt: skip
+        self.around = around
+        self.engine = engine
+        self.client = client
+        self.block = block
+        self.names = names
+        self.on_end = on_end
+        self.end = OperationEnd()
+        self._params_of = params_of
+        self._station: Any = None
+        self._calls = list(block.calls)
+        self._own: Span | None = None
+        self._back: Callable[[], None] | None = None
+
+    def begin(self, station: Any, now: int) -> list[LinkCommand]:
+        """Starts it; `station` is the other side where the block names none."""
+        block = self.block
+        try:
+            given = None if block.station is None else block.station(self.names)
+            self._station = station if given is None else given
+            session = None if block.session is None else block.session(self.names)
+            known = {} if self._params_of is None else self._params_of(self._station)
+            params = {**known, **{name: compute(self.names) for name, compute in block.params.items()}}
+            self._back = self.engine.scope.override(params) if params else None
+        except (ParameterError, *EVALUATION_ERRORS) as error:
+            return self._failed("cannot_send", explain(error))
+        if not session:
+            return self._act(now)
+        commands: list[LinkCommand] = []
+        commands += self.engine.close_session(now, lambda: commands.extend(self._act(self.engine.scope.now)))
+        return commands
+
+    def _act(self, now: int) -> list[LinkCommand]:
+        """The next thing that goes over the line; the end when there is nothing more."""
+        try:
+            if self.block.read is not None:
+                return self._read(now)
+            if self.block.write is not None:
+                return self._write(now)
+            if self._calls:
+                return self._call(now)
+        except UnknownAreaError as error:
+            return self._failed(NO_PLACE, str(error))
+        except DeviceMemoryError as error:
+            return self._failed(NO_OWN_PLACE, str(error))
+        except AddressError as error:
+            return self._failed(NO_PLACE, str(error))
+        except EVALUATION_ERRORS as error:
+            return self._failed("cannot_send", explain(error))
+        self._ended()
+        return []
+
+    # ---- services -----------------------------------------------------------------------------------------
+
+    def _call(self, now: int) -> list[LinkCommand]:
+        service, arguments = self._calls.pop(0)
+        known = Names(self.end.names(), self.names)
+        given = {name: compute(known) for name, compute in arguments.items()}
+        return self.client.call(service, given, station=self._station, now=now, on_done=self._called)
+
+    def _called(self, result: TransferResult) -> None:
+        self._note(result)
+        self.end.result = {**self.end.result, **result.gives}
+        if not result.ok or not self._calls:
+            self._ended()
+        else:
+            self._act(self.engine.scope.now)
+
+    def _note(self, result: TransferResult) -> None:
+        end = self.end
+        if not result.ok:
+            end.outcome, end.cause, end.code = result.outcome or "failed", result.cause, result.code
+        end.reply, end.buffer = result.reply, result.buffer
+
+    # ---- transfers ----------------------------------------------------------------------------------------
+
+    def _read(self, now: int) -> list[LinkCommand]:
+        """Elements of the other side into the own memory."""
+        assert self.block.read is not None
+        given = self.block.read.on(self.names)
+        shared = self.client.shared
+        own = {} if self.block.into is None else self._own_place(self.block.into.on(self.names))
+        address = address_of(shared.grammar, codes_of(shared.protocol), given)
+        bits = unit_bits(self.around.own_span(own).unit) * int(own["count"]) if "count" in own else 0
+        count = int(given["count"]) if "count" in given else -(-bits // address.unit_bits)
+        if own and "count" not in own:
+            own["count"] = -(-count * address.unit_bits // unit_bits(self.around.own_span(own).unit))
+        self._own = self._checked(own) if own else None
+        return self.client.read(address, station=self._station, count=count, now=now, on_done=self._was_read)
+
+    def _own_place(self, given: dict[str, Any]) -> dict[str, Any]:
+        try:
+            self.around.own_span(given)
+        except UnknownAreaError as error:
+            raise DeviceMemoryError(str(error)) from None
+        return given
+
+    def _checked(self, given: Mapping[str, Any]) -> Span:
+        try:
+            return self.around.checked_span(given)
+        except UnknownAreaError as error:
+            raise DeviceMemoryError(str(error)) from None
+
+    def _was_read(self, result: TransferResult) -> None:
+        self._note(result)
+        self.end.data = result.data
+        if result.ok and self._own is not None:
+            try:
+                self.around.areas.write(self._own, fitted(result.data, self._own.count * unit_bits(self._own.unit)))
+            except DeviceMemoryError as error:
+                self.end.outcome, self.end.cause = "cannot_store", str(error)
+        self._ended()
+
+    def _write(self, now: int) -> list[LinkCommand]:
+        """Elements of the own memory to the other side."""
+        assert self.block.write is not None
+        given, shared = self.block.write.on(self.names), self.client.shared
+        address = address_of(shared.grammar, codes_of(shared.protocol), given)
+        if self.block.source is None:
+            data = bytes(given["data"])
+            count = int(given["count"]) if "count" in given else -(-8 * len(data) // address.unit_bits)
+        else:
+            data, count = self._source(self.block.source.on(self.names), address, given)
+        values = values_of(fitted(data, count * address.unit_bits), address.unit, count)
+        return self.client.write(address, values, station=self._station, now=now, on_done=self._was_written)
+
+    def _source(self, given_own: dict[str, Any], address: Address, given: Mapping[str, Any]) -> tuple[bytes, int]:
+        """What the own place gives, and how many elements of the other side that is."""
+        own = self._own_place(given_own)
+        width = unit_bits(self.around.own_span(own).unit)
+        if "count" not in own:
+            own["count"] = -(-int(given.get("count", 1)) * address.unit_bits // width)
+        span = self.around.own_span(own)
+        try:
+            data = self.around.areas.read(span, self.names)
+        except UnknownAreaError as error:
+            raise DeviceMemoryError(str(error)) from None
+        bits = span.count * width
+        count = int(given["count"]) if "count" in given else -(-bits // address.unit_bits)
+        return fitted(data, bits), count
+
+    def _was_written(self, result: TransferResult) -> None:
+        self._note(result)
+        self._ended()
+
+    # ---- the end ------------------------------------------------------------------------------------------
+
+    def _failed(self, outcome: str, cause: str) -> list[LinkCommand]:
+        self.end.outcome, self.end.cause = outcome, cause
+        self._ended()
+        return []
+
+    def _ended(self) -> None:
+        if self._back is not None:
+            self._back()
+        if self.end.ok:
+            self.around.afterwards(self.block.then, self.end, self.names)
+        self.on_end(self.end)
+
+
+def fitted(data: bytes, bits: int) -> bytes:
+    """Exactly `bits` bits of data in memory's form: the first ones, then zeros."""
+    return cut_memory(data.ljust(-(-bits // 8), b"\0"), 0, bits)
+
+
+SUCCESS = 1
+"""The status word of success where an application does not say one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandEnd:
+    """How a command block ended. `status` is its status word and `meaning` the name of that.
+
+    `fault`: why it was not carried out although no status word tells of it; then `status` is 0.
+    """
+
+    status: int = 0
+    meaning: str = ""
+    failure: Failure | None = None
+    fault: str = ""
+
+
+Ended = Callable[[CommandEnd], None]
+
+
+class CommandBlocks:
+    """Carries out command blocks of `application` on one channel. Raises ValueError when that has none.
+
+    `mapping` puts areas of the application elsewhere in the own memory (see `DeviceAreas`). Without `client` and
+    `engine` blocks can only be read and planned.
+    """
+
+    def __init__(
+        self,
+        application: Protocol,
+        codec: Codec,
+        memory: DeviceMemory,
+        *,
+        channel: Scope,
+        engine: Engine | None = None,
+        client: Client | None = None,
+        mapping: Mapping[str, tuple[str, int]] | None = None,
+    ) -> None:
+        self.scope = CommandScope(application, channel)
+        self.server = MemoryServer(application, codec, memory, mapping=mapping, on_block=self._take)
+        self.words = CommandWords(application, codec, self.server.shared.table, self.scope)
+        self.engine = engine
+        self.client = client
+        rules = self.rules = self.words.rules
+        values = ValueCompiler(codec, self.server.shared.table.made)
+        part = Work.part_compiler(values, self.areas)
+        self._status = CompiledPlace(rules.status, part)
+        self._done = None if rules.done is None else compile_expression(rules.done)
+        self._failed = compile_expression(rules.failed)
+        self._meaning = None if rules.meaning is None else compile_expression(rules.meaning)
+        self._waits = None if rules.waits is None else compile_expression(rules.waits)
+        self.then = compile_afters(rules.then, values.compile, part)
+        self._taken: tuple[CompiledBlock, Names] | None = None
+
+    @property
+    def areas(self) -> DeviceAreas:
+        """The own memory, by the areas of the application."""
+        return self.server.areas
+
+    def own_span(self, given: Mapping[str, Any]) -> Span:
+        """A place of the own memory by its words. Raises UnknownAreaError."""
+        return span_of(self.areas, self.server.shared.grammar, self.server.codes, given)
+
+    def _take(self, block: CompiledBlock, names: Names) -> int | None:
+        self._taken = (block, names)
+        return None
+
+    # ---- understanding ------------------------------------------------------------------------------------
+
+    def names_of(self, command: CommandFrame) -> Names:
+        """What the expressions of the application see of a command."""
+        return Names({"block": command.block, "record": command.raw}, self.scope)
+
+    def waits(self, command: CommandFrame) -> int:
+        """How long (ns) a command may take before that is a fault; NEVER where nobody waits."""
+        try:
+            names = Names({"request": command.request}, self.names_of(command))
+            return NEVER if self._waits is None else int(self._waits(names))
+        except EVALUATION_ERRORS:
+            return NEVER
+
+    def waits_for(self, data: bytes) -> int:
+        """As `waits`, for the command that begins with these bytes; NEVER when they are none."""
+        try:
+            return self.waits(self.words.read(data))
+        except CommandFaultError:
+            return NEVER
+
+    def meaning(self, status: int) -> str:
+        """The name of a status word; empty when it has none."""
+        if self._meaning is None:
+            return ""
+        try:
+            return str(self._meaning(Names({"status": status}, self.scope)))
+        except EVALUATION_ERRORS:
+            return ""
+
+    def plan(self, command: CommandFrame) -> tuple[int, CompiledBlock | None, Names]:
+        """Serves the request: the code of a refusal or 0, and the exchange it asks for with its names, if any."""
+        names = self.names_of(command)
+        self._taken = None
+        served = self.server.serve(command.request, b"", None, False, names)
+        taken, self._taken = self._taken, None
+        if served.refusal or taken is None:
+            return served.refusal, None, Names({"request": command.request}, names)
+        return 0, *taken
+
+    # ---- carrying out -------------------------------------------------------------------------------------
+
+    def start(
+        self, data: bytes, station: Any, now: int, ended: Ended, params_of: ParamsOf | None = None
+    ) -> list[LinkCommand]:
+        """Carries out the command that begins with these bytes; `ended` is called once, perhaps before it returns.
+
+        `params_of`: parameters for the station that it turns out to be for.
+        """
+        try:
+            command = self.words.read(data)
+            status = self.status_place(command)
+        except (CommandFaultError, DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            ended(CommandEnd(fault=explain(error)))
+            return []
+        self.scope.now = now
+        refusal, block, names = self.plan(command)
+
+        def done(end: OperationEnd) -> None:
+            ended(self._finish(status, names, end))
+
+        if refusal:
+            done(OperationEnd(outcome="refused", status=refusal))
+            return []
+        if block is None:
+            done(OperationEnd())
+            return []
+        if block.job is not None:
+            done(OperationEnd(outcome="no_sequence", cause="jobs are run by the run, not by a channel"))
+            return []
+        assert self.engine is not None and self.client is not None
+        return Operation(self, self.engine, self.client, block, names, done, params_of).begin(station, now)
+
+    def status_place(self, command: CommandFrame) -> Span:
+        """Where the status word goes. Raises DeviceMemoryError when nothing can be written there."""
+        given = self.status_words(command)
+        return self.checked_span({**given, "count": 16 // unit_bits(self.own_span(given).unit)})
+
+    def status_words(self, command: CommandFrame) -> dict[str, Any]:
+        """The words that say where the status word goes."""
+        return self._status.on(Names({"request": command.request}, self.names_of(command)))
+
+    def checked_span(self, given: Mapping[str, Any]) -> Span:
+        """A place that can be written. Raises DeviceMemoryError."""
+        span = self.own_span(given)
+        self.areas.check(span, write=True)
+        return span
+
+    def afterwards(self, rows: Sequence[CompiledAfter], end: OperationEnd, names: Names) -> None:
+        """What is done when an exchange has ended; a row that cannot be done makes a failure of a good end."""
+        known = Names(end.names(), names)
+        for row in rows:
+            try:
+                if row.when is not None and not row.when(known):
+                    continue
+                for target, key, value in row.set:
+                    assign(self.scope, target, None if key is None else key(known), value(known))
+                if row.store is not None:
+                    self._store(row.store.on(known))
+            except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+                if end.ok:
+                    end.outcome, end.cause = "cannot_store", explain(error)
+
+    def _store(self, given: dict[str, Any]) -> None:
+        data = bytes(given.pop("data"))
+        width = unit_bits(self.own_span(given).unit)
+        given.setdefault("count", -(-8 * len(data) // width))
+        span = self.checked_span(given)
+        self.areas.write(span, fitted(data, span.count * width))
+
+    def _status_word(self, end: OperationEnd, names: Names) -> int:
+        """The status word of an end; a formula that cannot be worked out gives all ones."""
+        known = Names(end.names(), names)
+        try:
+            if end.ok:
+                return SUCCESS if self._done is None else int(self._done(known)) & 0xFFFF
+            return end.status or int(self._failed(known)) & 0xFFFF
+        except EVALUATION_ERRORS as error:
+            end.cause = end.cause or f"the status word cannot be worked out: {explain(error)}"
+            return 0xFFFF
+
+    def _finish(self, place: Span, names: Names, end: OperationEnd) -> CommandEnd:
+        """Everything that follows an exchange; the status word comes last."""
+        word = self._status_word(end, names)
+        before = end.outcome
+        self.afterwards(self.then, end, Names({"status": word}, names))
+        if end.outcome != before:
+            word = self._status_word(end, names)
+        self.areas.write(place, word.to_bytes(2, "little"))
+        if end.ok:
+            return CommandEnd(status=word, meaning=self.meaning(word))
+        failure = Failure(outcome=end.outcome, cause=end.cause, device_code=word, meaning=self.meaning(word))
+        return CommandEnd(status=word, meaning=failure.meaning, failure=failure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meaning:
+    """A command in words. `names` are the names of its numbers, by field; `does` one line for each thing it does.
+
+    `refused`: the status word of a refusal as things stand now, else 0; `because` is its name.
+    """
+
+    words: list[int]
+    request: str
+    head: Mapping[str, Any]
+    fields: Mapping[str, Any]
+    names: Mapping[str, str]
+    does: list[str]
+    status: str
+    refused: int
+    because: str
+
+
+def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, *, judge: bool = True) -> Meaning:
+    """What a command means on a channel that speaks `channel`; without `judge` not whether it would be refused."""
+    application = blocks.words.application
+    show = PlainValues(application)
+    fields = plain(command.request.fields)
+    head = {name: value for name, value in plain(command.block.fields).items() if name in blocks.words.head()}
+    speaks = _Speaks(blocks, channel)
+    try:
+        block, names = blocks.server.asked(command.request, blocks.names_of(command))
+        does = [] if block is None else list(speaks.lines(block, names))
+    except (RefusedError, DeviceMemoryError, *EVALUATION_ERRORS):
+        does = []
+    refused = blocks.plan(command)[0] if judge else 0
+    return Meaning(
+        words=words_of(command.raw),
+        request=command.request.frame,
+        head=head,
+        fields=show.to_plain(command.request.frame, fields),
+        names=_number_names(application, command.request.frame, fields),
+        does=does,
+        status=speaks.own(blocks.status_words(command)),
+        refused=refused,
+        because=blocks.meaning(refused) if refused else "",
+    )
+
+
+def _number_names(application: Protocol, frame: str, fields: Mapping[str, Any]) -> dict[str, str]:
+    """The names of the numbers of a frame, where they have any."""
+    found = {}
+    for segment in flat(application.frames[frame].segments):
+        if isinstance(segment, Field) and segment.values and fields.get(segment.name) in segment.values:
+            found[segment.name] = segment.values[fields[segment.name]]
+    return found
+
+
+class _Speaks:
+    """Writes places and exchanges down."""
+
+    def __init__(self, blocks: CommandBlocks, channel: Protocol) -> None:
+        self.blocks = blocks
+        self.there = AddressGrammar(channel.addresses, channel.areas, channel.tables)
+        self.codes = codes_of(channel)
+        self.here = blocks.server.shared.grammar
+
+    def lines(self, block: CompiledBlock, names: Names) -> Iterator[str]:
+        session = "" if block.session is None else block.session(names)
+        if session:
+            yield (
+                "closes the session" if session == "end" else "closes the session, if one is open, and opens a new one"
+            )
+        station = None if block.station is None else block.station(names)
+        if block.station is not None:
+            yield f"other side: {station.hex(' ').upper() if isinstance(station, bytes) else station!r}"
+        for word, place, own, between in (
+            ("reads", block.read, block.into, "into"),
+            ("writes", block.write, block.source, "from"),
+        ):
+            if place is None:
+                continue
+            given = place.where(names)
+            line = f"{word} {self.other(given)}"
+            yield line if own is None else f"{line} {between} the own {self.own(own.on(names))}"
+        if block.job is not None:
+            yield _job(block.job, names)
+            if block.job.report is not None:
+                yield f"reports the own {self.own(block.job.report.where(names))}"
+            if block.job.kind == "inspect" and block.into is not None:
+                yield f"stores two words from the own {self.own(block.into.on(names))} on"
+        for service, arguments in block.calls:
+            yield f"calls {service}" + "".join(f" {name}={_value(arguments[name], names)}" for name in arguments)
+        for after in block.then:
+            if after.store is not None:
+                yield f"stores what it brings from the own {self.own(after.store.where(names))} on"
+
+    def other(self, given: Mapping[str, Any]) -> str:
+        """A place of the other side."""
+        try:
+            return _with_count(self.there, address_of(self.there, self.codes, given), given.get("count"))
+        except (DeviceMemoryError, AddressError) as error:
+            return f"a place that is not there ({error})"
+
+    def own(self, given: Mapping[str, Any]) -> str:
+        """A place of the own memory."""
+        try:
+            address = address_of(self.here, self.blocks.server.codes, given)
+        except (DeviceMemoryError, AddressError) as error:
+            return f"place that is not there ({error})"
+        return _with_count(self.here, address, given.get("count"))
+
+
+def _with_count(grammar: AddressGrammar, address: Address, count: Any) -> str:
+    try:
+        text = grammar.print(address)
+        if unit_bits(address.unit) != unit_bits(grammar.areas[address.area].unit):
+            raise AddressError(text)
+    except AddressError:
+        text = f"{address.unit} {address.start} of {address.area}"
+    return text if count in (None, 1) else f"{text} ({count} × {address.unit})"
+
+
+def _job(job: CompiledJob, names: Names) -> str:
+    """A command to jobs: which slot, and how often the transfer is repeated."""
+    slot = job.slot(names)
+    if job.kind != "job":
+        return f"{job.kind}s " + ("all jobs" if slot == "all" else f"the job in slot {slot}")
+    every, late, times = (0 if one is None else int(one(names)) for one in (job.every, job.late, job.times))
+    line = f"as the job in slot {slot}"
+    if job.host is not None:
+        line += f", with {job.host(names)}"
+    line += f", every {format_time(every)}" if every else ", back to back"
+    line += f", {times} times" if times else ", until it is aborted"
+    return line + (f", late after {format_time(late)}" if late else "")
+
+
+def _value(compute: Any, names: Names) -> str:
+    try:
+        value = compute(names)
+    except EVALUATION_ERRORS:
+        return "…"
+    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)

@@ -1,0 +1,296 @@
+"""The own memory at the places of a run: pieces of it in memory's form, stored whole; fields of frames in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Bits, BitsPart, Count, Data, Field, FieldType, Length, Segment, Value
+from framekit.definition.model.services import AddressForm, Area
+from framekit.definition.model.values import Table
+from framekit.definition.model.walk import bounds_of, flat
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.packing import memory_of, values_of
+from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError
+from framekit.memory.profile import MemoryProfile
+from framekit.memory.views import as_float, as_signed, from_float
+from framekit.run.model import Block, Place
+
+Piece = tuple[Place, int, bytes]
+"""A place, how many bits from there on, and what they are, in memory's form."""
+
+_LIKE_AN_ADDRESS = re.compile(r"%?\w[\w.:/]*")
+
+
+class OwnAddresses(AddressGrammar):
+    """The addresses of a memory: its forms, and the names that its profile gives to single places."""
+
+    def __init__(
+        self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table],
+        names: Mapping[str, str],
+    ) -> None:  # fmt: skip
+        super().__init__(forms, areas, tables)
+        self._names = names
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """As for every grammar; a name stands for its address."""
+        return super().parse(self._names.get(text.strip(), text), unit, check=check)
+
+
+class AnyAddresses(OwnAddresses):
+    """Stands for the addresses of a memory whose description is wrong: what looks like an address is taken for one.
+
+    So everything else that a file says can still be looked at.
+    """
+
+    def __init__(self) -> None:
+        super().__init__((), {}, {}, {})
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """A place as wide as there are. Raises AddressError for what has blanks or operators in it."""
+        text = text.strip()
+        if _LIKE_AN_ADDRESS.fullmatch(text) is None:
+            raise AddressError(f"'{text}' is not an address – write it as one word")
+        return Address("", unit or "lword", 0, text, type="float64")
+
+    def check(self, address: Address, count: int = 1) -> None:
+        """There is room everywhere."""
+
+
+class ProtocolAddresses(AddressGrammar):
+    """The addresses of a memory that has a protocol's areas, those in `sizes` as large as there.
+
+    An area stands there under its `memory` name; an address form may say another one by a result `memory`.
+    """
+
+    def __init__(self, protocol: Protocol, sizes: Mapping[str, Area] | None = None) -> None:
+        super().__init__(protocol.addresses, protocol.areas, protocol.tables)
+        self._memory = {name: area.memory for name, area in protocol.areas.items()}
+        self._there = {area.memory: area for area in protocol.areas.values()} | dict(protocol.areas) | dict(sizes or {})
+
+    def place(self, text: str, unit: str | None = None) -> Address:
+        """The place in memory, which need not be there; the part `area` is the area of the protocol."""
+        address = super().parse(text, unit, check=False)
+        memory = str(address.parts.get("memory") or self._memory[address.area])
+        return replace(address, area=memory, parts={**address.parts, "area": address.area})
+
+    def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
+        """As for every grammar; `area` is the memory's."""
+        address = self.place(text, unit)
+        if check:
+            self.check(address)
+        return address
+
+    def check(self, address: Address, count: int = 1) -> None:
+        """As for every grammar. Raises AddressError for an area that the memory does not have, too."""
+        area = self._there.get(address.area)
+        if area is None or not area.size:
+            what = f"{address} is in {address.area}, which this memory does not have"
+            raise AddressError(f"{what} – say under 'sizes' how many elements it has")
+        self.check_in(area, address, count)
+
+
+def addresses_of(profile: MemoryProfile) -> OwnAddresses:
+    """The addresses of a memory with this profile."""
+    names = {name: place.address for name, place in profile.named.items()}
+    return OwnAddresses(profile.addresses, profile.areas, profile.tables, names)
+
+
+def read_piece(memory: DeviceMemory, place: Place, bits: int) -> bytes:
+    """`bits` bits from a place on, in memory's form. Raises DeviceMemoryError."""
+    return piece_reader(memory, place, bits)()
+
+
+def piece_reader(memory: DeviceMemory, place: Place, bits: int) -> Callable[[], bytes]:
+    """Does the same at every call. Raises UnknownAreaError."""
+    area, first = memory.area(place.address.area), place.address.first_bit
+    if first % 8 == 0 and bits % 8 == 0:
+        return area.bytes_reader(first // 8, bits // 8)
+    return partial(area.read_bits, first, bits)
+
+
+def piece_writer(memory: DeviceMemory, place: Place, bits: int) -> Callable[[bytes], None]:
+    """`store_pieces` for one piece, to be called again and again. Raises UnknownAreaError."""
+    area, first = memory.area(place.address.area), place.address.first_bit
+    if area.access == "read" or first + bits > area.size_bits:
+        return lambda data: store_pieces(memory, [(place, bits, data)])
+    if first % 8 == 0 and bits % 8 == 0:
+        return partial(area.write_bytes, first // 8)
+    return partial(area.write_bits, first, bits)
+
+
+def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:
+    """Stores all pieces, or, when one cannot be stored, none. Raises DeviceMemoryError."""
+    for place, bits, _ in pieces:
+        area = memory.area(place.address.area)
+        if area.access == "read":
+            raise AccessError(f"{place.text} is in area {area.name}, which can only be read")
+        if place.address.first_bit + bits > area.size_bits:
+            raise MemoryRangeError(f"{bits} bits from {place.text} on are not in area {area.name}")
+    for place, bits, data in pieces:
+        area, first = memory.area(place.address.area), place.address.first_bit
+        if first % 8 == 0 and bits % 8 == 0:
+            area.write_bytes(first // 8, data)
+        else:
+            area.write_bits(first, bits, data)
+
+
+FramePart = Data | Field | BitsPart | Length | Count | Value
+"""What has a name and a value that memory can hold."""
+
+
+def parts_of(segments: Sequence[Segment]) -> Iterator[tuple[str, FramePart]]:
+    """Everything in a frame that memory can hold, by name; also what is in wraps, choices and optional parts."""
+    for segment in flat(segments):
+        if isinstance(segment, Bits):
+            yield from ((part.name, part) for part in segment.parts)
+        elif isinstance(segment, (Data, Field, Length, Count, Value)):
+            yield segment.name, segment
+
+
+def takes_bytes(part: FramePart) -> bool:
+    """Whether its value is bytes or text, not a number."""
+    return isinstance(part, Data) or (isinstance(part, Field) and part.type.kind in ("ascii", "bytes"))
+
+
+def fixed_bytes(part: FramePart) -> int | None:
+    """Bytes that data or text always has; None when that is open."""
+    size = part.type.size if isinstance(part, Field) else part.size if isinstance(part, Data) else None
+    return size if isinstance(size, int) else None
+
+
+def misfit(part: FramePart, place: Place) -> tuple[str, str] | None:
+    """What is wrong with this place for this part, and what to do; None when it fits."""
+    bits = place.address.unit_bits
+    if takes_bytes(part):
+        if place.address.first_bit % 8:
+            return f"'{part.name}' is bytes, and {place.text} is in the middle of one", "name a byte or a word"
+    elif _is_float(part) and bits not in (32, 64):
+        return f"'{part.name}' is a floating-point number, and {place.text} is a {place.address.unit}", (
+            "name a double word or a long word"
+        )
+    return None
+
+
+def may_overflow(part: FramePart, place: Place) -> bool:
+    """Whether there are binary numbers of this field that its place cannot hold."""
+    if not isinstance(part, Field) or part.type.kind != "int" or part.limits is not None or part.unit is not None:
+        return False
+    bounds = bounds_of(part.type)
+    return bounds is not None and (bounds[1] - bounds[0]).bit_length() > place.address.unit_bits > 1
+
+
+def no_number(part: FramePart | None, value: Any) -> str | None:
+    """Why a field that holds plain numbers cannot be sent with a value; None when it can, or that is not known here."""
+    if not isinstance(part, Field) or part.unit is not None or part.values or part.long or part.zero_means is not None:
+        return None
+    bounds = bounds_of(part.type)
+    if bounds is None:
+        return None
+    if not isinstance(value, int):
+        return f"'{part.name}' is a number, not {value!r}"
+    least, most = bounds[0] - part.plus, bounds[1] - part.plus
+    if least <= value <= most:
+        return None
+    return f"'{part.name}' is {value}, " + (f"more than {most}" if value > most else f"less than {least}")
+
+
+# ---- values -----------------------------------------------------------------------------------------------
+
+
+def to_memory(part: FramePart, place: Place, value: Any, room: int | None) -> tuple[int, bytes]:
+    """Bits and content for a value. `room`: bytes there are for it. Raises ValueError for one that does not fit."""
+    if takes_bytes(part):
+        data = value.encode("latin-1") if isinstance(value, str) else bytes(value)
+        size = fixed_bytes(part) if room is None else room
+        if size is not None and len(data) > size:
+            raise ValueError(f"'{part.name}' came with {len(data)} bytes, there is room for {size}")
+        if isinstance(value, str) and size is not None:
+            data = data.ljust(size, _pad(part))
+        return 8 * len(data), data
+    unit = place.address.unit
+    if _is_float(part):
+        return place.address.unit_bits, memory_of(from_float([value], unit), unit)
+    try:
+        return place.address.unit_bits, memory_of([_scaled(part, int(value))], unit)
+    except ValueError:
+        raise ValueError(f"'{part.name}' is {value}, that does not fit into {place.text} ({unit})") from None
+
+
+def from_memory(part: FramePart, place: Place, memory: bytes) -> Any:
+    """The value of a field for sending."""
+    if takes_bytes(part):
+        if not isinstance(part, Field) or part.type.kind != "ascii":
+            return memory
+        return memory.rstrip(b"\0").decode("latin-1") if part.type.end is not None else memory.decode("latin-1")
+    unit = place.address.unit
+    number = values_of(memory, unit, 1)
+    if _is_float(part):
+        return as_float(number, unit)[0]
+    if isinstance(part, Field) and part.type.signed and place.address.unit_bits > 1:
+        number = as_signed(number, unit)
+    return number[0] * _unit(part)
+
+
+def _scaled(part: FramePart, value: int) -> int:
+    return value // _unit(part)
+
+
+def _unit(part: FramePart) -> int:
+    """Times are kept in the wire's unit."""
+    return part.unit if isinstance(part, Field) and part.unit else 1
+
+
+def _is_float(part: FramePart) -> bool:
+    return isinstance(part, Field) and part.type.kind == "float"
+
+
+def _pad(part: FramePart) -> bytes:
+    type_: FieldType | None = part.type if isinstance(part, Field) else None
+    return b"\0" if type_ is None or type_.end is not None else type_.pad or b" "
+
+
+Read = Callable[[], Any]
+
+
+class FrameFields:
+    """The fields of one SEND block: those that are the same every time, and what reads the others.
+
+    Raises ValueError where nobody says how long data are, UnknownAreaError.
+    """
+
+    def __init__(self, block: Block, parts: Mapping[str, FramePart], memory: DeviceMemory) -> None:
+        self.block = block
+        self.constants: dict[str, Any] = dict(block.values or {})
+        self.readers = tuple(
+            (name, field_reader(parts[name], place, block.sizes.get(name), memory))
+            for name, place in block.data.items()
+        )
+
+    def read(self) -> dict[str, Any]:
+        """The fields as they are now. Raises DeviceMemoryError, ValueError."""
+        fields = self.constants.copy()
+        for name, read in self.readers:
+            fields[name] = read()
+        return fields
+
+
+def field_reader(part: FramePart, place: Place, size: int | None, memory: DeviceMemory) -> Read:
+    """Reads the value of a field from its place at every call; `size` bytes where it takes as many as one likes."""
+    if not takes_bytes(part):
+        return partial(_converted, part, place, piece_reader(memory, place, place.address.unit_bits))
+    if size is None:
+        size = fixed_bytes(part)
+    if size is None:
+        raise ValueError(f"the size of '{part.name}' is not known – give the block size: {{{part.name}: N}}")
+    read = piece_reader(memory, place, 8 * size)
+    is_text = isinstance(part, Field) and part.type.kind == "ascii"
+    return partial(_converted, part, place, read) if is_text else read
+
+
+def _converted(part: FramePart, place: Place, read: Callable[[], bytes]) -> Any:
+    return from_memory(part, place, read())

@@ -1,0 +1,536 @@
+"""The scheduler: which block starts when.
+
+Channels are independent; within a channel one exchange runs at a time, ordered by due time, then priority, then number.
+A block that comes due while it waits or runs counts an overrun and runs once. The scheduler is told the time and calls
+`start` for a block whose turn it is; how an exchange works is not known here.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+
+from framekit.definition.times import NEVER
+from framekit.memory.memory import DeviceMemory
+from framekit.run.block_state import BlockState, Failure, Prompt
+from framekit.run.lanes import Lane, LaneRules
+from framekit.run.model import BLOCKS_IN_SET, After, Block, BlockEnd, Every, Silence
+from framekit.run.triggers import Cycle, MemoryTriggers, Resolve
+
+
+class Arming:
+    """Arms blocks. `wake` is called when one comes due by its memory triggers.
+
+    `fired`: those that have come due since somebody took them, always the same list. `timers`: a heap of times when
+    blocks are due next.
+    """
+
+    def __init__(self, memory: DeviceMemory, resolve: Resolve, wake: Callable[[], None]) -> None:
+        self.memory = memory
+        self.resolve = resolve
+        self.fired: list[BlockState] = []
+        self._wake = wake
+        self.timers: list[tuple[int, int, Cycle | None, BlockState, int]] = []
+        self._order = itertools.count()
+        self._after: dict[tuple[int, bool], list[BlockState]] = {}
+
+    def await_ends(self, state: BlockState) -> None:
+        """From now on the block hears of the ends it waits for: those of blocks of its set."""
+        for trigger in state.block.triggers:
+            if isinstance(trigger, BlockEnd):
+                key = BLOCKS_IN_SET * (state.block.set - 1) + trigger.block, trigger.ok
+                self._after.setdefault(key, []).append(state)
+
+    def arm(self, state: BlockState, now: int) -> None:
+        """Arms the triggers of a block; its time triggers count from here."""
+        state.round += 1
+        note = partial(self.fired.append, state)
+        state.memory_triggers = MemoryTriggers(state.block, self.memory, self.resolve, note, self._wake)
+        for trigger in state.block.triggers:
+            if isinstance(trigger, Every):
+                self._at(now + trigger.phase, Cycle(now + trigger.phase, trigger.period), state)
+            elif isinstance(trigger, After):
+                self.at(now + trigger.delay, state)
+
+    def disarm(self, state: BlockState) -> None:
+        """Nothing but the ends of other blocks makes it due any more."""
+        state.round += 1
+        if state.memory_triggers is not None:
+            state.memory_triggers.cancel()
+            state.memory_triggers = None
+
+    def forget(self, state: BlockState) -> None:
+        """A block is no more."""
+        self.disarm(state)
+        self.fired[:] = [fired for fired in self.fired if fired is not state]
+        for waiting in self._after.values():
+            waiting[:] = [other for other in waiting if other is not state]
+
+    def clear(self) -> None:
+        """Nothing comes due any more of what was to."""
+        self.timers.clear()
+        self.fired.clear()
+
+    # ---- what happens -------------------------------------------------------------------------------------
+
+    def ended(self, state: BlockState, ok: bool) -> None:
+        """A block has ended, well or not."""
+        waiting = self._after.get((state.id, ok))
+        if waiting:
+            self.fired.extend(waiting)
+
+    def ended_at_once(self, state: BlockState, ok: bool, later: int) -> None:
+        """A block has ended while it was being started; one in whose chain it is already is due only `later`."""
+        waiting = self._after.get((state.id, ok))
+        if not waiting:
+            return
+        chain = (*state.chain, state.id)
+        for one in waiting:
+            if one.id in chain:
+                self.at(later, one)
+            else:
+                one.chain = chain
+                self.fired.append(one)
+
+    def take_fired(self) -> list[BlockState]:
+        """Those that have come due since this was asked last."""
+        fired = self.fired.copy()
+        self.fired.clear()
+        return fired
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def at(self, when: int, state: BlockState) -> None:
+        """The block is due at `when`, if it has not been armed anew by then."""
+        self._at(when, None, state)
+
+    def _at(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
+        heapq.heappush(self.timers, (when, next(self._order), cycle, state, state.round))
+
+    @property
+    def next_time(self) -> int:
+        """When a block is due by its time next."""
+        return self.timers[0][0] if self.timers else NEVER
+
+    def due(self, now: int) -> Iterator[tuple[BlockState, int, int]]:
+        """Blocks whose time has come: when that was, and how many times more it has come since then."""
+        timers = self.timers
+        while timers and timers[0][0] <= now:
+            due, _, cycle, state, round_ = heapq.heappop(timers)
+            if round_ == state.round:
+                missed = 0
+                if cycle is not None:
+                    missed = cycle.step(now)
+                    self._at(cycle.due, cycle, state)
+                yield state, due, missed
+
+
+class Turns:
+    """Lanes by number. Whoever changes a lane says so by `stir`; `due` then names it when its time has come."""
+
+    def __init__(self, station_of: Callable[[BlockState], Hashable]) -> None:
+        self.lanes: dict[int, Lane] = {}
+        self._station_of = station_of
+        self._number = itertools.count()
+        self._heap: list[tuple[int, int, Lane]] = []
+
+    def add(self, number: int, rules: LaneRules) -> Lane:
+        """The lane of this number, which is made if there is none."""
+        lane = self.lanes.get(number)
+        if lane is None:
+            lane = self.lanes[number] = Lane(rules, self._station_of, next(self._number))
+        return lane
+
+    def remove(self, number: int) -> None:
+        """Nothing waits there any more."""
+        del self.lanes[number]
+
+    def hold(self, numbers: Collection[int]) -> None:
+        """Nothing starts in these lanes until the next call; in all others it does."""
+        for number, lane in self.lanes.items():
+            lane.held = number in numbers
+            self.stir(lane)
+
+    def idle(self, numbers: Collection[int]) -> bool:
+        """Whether nothing runs in any of these lanes."""
+        return not any(self.lanes[number].busy for number in numbers if number in self.lanes)
+
+    def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
+        """Forgets blocks that wait."""
+        for lane in self.lanes.values():
+            lane.clear(which)
+
+    def stir(self, lane: Lane) -> None:
+        """Something about the lane is different: it may have something to do at another time."""
+        when = lane.deadline
+        if when < lane.asked_for:
+            lane.asked_for = when
+            heapq.heappush(self._heap, (when, lane.order, lane))
+
+    def due(self, now: int) -> Sequence[Lane]:
+        """Lanes that may start something now, in their order; each has to be stirred afterwards."""
+        heap, found = self._heap, []
+        while heap and heap[0][0] <= now:
+            when, _, lane = heapq.heappop(heap)
+            if when == lane.asked_for:
+                lane.asked_for = NEVER
+                if lane.deadline <= now:
+                    found.append(lane)
+                else:
+                    self.stir(lane)
+        if len(found) > 1:
+            found.sort(key=lambda lane: lane.order)
+        return found
+
+    @property
+    def deadline(self) -> int:
+        """When the first of them has something to do."""
+        heap = self._heap
+        while heap:
+            when, _, lane = heap[0]
+            if when == lane.asked_for == lane.deadline:
+                return when
+            heapq.heappop(heap)
+            if when == lane.asked_for:
+                lane.asked_for = NEVER
+                self.stir(lane)
+        return NEVER
+
+
+LEAST_TIME = 1_000_000
+"""One that ends at once, or fails within 1 ms, holds its channel for 1 ms; a `while` block starts again 1 ms after its
+end at the earliest, and so does one that blocks have started in a circle without waiting for anything: so blocks that
+start each other, or themselves, and never wait for the other side, stop nobody."""
+
+Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
+"""Which of the waiting blocks may come with the exchange of a block."""
+
+
+class Scheduler:
+    """Makes blocks due and starts them, channel by channel.
+
+    `channels`: how each treats its line, or just the silence between two exchanges (ns). `start(state, now)` begins
+    the exchange of a block and its companions; the end of each is told by `finished`. `wake()` asks the owner to call
+    `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
+    been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
+    `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
+    `died(channel, station, dead)` hears of stations that are given up or back, `prompt` gives a quick start, which
+    may fail, to blocks without conditions that look at nothing that the owner brings up to date before `tick`.
+    """
+
+    def __init__(
+        self,
+        blocks: Iterable[Block],
+        memory: DeviceMemory,
+        resolve: Resolve,
+        channels: Mapping[int, LaneRules | int],
+        start: Callable[[BlockState, int], None],
+        wake: Callable[[], None],
+        ended: Callable[[BlockState, bool, int], None] = lambda state, ok, now: None,
+        *,
+        station_of: Callable[[BlockState], Hashable] = lambda state: None,
+        joins: Joins | None = None,
+        sets: Mapping[int, bool] | None = None,
+        died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
+        prompt: Callable[[BlockState], Prompt | None] = lambda state: None,
+    ) -> None:
+        self.states = {block.id: BlockState(block) for block in blocks}
+        self.sets = dict(sets or {})
+        self._arming = Arming(memory, resolve, wake)
+        self._turns = Turns(station_of)
+        self.lanes = self._turns.lanes
+        self._start = start
+        self._wake = wake
+        self._tell_ended = ended
+        self._joins = joins
+        self._died = died
+        self._prompt = prompt
+        self._active = False
+        self._starting: BlockState | None = None
+        for channel, rules in channels.items():
+            self._turns.add(channel, LaneRules(silence=Silence(between=rules)) if isinstance(rules, int) else rules)
+        for state in self.states.values():
+            self._take_in(state)
+
+    def _take_in(self, state: BlockState) -> None:
+        """A block without a channel waits for nobody: it has a lane of its own."""
+        state.set_on = self.sets.get(state.block.set, True)
+        self._arming.await_ends(state)
+        self._turns.add(state.lane, LaneRules())
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def begin(self, now: int) -> None:
+        """Arms the triggers. Time triggers count from here."""
+        self._active = True
+        for state in self.states.values():
+            self.arm(state, now)
+        self.tick(now)
+
+    def arm(self, state: BlockState, now: int) -> None:
+        """Arms the triggers of a block, unless its set is off; its time triggers count from here."""
+        if state.set_on:
+            self._arming.arm(state, now)
+
+    def end(self) -> None:
+        """No block comes due any more; what runs may finish."""
+        self._active = False
+        self._arming.clear()
+        self._turns.clear()
+        for state in self.states.values():
+            self._arming.disarm(state)
+
+    def reset(self, now: int) -> None:
+        """As at the start: counters at zero, repetitions afresh, time triggers from now. What runs is still counted."""
+        self.end()
+        for state in self.states.values():
+            state.reset()
+        for channel, lane in self.lanes.items():
+            lane.forget_failures()
+            self._mark_changes(channel, lane)
+        self.begin(now)
+
+    # ---- channels, sets and blocks, on and off ------------------------------------------------------------
+
+    def set_open(self, channel: int, is_open: bool, now: int = 0) -> None:
+        """Blocks of a channel that is not open wait until it is."""
+        lane = self.lanes[channel]
+        if not is_open:
+            lane.open = False
+        elif not lane.open:
+            lane.opened(now)
+            for state in self.states.values():
+                if state.lane == channel and state.prompt is None:
+                    self._prepare(state)  # takes longer than a start, so it is not left to the first one
+            self._turns.stir(lane)
+            self._mark_changes(channel, lane)
+            self._wake()
+
+    def enable(self, number: int, on: bool, now: int) -> None:
+        """Switches a block on or off; what runs ends as it does. Raises KeyError for a number there is not."""
+        state = self.states[number]
+        state.switched_on = on
+        if not on:
+            self.lanes[state.lane].clear(lambda one: one is state)
+        elif state.memory_triggers is not None and state.memory_triggers.level_holds():
+            self._due(state, now)
+            self._wake()
+
+    def enable_set(self, number: int, on: bool, now: int) -> None:
+        """Switches a parameter set on, its time triggers count from now, or off. Raises KeyError for an unknown one."""
+        if number not in self.sets:
+            raise KeyError(number)
+        self.set_enabled(number, on, now)
+
+    def set_enabled(self, number: int, on: bool, now: int) -> None:
+        """As `enable_set`; a set that is new is one from here on."""
+        if self.sets.get(number, True) == on:
+            self.sets[number] = on
+            return
+        self.sets[number] = on
+        for state in self.states.values():
+            if state.block.set == number:
+                state.set_on = on
+                if self._active:
+                    self.arm(state, now) if on else self._arming.disarm(state)
+        if not on:
+            self._turns.clear(lambda state: state.block.set == number)
+        self._wake()
+
+    # ---- change -------------------------------------------------------------------------------------------
+
+    def hold(self, channels: Collection[int]) -> None:
+        """Starts nothing on these channels until the next call; on all others it does."""
+        self._turns.hold(channels)
+        self._wake()
+
+    def idle(self, channels: Collection[int]) -> bool:
+        """Whether no exchange runs on any of these channels."""
+        return self._turns.idle(channels)
+
+    def add_channel(self, number: int, rules: LaneRules) -> None:
+        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting.
+
+        Quick starts of its blocks are asked for anew.
+        """
+        lane = self._turns.add(number, rules)
+        lane.rules, lane.open = rules, False
+        for state in self.states.values():
+            if state.lane == number:
+                state.prompt = None
+
+    def remove_channel(self, number: int) -> None:
+        """A channel none of whose blocks is there any more."""
+        self._turns.remove(number)
+
+    def add(self, block: Block) -> BlockState:
+        """A block that is new; `arm` it when everything it looks at is there."""
+        self.states[block.id] = state = BlockState(block)
+        in_order = sorted(self.states.items())
+        self.states.clear()
+        self.states.update(in_order)
+        self._take_in(state)
+        return state
+
+    def remove(self, number: int) -> BlockState:
+        """Takes a block out that does not run. Raises KeyError for a number there is not."""
+        state = self.states.pop(number)
+        self._arming.forget(state)
+        self.lanes[state.lane].clear(lambda one: one is state)
+        if state.block.job is not None:
+            self._turns.remove(state.lane)
+        return state
+
+    # ---- becoming due -------------------------------------------------------------------------------------
+
+    def fire(self, number: int, now: int) -> None:
+        """Makes a block due by hand. Raises KeyError for a number there is not."""
+        self._due(self.states[number], now)
+        self.tick(now)
+
+    def takes(self, number: int) -> bool:
+        """Whether a RECEIVE block takes its frame now. Raises KeyError for a number there is not."""
+        return self._may_start(self.states[number])
+
+    def _may_start(self, state: BlockState) -> bool:
+        if not (state.switched_on and state.set_on and self._active and state.starts_left != 0):
+            return False
+        triggers = state.memory_triggers
+        return triggers is None or triggers.unless is None or not triggers.unless()
+
+    def _due(self, state: BlockState, now: int) -> None:
+        if not self._may_start(state):
+            return
+        lane = self.lanes[state.lane]
+        if state.waiting or state.running:
+            state.counters.overruns += 1
+            if state.waiting:
+                lane.look_again(state)
+                self._turns.stir(lane)
+            return
+        state.waiting = True
+        lane.push(state, now)
+        self._turns.stir(lane)
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    @property
+    def deadline(self) -> int:
+        """When `tick` has to be called next."""
+        if self._arming.fired:
+            return 0
+        return min(self._arming.next_time, self._turns.deadline)
+
+    def tick(self, now: int) -> None:
+        """Makes due what is due now, and starts what can start."""
+        if self._arming.next_time <= now:
+            for state, due, missed in self._arming.due(now):
+                self._due(state, due)
+                if missed and self._may_start(state):
+                    state.counters.overruns += missed
+        if self._arming.fired:
+            for state in self._arming.take_fired():
+                self._due(state, now)
+        for lane in self._turns.due(now):
+            self._start_next(lane, now)
+            self._turns.stir(lane)
+
+    def start_promptly(self, now: int) -> None:
+        """Starts the block that has come due, if it is the only one and has nobody to wait for.
+
+        For whoever has more to do at that moment, none of which such a block looks at (see `prompt`). What others do
+        in calls is written out here, since it stands between a trigger and the first byte.
+        """
+        fired, timers = self._arming.fired, self._arming.timers
+        if len(fired) != 1 or (timers and timers[0][0] <= now):
+            return
+        state = fired[0]
+        if state.prompt is None:
+            self._prepare(state)
+        if not (state.prompt and state.switched_on and state.set_on and self._active and state.starts_left != 0):
+            return
+        if self.lanes[state.lane].take_at_once(state, now):
+            fired.clear()
+            state.companions = ()
+            afterwards = state.prompt()
+            state.begun(now)
+            self._starting = state
+            if afterwards is None:
+                self._start(state, now)
+            else:
+                afterwards()
+            self._starting = None
+
+    def _prepare(self, state: BlockState) -> None:
+        state.prompt = self._prompt(state) or False
+
+    def _begin(self, state: BlockState, now: int) -> None:
+        state.companions = ()
+        state.begun(now)
+        self._starting = state
+        self._start(state, now)
+        self._starting = None
+
+    def _start_next(self, lane: Lane, now: int) -> None:
+        state = lane.take(now)
+        if state is None:
+            return
+        joins = self._joins
+        if joins is not None and lane.waiting and not state.probing:
+            state.companions = tuple(lane.companions(lambda others: joins(state, others)))
+            for one in state.companions:
+                one.begun(now)
+            state.begun(now)
+            self._start(state, now)
+        else:
+            self._begin(state, now)
+
+    def finished(self, number: int, failure: Failure | None, now: int) -> None:
+        """An exchange has ended, well if `failure` is None; blocks that wait for this come due.
+
+        Telling it twice changes nothing.
+        """
+        state = self.states[number]
+        if not state.running:
+            return
+        channel = state.lane
+        lane = self.lanes[channel]
+        at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
+        lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
+        self._turns.stir(lane)
+        self._mark_changes(channel, lane)
+        if state.dead:
+            state.dead = lane.is_dead(lane.station_of(state))
+        self._ended(state, failure, now)
+        if state.memory_triggers is not None and state.memory_triggers.level_holds():
+            self._arming.at(now + LEAST_TIME, state)
+        self._wake()
+
+    def _mark_changes(self, channel: int, lane: Lane) -> None:
+        """The blocks that talk to a station that has died, or is back, show it."""
+        for station, dead in lane.changes():
+            for state in self.states.values():
+                if state.block.channel == channel and lane.station_of(state) == station:
+                    state.dead = dead
+            self._died(channel, station, dead)
+
+    def arrived(self, number: int, failure: Failure | None, now: int) -> None:
+        """A frame of a RECEIVE block has come: it counts as one exchange, started and ended."""
+        state = self.states[number]
+        if state.starts_left:
+            state.starts_left -= 1
+        state.counters.started += 1
+        self._ended(state, failure, now)
+        self._wake()
+
+    def _ended(self, state: BlockState, failure: Failure | None, now: int) -> None:
+        state.ended(failure, now)
+        self._tell_ended(state, failure is None, now)
+        if self._starting is state:
+            self._arming.ended_at_once(state, failure is None, now + LEAST_TIME)
+        else:
+            self._arming.ended(state, failure is None)
+        if state.chain:
+            state.chain = ()

@@ -1,0 +1,622 @@
+"""What a block does on its channel: memory into requests, replies into memory; arguments and results of calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from typing import Any, Generic, Literal, TypeVar
+
+from framekit.codec.codec import compile_protocol
+from framekit.codec.shown import explain
+from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Index, List, Name, Node, Number
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.protocol import Protocol, StationType
+from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Record, Repeat, Segment
+from framekit.definition.model.services import Packing, ServiceRow
+from framekit.definition.model.values import LayoutOf, ReadAs, RecordOf, Value
+from framekit.definition.model.walk import flat
+from framekit.definition.problems import did_you_mean
+from framekit.definition.times import NEVER
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.engine import Engine
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.events import Command
+from framekit.link.frame_sender import FrameSender
+from framekit.link.packing import Packer, cut_memory, join_memory, memory_of, values_of
+from framekit.link.services.client import Client, TransferResult
+from framekit.link.values import FrameValue
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
+from framekit.memory.views import as_signed, from_float
+from framekit.run.block_state import Failure, failure_of
+from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
+from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
+from framekit.run.own_memory import FrameFields, FramePart, Piece, parts_of, read_piece, store_pieces, to_memory
+
+Ended = Callable[[Failure | None], None]
+"""Told once how a block's exchange ended; None when all is well."""
+
+
+class BlockTransfers:
+    """Starts the exchanges of the blocks of one channel."""
+
+    def __init__(
+        self,
+        engine: Engine,
+        client: Client | None,
+        memory: DeviceMemory,
+        frames: Mapping[str, Frame],
+        station: StationType,
+        mapping: Mapping[str, tuple[str, int]] | None = None,
+        later: Later | None = None,
+        params_of: ParamsOf | None = None,
+    ) -> None:
+        self.engine = engine
+        self.client = client
+        self.memory = memory
+        self.frames = frames
+        self.station = station
+        self.commands = CommandTransfers(engine, client, memory, mapping or {}, later, params_of)
+        self._parts: dict[str, dict[str, FramePart]] = {}
+        self._fields: dict[int, FrameFields] = {}
+        self._senders: dict[str, FrameSender] = {}
+        self._sending: list[Ended] = []
+
+    def closed(self, reason: str) -> None:
+        """The connection is gone: frames that have not left yet never will."""
+        sending, self._sending = self._sending, []
+        for ended in sending:
+            ended(Failure(outcome="closed", cause=reason))
+
+    def forget(self, block: Block) -> None:
+        """A block is no more: what was prepared for it is not kept."""
+        self._fields.pop(block.id, None)
+
+    def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
+        """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
+        try:
+            return self._start(block, now, ended)
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            ended(Failure(outcome="cannot_send", cause=explain(error)))
+            return []
+
+    def _start(self, block: Block, now: int, ended: Ended) -> list[Command]:
+        if block.instruction == "send":
+            return self._send(block, now, ended)
+        if block.instruction == "command":
+            return self.commands.start(block, self.station_of(block), now, ended)
+        assert self.client is not None
+        station, done = self.station_of(block), self._finisher(block, ended)
+        if block.instruction == "read":
+            if len(block.targets) > 1:
+                return self.client.read_variables(
+                    block.targets, station=station, unit=block.unit, now=now, on_done=done
+                )
+            return self.client.read(
+                block.targets[0], station=station, unit=block.unit, count=block.count, now=now, on_done=done
+            )
+        if block.instruction == "write":
+            values = self.values_of(block)
+            if len(block.targets) > 1:
+                return self.client.write_variables(
+                    block.targets, values, station=station, unit=block.unit, now=now, on_done=done
+                )
+            return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
+        assert block.service is not None
+        given = arguments_of_call(block, self.memory)
+        return self.client.call(
+            block.service, given, station=station, addresses=block.addresses, unit=block.unit, count=block.count,
+            now=now, on_done=done,
+        )  # fmt: skip
+
+    def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
+        """One read for several blocks of one station; each gets its own part, and its own end."""
+        assert self.client is not None
+        address, count = joined(reads)
+
+        def done(result: TransferResult) -> None:
+            bits = address.unit_bits
+            for read in reads:
+                block, ended = read.key
+                part = result
+                if result.ok:
+                    data = cut_memory(result.data, (read.address.start - address.start) * bits, read.count * bits)
+                    part = TransferResult(True, data=data)
+                self._finisher(block, ended)(part)
+
+        try:
+            station = self.station_of(reads[0].key[0])
+            return self.client.read(address, station=station, count=count, now=now, on_done=done)
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            for read in reads:
+                read.key[1](Failure(outcome="cannot_send", cause=explain(error)))
+            return []
+
+    def read_of(self, block: Block, ended: Ended) -> Read[tuple[Block, Ended]] | None:
+        """What a READ block with one place reads, as others may join it; None for every other block."""
+        if block.instruction != "read" or len(block.targets) != 1 or not block.merge or self.client is None:
+            return None
+        try:
+            address = self.client.grammar.parse(block.targets[0], block.unit)
+        except AddressError:
+            return None
+        return Read((block, ended), address, block.count)
+
+    def station_of(self, block: Block) -> Any:
+        """The other side's station: fixed, or from the own memory as it is now. Raises ValueError."""
+        place = block.station_from
+        if place is None:
+            return block.station
+        if self.station.type == "bytes":
+            return read_piece(self.memory, place, 8 * (self.station.size or 1))
+        number = values_of(read_piece(self.memory, place, place.address.unit_bits), place.address.unit, 1)[0]
+        limits = self.station.limits
+        if limits is not None and not limits[0] <= number <= limits[1]:
+            raise ValueError(f"station {number} in {place.text} is not in {limits[0]}..{limits[1]}")
+        return number
+
+    # ---- READ and WRITE -----------------------------------------------------------------------------------
+
+    def values_of(self, block: Block) -> list[int]:
+        """What a WRITE block writes now: its constants, or elements from its places."""
+        if block.values is not None:
+            return list(block.values)
+        if len(block.targets) > 1:
+            pairs = zip(block.places, block.units, strict=True)
+            return [values_of(read_piece(self.memory, place, unit_bits(unit)), unit, 1)[0] for place, unit in pairs]
+        unit = block.units[0]
+        return values_of(read_piece(self.memory, block.places[0], block.count * unit_bits(unit)), unit, block.count)
+
+    def _finisher(self, block: Block, ended: Ended) -> Callable[[TransferResult], None]:
+        def done(result: TransferResult) -> None:
+            if result.ok and (block.instruction == "read" or block.results):
+                try:
+                    pieces = list(result_pieces(block, result)) if block.results else self.pieces_of(block, result.data)
+                    store_pieces(self.memory, pieces)
+                except (DeviceMemoryError, ValueError) as error:
+                    ended(Failure(outcome="cannot_store", cause=str(error)))
+                    return
+            ended(failure_of(result))
+
+        return done
+
+    def pieces_of(self, block: Block, data: bytes) -> list[Piece]:
+        """What a READ block has read, in memory's form, at its places."""
+        if len(block.targets) == 1:
+            return [(block.places[0], block.count * unit_bits(block.units[0]), data)]
+        starts = [0]
+        for unit in block.units:
+            starts.append(starts[-1] + unit_bits(unit))
+        spans = zip(block.places, pairwise(starts), strict=True)
+        return [(place, end - start, cut_memory(data, start, end - start)) for place, (start, end) in spans]
+
+    # ---- SEND and RECEIVE ---------------------------------------------------------------------------------
+
+    def _send(self, block: Block, now: int, ended: Ended) -> list[Command]:
+        assert block.frame is not None
+
+        fields = self.fields_of(block)
+        commands = self._sender_of(block.frame).send(fields, now, partial(self.has_sent, ended))
+        self._sending.append(ended)
+        return commands
+
+    def prepared_frame(self, block: Block) -> tuple[FrameSender, FrameFields]:
+        """What sends the frame of a SEND block, and what reads its fields. Raises as `fields_of`."""
+        assert block.frame is not None
+        return self._sender_of(block.frame), self._reader_of(block)
+
+    def is_sending(self, ended: Ended) -> None:
+        """Somebody sends a block's frame by what is prepared; `has_sent` follows unless the connection is lost."""
+        self._sending.append(ended)
+
+    def _sender_of(self, frame: str) -> FrameSender:
+        if frame not in self._senders:
+            self._senders[frame] = FrameSender(self.engine, frame)
+        return self._senders[frame]
+
+    def has_sent(self, ended: Ended) -> None:
+        """The frame of a block has left."""
+        if ended in self._sending:
+            self._sending.remove(ended)
+            ended(None)
+
+    def _parts_of(self, frame: str) -> dict[str, FramePart]:
+        if frame not in self._parts:
+            self._parts[frame] = dict(parts_of(self.frames[frame].segments))
+        return self._parts[frame]
+
+    def fields_of(self, block: Block) -> dict[str, Any]:
+        """The fields of a SEND block's frame as they are now. Raises DeviceMemoryError, ValueError."""
+        return self._reader_of(block).read()
+
+    def _reader_of(self, block: Block) -> FrameFields:
+        found = self._fields.get(block.id)
+        if found is None or found.block is not block:
+            assert block.frame is not None
+            found = self._fields[block.id] = FrameFields(block, self._parts_of(block.frame), self.memory)
+        return found
+
+    def store_frame(self, block: Block, frame: FrameValue) -> None:
+        """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""
+        parts = self._parts_of(frame.frame)
+        pieces: list[Piece] = []
+        for name, place in block.data.items():
+            value = frame.fields.get(name)
+            if value is not None:
+                bits, data = to_memory(parts[name], place, value, block.sizes.get(name))
+                pieces.append((place, bits, data))
+        store_pieces(self.memory, pieces)
+
+
+Key = TypeVar("Key")
+
+
+@dataclass(frozen=True, slots=True)
+class Read(Generic[Key]):
+    """`count` elements from `address` on, for `key`."""
+
+    key: Key
+    address: Address
+    count: int
+
+    @property
+    def end(self) -> int:
+        return self.address.start + self.count
+
+
+def neighbours(first: Read[Key], others: Sequence[Read[Key]], merge: Merge, grammar: AddressGrammar) -> list[Read[Key]]:
+    """Those of the others that one read can bring with the first: no gap too wide, not too many elements in all."""
+    chosen = [first]
+    least, end = first.address.start, first.end
+    added = True
+    while added:
+        added = False
+        for other in others:
+            if other in chosen or not _same_row(first.address, other.address, grammar):
+                continue
+            gap = max(other.address.start - end, least - other.end, 0)
+            low, high = min(least, other.address.start), max(end, other.end)
+            if gap <= merge.gap and (merge.most is None or high - low <= merge.most):
+                chosen.append(other)
+                least, end, added = low, high, True
+    return chosen[1:]
+
+
+def _same_row(one: Address, other: Address, grammar: AddressGrammar) -> bool:
+    """Whether the second place is so many elements from the first: a file or another table is somewhere else."""
+    if (one.area, one.unit) != (other.area, other.unit):
+        return False
+    try:
+        return grammar.print(grammar.advance(one, other.start - one.start)) == grammar.print(grammar.advance(other, 0))
+    except AddressError:
+        return False
+
+
+def joined(reads: Sequence[Read[Key]]) -> tuple[Address, int]:
+    """Where one read for all of them begins, and how many elements it has."""
+    first = min(reads, key=lambda read: read.address.start)
+    return first.address, max(read.end for read in reads) - first.address.start
+
+
+Later = Callable[[int, Callable[[], None]], None]
+"""Calls something back after so many nanoseconds."""
+
+
+class CommandTransfers:
+    """Starts the command blocks of one channel."""
+
+    def __init__(
+        self, engine: Engine, client: Client | None, memory: DeviceMemory, mapping: Mapping[str, tuple[str, int]],
+        later: Later | None, params_of: ParamsOf | None,
+    ) -> None:  # fmt: skip
+        self._engine = engine
+        self._client = client
+        self._memory = memory
+        self._mapping = mapping
+        self._later = later
+        self._params_of = params_of
+        self._commands: dict[str, CommandBlocks] = {}
+
+    def start(self, block: Block, station: Any, now: int, ended: Ended) -> list[Command]:
+        """The words of a command block are copied now; what happens to them later changes nothing."""
+        assert block.commands is not None
+        commands, place = self.commands_of(block.commands), block.places[0]
+        area = self._memory.area(place.address.area)
+        first = place.address.first_bit // 8
+        data = area.read_bytes(first, min(2 * commands.rules.most, area.size_bytes - first))
+        over = False
+
+        def late() -> None:
+            if not over:
+                self._show_fault(block, True)
+
+        def done(end: CommandEnd) -> None:
+            nonlocal over
+            over = True
+            if end.fault:
+                self._show_fault(block, True)
+                ended(Failure(outcome="cannot_send", cause=end.fault))
+            else:
+                ended(end.failure)
+
+        self._show_fault(block, False)
+        waits = commands.waits_for(data)
+        if waits <= 0:
+            late()
+        elif waits < NEVER and self._later is not None:
+            self._later(waits, late)
+        return commands.start(data, station, now, done, lambda station: self._params(block, station))
+
+    def _params(self, block: Block, station: Any) -> dict[str, Any]:
+        """What the channel says for a station, and the block does not."""
+        given = {} if self._params_of is None else self._params_of(station)
+        return {name: value for name, value in given.items() if name not in block.params}
+
+    def commands_of(self, application: Protocol) -> CommandBlocks:
+        """The command blocks of an application on this channel."""
+        found = self._commands.get(application.name)
+        if found is None or found.words.application != application:
+            found = self._commands[application.name] = CommandBlocks(
+                application,
+                compile_protocol(application),
+                self._memory,
+                channel=self._engine.scope,
+                engine=self._engine,
+                client=self._client,
+                mapping={name: place for name, place in self._mapping.items() if name in application.areas},
+            )
+        return found
+
+    def _show_fault(self, block: Block, fault: bool) -> None:
+        if block.fault is not None:
+            store_pieces(self._memory, [(block.fault, 1, bytes([fault]))])
+
+
+MILLISECOND = 1_000_000
+LONGEST = 65536
+"""Most elements of a list, or bytes, that one result or argument can have."""
+
+
+# ---- what kind of value a result is -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """What is known about a result. `size`: bytes of data or text that always has so many; `scale`: nanoseconds a
+    number counts; `item`: of a list; `parts`: of a record."""
+
+    kind: Literal["any", "number", "bytes", "text", "list", "record"] = "any"
+    size: int | None = None
+    scale: int = 1
+    item: Shape | None = None
+    parts: Mapping[str, Shape] | None = None
+
+    @property
+    def is_long(self) -> bool:
+        """Whether there may be any number of elements or bytes."""
+        return self.kind == "list" or (self.kind in ("bytes", "text") and self.size is None)
+
+
+ANY = Shape()
+_WORDS = {"number": "a number", "bytes": "bytes", "text": "a text"}
+
+
+class NoResultError(ValueError):
+    """A service does not give what is named; `hint` is what could be meant."""
+
+    def __init__(self, what: str, hint: str) -> None:
+        super().__init__(what)
+        self.hint = hint
+
+
+def shapes_of(protocol: Protocol, row: ServiceRow) -> dict[str, Shape]:
+    """What one row of a service gives, with the reply's frame and the bytes beside it."""
+    frames = [reply.frame.frame for reply in row.reply if reply.frame is not None]
+    parts = [_parts(protocol.frames[name].segments) for name in frames if name in protocol.frames]
+    known = {"buffer": Shape(kind="bytes")}
+    if parts:
+        known["reply"] = Shape(kind="record", parts=_either(parts))
+    return known | {name: _given(protocol, value, known) for name, value in row.gives.items()}
+
+
+def shape_at(expression: Expression, known: Mapping[str, Shape]) -> Shape:
+    """The kind of the result that an expression names. Raises NoResultError."""
+    return _followed(expression.root, known)
+
+
+def is_path(node: Node) -> bool:
+    """Whether an expression only names something: `time.hour`, `faults[0].code`."""
+    if isinstance(node, Index):
+        return isinstance(node.index, Number) and is_path(node.value)
+    return isinstance(node, Name) or (isinstance(node, Attribute) and is_path(node.value))
+
+
+def _followed(node: Node, known: Mapping[str, Shape]) -> Shape:
+    match node:
+        case Name(name=name):
+            if name not in known:
+                given = [one for one in known if one not in ("reply", "buffer")] or list(known)
+                raise NoResultError(f"no result '{name}'", did_you_mean(name, given))
+            return known[name]
+        case Attribute(value=value, name=name):
+            return _part(_followed(value, known), name)
+        case Index(value=value):
+            shape = _followed(value, known)
+            return shape.item or ANY if shape.kind == "list" else Shape(kind="number") if shape.kind == "bytes" else ANY
+        case Conditional(then=first, otherwise=second):
+            one, other = _followed(first, known), _followed(second, known)
+            return one if one.kind == other.kind else ANY
+        case List():
+            return Shape(kind="list", item=_followed(node.items[0], known) if node.items else ANY)
+    return ANY
+
+
+def _part(shape: Shape, name: str) -> Shape:
+    if shape.kind == "list":
+        return Shape(kind="list", item=_part(shape.item or ANY, name))
+    if shape.kind == "record" and shape.parts is not None:
+        if name not in shape.parts:
+            raise NoResultError(f"no '{name}' in it", did_you_mean(name, shape.parts))
+        return shape.parts[name]
+    if shape.kind in ("number", "bytes", "text"):
+        raise NoResultError(f"no '{name}' in it: it is {_WORDS[shape.kind]}", f"leave .{name} out")
+    return ANY
+
+
+def _given(protocol: Protocol, value: Value, known: Mapping[str, Shape]) -> Shape:
+    match value:
+        case ReadAs(layout=layout) if layout in protocol.layouts:
+            return Shape(kind="record", parts=_parts(protocol.layouts[layout].segments))
+        case LayoutOf():
+            return Shape(kind="bytes")
+        case RecordOf(fields=fields):
+            return Shape(kind="record", parts={name: _given(protocol, one, known) for name, one in fields.items()})
+        case Expression():
+            try:
+                return _followed(value.root, known)
+            except NoResultError:
+                return ANY
+    return ANY
+
+
+def _either(records: Sequence[Mapping[str, Shape]]) -> dict[str, Shape]:
+    """The parts that a value has which is one of these records."""
+    found: dict[str, Shape] = {}
+    for record in records:
+        for name, shape in record.items():
+            found[name] = shape if found.get(name, shape) == shape else ANY
+    return found
+
+
+def _parts(segments: Iterable[Segment]) -> dict[str, Shape]:
+    found: dict[str, Shape] = {}
+    for segment in flat(segments):
+        if isinstance(segment, Bits):
+            found |= {part.name: Shape(kind="number") for part in segment.parts}
+        elif segment.name is not None:
+            shape = _of_segment(segment)
+            found[segment.name] = shape if found.get(segment.name, shape) == shape else ANY
+    return found
+
+
+def _of_segment(segment: Segment) -> Shape:
+    match segment:
+        case Field():
+            return replace(_of_type(segment.type), scale=segment.unit or 1)
+        case Data():
+            return Shape(kind="bytes", size=segment.size if isinstance(segment.size, int) else None)
+        case Length() | Count():
+            return Shape(kind="number")
+        case Record():
+            return Shape(kind="record", parts=_parts(segment.of))
+        case Repeat():
+            of = segment.of
+            item = _of_type(of) if isinstance(of, FieldType) else Shape(kind="record", parts=_parts(of))
+            return Shape(kind="list", item=item)
+    return ANY
+
+
+def _of_type(type_: FieldType) -> Shape:
+    if type_.kind in ("ascii", "bytes"):
+        return Shape(
+            kind="text" if type_.kind == "ascii" else "bytes", size=type_.size if isinstance(type_.size, int) else None
+        )
+    return Shape(kind="number")
+
+
+# ---- results into memory ----------------------------------------------------------------------------------
+
+
+def result_pieces(block: Block, result: TransferResult) -> Iterator[Piece]:
+    """What a call gave, at the places that the block names. Raises ValueError for what cannot be stored there."""
+    names = Names({"reply": result.reply, "buffer": result.buffer, **result.gives})
+    for place in block.results:
+        try:
+            value = compile_expression(place.result)(names)
+        except EVALUATION_ERRORS:
+            raise ValueError(f"the call gave no '{place.result}'") from None
+        bits, data = _stored(place, value, block.packing or Packing())
+        yield place.place, bits, data
+
+
+def _stored(place: ResultPlace, value: Any, packing: Packing) -> tuple[int, bytes]:
+    """Bits and content, in memory's form; what is shorter than its room is filled with zeros."""
+    address, name = place.place.address, str(place.result)
+    if isinstance(value, (int, float)):
+        return _numbers(place, [value])
+    if isinstance(value, (bytes, str)):
+        text = isinstance(value, str)
+        data = value.encode("latin-1", "replace") if isinstance(value, str) else value
+        bits, data = (8 * len(data), data) if text else _bytes(place, data, packing)
+        room = None if place.size is None else 8 * place.size
+        what = f"{len(value)} {'characters' if text else 'bytes'}"
+    elif isinstance(value, list) and all(isinstance(item, bytes) for item in value):
+        bits, data = _bytes(place, b"".join(value), packing)
+        room, what = _elements(place), f"{bits // address.unit_bits} elements"
+    elif isinstance(value, list) and all(isinstance(item, (int, float)) for item in value):
+        bits, data = _numbers(place, value)
+        room, what = _elements(place), f"{len(value)} elements"
+    else:
+        raise ValueError(f"'{name}' is neither a number nor data, but {_shown(value)}")
+    if room is None:
+        raise ValueError(f"nothing says how much room '{name}' has, and it has {what} – give the block size:")
+    if bits > room:
+        raise ValueError(f"'{name}' has {what}, and there is room for {place.size}")
+    return room, join_memory([(data, bits), (bytes((room - bits + 7) // 8), room - bits)])
+
+
+def _elements(place: ResultPlace) -> int | None:
+    return None if place.size is None else place.size * place.place.address.unit_bits
+
+
+def _numbers(place: ResultPlace, values: Sequence[float]) -> tuple[int, bytes]:
+    address = place.place.address
+    scaled: list[Any] = [value // place.scale if place.scale > 1 else value for value in values]
+    if any(isinstance(value, float) for value in scaled):
+        if address.unit_bits not in (32, 64):
+            raise ValueError(f"'{place.result}' is a floating-point number, and {place.place.text} is a {address.unit}")
+        scaled = list(from_float(scaled, address.unit))
+    try:
+        return len(scaled) * address.unit_bits, memory_of(scaled, address.unit)
+    except ValueError as error:
+        raise ValueError(f"'{place.result}' does not fit into {place.place.text}: {error}") from None
+
+
+def _bytes(place: ResultPlace, data: bytes, packing: Packing) -> tuple[int, bytes]:
+    """Data as elements of the place, as the service's row packs them."""
+    packer = Packer(packing, place.place.address.unit)
+    count = packer.count_in(0, len(data))
+    return count * packer.bits, packer.to_memory(data, 0, count)
+
+
+def _shown(value: Any) -> str:
+    return "a list of such" if isinstance(value, list) else "nothing" if value is None else "a record of several"
+
+
+# ---- arguments from memory --------------------------------------------------------------------------------
+
+
+def arguments_of_call(block: Block, memory: DeviceMemory) -> dict[str, Any]:
+    """The arguments of a call as they are now. Raises DeviceMemoryError."""
+    return {**block.arguments, **{name: _argument(place, memory) for name, place in block.argument_places.items()}}
+
+
+def _argument(given: ArgumentPlace, memory: DeviceMemory) -> Any:
+    address = given.place.address
+    if given.type in ("text", "choice", "bytes"):
+        data = read_piece(memory, given.place, 8 * given.size)
+        return data if given.type == "bytes" else data.rstrip(b"\0").decode("latin-1")
+    numbers: Sequence[Any] = values_of(
+        read_piece(memory, given.place, given.size * address.unit_bits), address.unit, given.size
+    )
+    if given.signed and address.unit_bits > 1:
+        numbers = as_signed(numbers, address.unit)
+    if given.type == "list":
+        return list(numbers)
+    return numbers[0] * MILLISECOND if given.type == "time" else numbers[0]
+
+
+def argument_bits(type_: str, size: int, unit: str) -> int:
+    """How many bits of the memory an argument takes."""
+    return 8 * size if type_ in ("text", "choice", "bytes") else size * unit_bits(unit)
