@@ -7,6 +7,7 @@ from typing import Any, Generic, TypeVar
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.reader import Item, Reader, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.definition.model.segments import Segment
 
@@ -18,12 +19,32 @@ class SegmentKind(Generic[S]):
 
     model: type[S]
 
+    # ---- decoding -----------------------------------------------------------------------------------------
+
+    def slot(self, r: Reader, item: Item, segment: S, size: int) -> Slot:
+        """What a segment of fixed size takes of the struct that unpacks a run of them; padding if not overridden."""
+        return Slot(item, size, "x", "", None)
+
+    def unpacked(self, r: Reader, slot: Slot, segment: S, source: str, converted: bool) -> None:
+        """From what the struct gave (the text `source`) to the value, and what must hold for it.
+
+        `r.place` is where the segment begins. `converted`: the source is the number already.
+        """
+
+    def read(self, r: Reader, item: Item, segment: S, after: tuple[Item, ...]) -> None:
+        """Reads a segment that is there and stands in no run. `after`: what follows it in the buffer."""
+        raise TypeError(f"no segment to read: {segment!r}")
+
+    # ---- diagnosis ----------------------------------------------------------------------------------------
+
     def declare(self, d: DiagnosisWriter, segment: S, scope: Scope) -> None:
         """Puts the names that expressions may read into a scope, as careful functions know them."""
 
     def diagnose(self, d: DiagnosisWriter, segment: S, scope: Scope, behind: Behind) -> None:
         """Writes the calls that read a segment that is there carefully. `behind`: what follows it in its buffer."""
         raise NotImplementedError
+
+    # ---- measuring ----------------------------------------------------------------------------------------
 
     def measure(self, m: MeasureWriter, segment: S, scope: Scope, after: Pairs) -> None:
         """Writes how a measuring function passes a segment that is there. `after`: what follows it in the frame.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
-from framekit.codec.python.branches import numbers_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.expressions import Scope
+from framekit.codec.python.expressions import Scope, numbers_of
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
+from framekit.codec.python.reader import Item, Reader
 from framekit.codec.python.source import literal
+from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.model.segments import (
     Choose,
     Segments,
@@ -16,6 +17,26 @@ from framekit.definition.model.segments import (
 
 class ChooseKind(SegmentKind[Choose]):
     model = Choose
+
+    def read(self, r: Reader, item: Item, segment: Choose, after: tuple[Item, ...]) -> None:
+        function = r.function
+        on = function.writer(item.scope).text(segment.on, BIT_OR)
+        if not on.isidentifier():
+            local = function.names.fresh("case")
+            function.add(f"{local} = {on}")
+            on = local
+        numbers = numbers_of(segment.on, item.scope, function.by_name)
+        branches: list[tuple[str, list[Item]]] = []
+        for keys, segments in segment.cases:
+            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
+            test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
+            items = [Item(segment, item.scope, item.fields) for segment in segments]
+            branches.append((f"{'elif' if branches else 'if'} {test}:", items))
+        item.fields.open(function.out)
+        if segment.otherwise is not None:
+            branches.append(("else:", [Item(segment, item.scope, item.fields) for segment in segment.otherwise]))
+        r.prepare_names([inner for _, items in branches for inner in items])
+        r.branches_of_choice(branches, after, fault=segment.otherwise is None)
 
     def diagnose(self, d: DiagnosisWriter, segment: Choose, scope: Scope, behind: Behind) -> None:
         numbers = numbers_of(segment.on, scope, d.by_name)

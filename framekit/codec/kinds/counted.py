@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.reader import Item, Reader, Slot
 from framekit.codec.python.shape import (
     is_always_there,
     is_followed,
@@ -23,6 +25,21 @@ from framekit.definition.model.segments import (
 
 class LengthKind(SegmentKind[Length]):
     model = Length
+
+    def slot(self, r: Reader, item: Item, segment: Length, size: int) -> Slot:
+        code, order = forms.struct_code(segment.type) or ("", "")
+        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
+
+    def unpacked(self, r: Reader, slot: Slot, segment: Length, source: str, converted: bool) -> None:
+        item, local = slot.item, slot.text
+        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
+        r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
+        r.judge_limits(segment, local)
+        r.compare_length(item, segment)
+
+    def read(self, r: Reader, item: Item, segment: Length, after: tuple[Item, ...]) -> None:
+        _read_number(r, item, segment)
+        r.compare_length(item, segment)
 
     def declare(self, d: DiagnosisWriter, segment: Length, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
@@ -56,6 +73,21 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
 class CountKind(SegmentKind[Count]):
     model = Count
 
+    def slot(self, r: Reader, item: Item, segment: Count, size: int) -> Slot:
+        code, order = forms.struct_code(segment.type) or ("", "")
+        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
+
+    def unpacked(self, r: Reader, slot: Slot, segment: Count, source: str, converted: bool) -> None:
+        item, local = slot.item, slot.text
+        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
+        r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
+        r.judge_limits(segment, local)
+        r.compare_count(item, segment)
+
+    def read(self, r: Reader, item: Item, segment: Count, after: tuple[Item, ...]) -> None:
+        _read_number(r, item, segment)
+        r.compare_count(item, segment)
+
     def declare(self, d: DiagnosisWriter, segment: Count, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
         scope.entries[segment.name] = Entry(
@@ -67,6 +99,14 @@ class CountKind(SegmentKind[Count]):
 
     def measure(self, m: MeasureWriter, segment: Count, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+def _read_number(r: Reader, item: Item, segment: Length | Count) -> None:
+    """A number whose size is an expression."""
+    local = r.function.local(segment.name, item.scope)
+    r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")
+    r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.name))
+    r.judge_limits(segment, local)
 
 
 def _items_of(d: DiagnosisWriter, count: Count) -> str | None:

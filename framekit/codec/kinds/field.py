@@ -7,15 +7,36 @@ from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.places import Place, between, index
+from framekit.codec.python.reader import Item, Reader, Slot
 from framekit.codec.python.source import bytes_literal, literal, quoted
+from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Field,
     FieldType,
+    Long,
 )
 
 
 class FieldKind(SegmentKind[Field]):
     model = Field
+
+    def slot(self, r: Reader, item: Item, segment: Field, size: int) -> Slot:
+        code, order = forms.struct_code(segment.type) or ("", "")
+        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
+
+    def unpacked(self, r: Reader, slot: Slot, segment: Field, source: str, converted: bool) -> None:
+        item, local = slot.item, slot.text
+        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
+        sized = segment.type.kind in ("ascii", "bytes")
+        r.declare(item, segment.name, local, sized=sized, wire=str(slot.size))
+        r.judge_field(item, segment, local)
+
+    def read(self, r: Reader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
+        if segment.long is None:
+            _read_sized(r, item, segment, after)
+        else:
+            _read_long(r, item, segment, segment.long)
 
     def declare(self, d: DiagnosisWriter, segment: Field, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
@@ -47,6 +68,56 @@ class FieldKind(SegmentKind[Field]):
 
     def measure(self, m: MeasureWriter, segment: Field, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+def _read_sized(r: Reader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
+    """A field whose size is an expression, whose end is marked, or that takes the rest."""
+    type_, local = segment.type, r.function.local(segment.name, item.scope)
+    if isinstance(type_.size, Expression):
+        first, last = r.take(item, r.size_text(type_.size, item.scope))
+    elif type_.fixed_size is not None:
+        first, last = r.take(item, str(type_.fixed_size))
+    elif type_.end is not None:
+        first, last = _until_end(r, item, segment, type_.end)
+        type_ = FieldType("ascii", None, pad=type_.pad)
+    else:
+        first, last = r.take_rest(item, after)
+    wire = forms.parse(r.module, type_, between(r.buffer, first, last))
+    r.function.add(f"{local} = {forms.value_of(segment, wire)}")
+    sized = type_.kind in ("ascii", "bytes")
+    r.declare(item, segment.name, local, sized=sized, wire=r.function.wire_size(segment.name))
+    r.judge_field(item, segment, local)
+
+
+def _until_end(r: Reader, item: Item, field: Field, end: bytes) -> tuple[Place, Place]:
+    stop = r.function.names.fresh(f"{field.name}_end")
+    first = r.keep(r.place)
+    r.function.add(f"{stop} = {r.buffer}.index({bytes_literal(end)}, {first.text(r.buffer)})")
+    r.advance(f"{stop} + {len(end)}")
+    r.function.stands(item.segment, r.buffer, first, r.place)
+    return first, Place(stop, 0)
+
+
+def _read_long(r: Reader, item: Item, field: Field, long: Long) -> None:
+    """A number whose values from the mark on follow as a longer number."""
+    local = r.function.local(field.name, item.scope)
+    short, longer = field.type.fixed_size or 1, long.type.fixed_size or 0
+    first = r.keep(r.place) if field.name in r.function.tracked else r.place
+    if short == 1 and field.type.kind == "int" and not field.type.signed:
+        r.function.add(f"{local} = {index(r.buffer, first)}")
+    else:
+        raw = between(r.buffer, first, first.plus(short))
+        r.function.add(f"{local} = {forms.parse(r.module, field.type, raw)}")
+    r.advance(first.plus(short).text(r.buffer))
+    with r.function.out.block(f"if {local} == {long.mark:#x}:"):
+        raw = between(r.buffer, r.place, r.place.plus(longer))
+        r.function.add(f"{local} = {forms.parse(r.module, long.type, raw)}")
+        r.function.add(f"{r.at} += {longer}")
+    if forms.changes_value(field):
+        r.function.add(f"{local} = {forms.value_of(field, local)}")
+    r.function.stands(field, r.buffer, first, r.place)
+    r.declare(item, field.name, local, sized=False, wire=r.function.wire_size(field.name))
+    r.judge_field(item, field, local)
 
 
 def _rules(field: Field) -> str:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.function import MISFIT
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.places import between
+from framekit.codec.python.reader import Item, Reader
 from framekit.codec.python.source import quoted
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -15,6 +19,30 @@ from framekit.definition.model.segments import (
 
 class InnerKind(SegmentKind[Inner]):
     model = Inner
+
+    def read(self, r: Reader, item: Item, segment: Inner, after: tuple[Item, ...]) -> None:
+        function = r.function
+        local = function.local(segment.name, item.scope)
+        choice = r.module.choice(segment.frames, function.title, segment.name)
+        fixed = r.shapes.present(segment).fixed
+        known = r.knows_behind(after)
+        if isinstance(segment.size, Expression):
+            first, last = r.take(item, r.size_text(segment.size, item.scope))
+        elif fixed is not None and not (known and r.place.base == "end"):
+            first, last = r.take(item, str(fixed))
+        elif known or segment.size == "rest":
+            first, last = r.take_rest(item, after)
+        else:
+            size = function.names.fresh(f"{segment.name}_size")
+            measure, start = r.module.function("measure_first"), r.place.text(r.buffer)
+            function.add(f"{size} = {measure}({choice}, {r.buffer}, {start}, len({r.buffer}), ctx)")
+            with function.out.block(f"if {size} <= 0:"):
+                function.add(MISFIT)
+            first, last = r.take(item, size)
+        _first_that_fits(r, segment, local, choice, between(r.buffer, first, last))
+        item.scope.entries[segment.name] = Entry(local, "inner")
+        function.names_of_values[segment.name] = local
+        item.fields.add(segment.name, local)
 
     def declare(self, d: DiagnosisWriter, segment: Inner, scope: Scope) -> None:
         scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]", "inner")
@@ -63,3 +91,20 @@ class InnerKind(SegmentKind[Inner]):
                 m.add("return LOST")
             m.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         m.skip(size)
+
+
+def _first_that_fits(r: Reader, inner: Inner, local: str, choice: str, raw: str) -> None:
+    """The value of a frame inside: at once where a byte leaves few, which spares a call and a loop."""
+    function, decode = r.function, r.module.function("decode_first")
+    if not raw.isidentifier():
+        region = function.names.fresh(f"{inner.name}_bytes")
+        function.add(f"{region} = {raw}")
+        raw = region
+    one, tree = function.names.fresh("one"), tree_of(r.shapes, in_order(r.shapes, inner.frames))
+    at = tree.at if isinstance(tree, Switch) else 0
+    anyway = f"{decode}({choice}, {raw}, ctx)"
+    with function.out.block("try:"):
+        function.add(f"{one} = {choice}.likely[{raw}[{at}]]")
+        function.add(f"{local} = {anyway} if {one} is None else {{{one}[0]: {one}[1]({raw}, ctx)}}")
+    with function.out.block("except MISFITS:"):
+        function.add(f"{local} = {anyway}")

@@ -6,6 +6,8 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.places import Place
+from framekit.codec.python.reader import Item, Reader
 from framekit.definition.model.segments import (
     Optional,
 )
@@ -13,6 +15,18 @@ from framekit.definition.model.segments import (
 
 class OptionalKind(SegmentKind[Optional]):
     model = Optional
+
+    def read(self, r: Reader, item: Item, segment: Optional, after: tuple[Item, ...]) -> None:
+        end = r.region_end(after)
+        items = [Item(segment, item.scope, item.fields) for segment in segment.of]
+        if end.base == "end":
+            name = r.function.names.fresh("region_end")
+            r.function.add(f"{name} = {end.text(r.buffer)}")
+            end = Place(name, 0)
+        r.prepare_names(items)
+        item.fields.open(r.function.out)
+        r.settle()
+        r.branches_of_choice([(f"if {r.at} < {end.base}:", items)], after, fault=False)
 
     def diagnose(self, d: DiagnosisWriter, segment: Optional, scope: Scope, behind: Behind) -> None:
         if absent := d.absent(segment):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.places import Place
+from framekit.codec.python.places import Fields, Place, between
+from framekit.codec.python.reader import Item, Reader, without_end
 from framekit.codec.python.shape import may_be_empty, names_read
 from framekit.codec.python.source import quoted
 from framekit.definition.expression.emit import PRODUCT
@@ -20,6 +22,12 @@ from framekit.definition.model.segments import (
 
 class RepeatKind(SegmentKind[Repeat]):
     model = Repeat
+
+    def read(self, r: Reader, item: Item, segment: Repeat, after: tuple[Item, ...]) -> None:
+        if isinstance(segment.of, FieldType):
+            _read_values(r, item, segment, segment.of, after)
+        else:
+            _read_records(r, item, segment, segment.of, after)
 
     def declare(self, d: DiagnosisWriter, segment: Repeat, scope: Scope) -> None:
         inside = Scope(scope)
@@ -56,6 +64,130 @@ class RepeatKind(SegmentKind[Repeat]):
             m.advance("stop")
         else:
             _measure_records(m, segment, segment.of, scope, times, after)
+
+
+def _read_values(r: Reader, item: Item, repeat: Repeat, of: FieldType, after: tuple[Item, ...]) -> None:
+    """A list of plain values."""
+    size = of.fixed_size
+    if size is None:
+        raise without_end(repeat)
+    local = r.function.local(repeat.name, item.scope)
+    if repeat.times == "rest":
+        first, last = r.take_rest(item, after)
+        count = None
+        if size > 1:
+            start = first.text(r.buffer)
+            room = last.text(r.buffer) if start == "0" else f"{last.text(r.buffer)} - ({start})"
+            r.function.misfit_if(f"({room}) % {size}")
+            r.function.flush()
+    else:
+        count = _count(r, item, repeat.times)
+        first, last = r.take(item, count if size == 1 else f"{size} * {count}")
+        if forms.is_slice(of):  # a struct compares the size itself, before it makes anything
+            r.function.misfit_if(f"{last.text(r.buffer)} > len({r.buffer})")
+            r.function.flush()
+    r.function.add(f"{local} = {_list_text(r, of, size, first, last, count)}")
+    item.scope.entries[repeat.name] = Entry(local, "list", None)
+    r.function.names_of_values[repeat.name] = local
+    item.fields.add(repeat.name, local)
+
+
+def _list_text(r: Reader, of: FieldType, size: int, first: Place, last: Place, count: str | None) -> str:
+    raw = between(r.buffer, first, last)
+    code = forms.struct_code(of)
+    if code == ("B", ""):
+        return f"list({raw})"
+    if code is None or code[0].endswith("s"):
+        place = r.function.names.fresh("place")
+        one = f"{r.buffer}[{place} : {place} + {size}]"
+        start, stop = first.text(r.buffer), last.text(r.buffer)
+        return f"[{forms.parse(r.module, of, one)} for {place} in range({start}, {stop}, {size})]"
+    if count is None:
+        local = r.function.names.fresh("raw")
+        r.function.add(f"{local} = {raw}")
+        constant = r.module.list_structs("", *code, r.function.title, "values")
+        return f"list({constant}[len({local}){f' // {size}' if size > 1 else ''}].unpack({local}))"
+    start = first.text(r.buffer)
+    behind = "" if start == "0" else f", {first.offset if first.base == 'end' else start}"
+    if count.isdigit():
+        constant = r.module.struct(f"{count}{code[0]}", code[1])
+        return f"list({constant}.unpack_from({r.buffer}{behind}))"
+    constant = r.module.list_structs("", *code, r.function.title, "values")
+    return f"list({constant}[{count}].unpack_from({r.buffer}{behind}))"
+
+
+def _count(r: Reader, item: Item, times: int | Expression | str) -> str:
+    """Text of how often something is repeated; a name or a number."""
+    if isinstance(times, int):
+        return str(times)
+    assert isinstance(times, Expression)
+    text = r.size_text(times, item.scope)
+    if text.isidentifier():
+        return text
+    local = r.function.names.fresh("times")
+    r.function.add(f"{local} = {text}")
+    return local
+
+
+def _read_records(r: Reader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
+    """A list of records."""
+    function = r.function
+    inside = Scope(item.scope)
+    fields = Fields(function.names.fresh("item"))
+    found = function.local(repeat.name, item.scope)
+    least = r.shapes.all(of).least
+    end = None
+    if repeat.times == "rest":
+        end = _region_limit(r, after)
+        header = f"while {r.at} < {end}:"
+    else:
+        count = _count(r, item, repeat.times)
+        header = f"for _ in range({count}):"
+        if not count.isdigit():
+            place = r.place.text(r.buffer)
+            there = f"len({r.buffer}) - {f'({place})' if ' ' in place else place}"
+            function.misfit_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
+    first = r.place
+    if repeat.name in function.tracked and first.base not in ("", "end"):
+        local = function.names.fresh(f"{repeat.name}_start")
+        function.add(f"{local} = {first.text(r.buffer)}")
+        first = Place(local, 0)
+    function.flush()
+    r.settle()
+    function.add(f"{found} = []")
+    inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
+    function.in_branch += 1
+    with function.out.block(header):
+        begin = None
+        if may_be_empty(r.shapes, repeat):
+            begin = function.names.fresh("item_start")
+            function.add(f"{begin} = {r.at}")
+        outside = r.deferred, r.in_item
+        r.deferred, r.in_item = [], True
+        r.read(of, inside, fields, ())
+        r.deferred, r.in_item = outside
+        r.settle()
+        if begin is not None:
+            function.misfit_if(f"{r.at} == {begin}")
+        function.flush()
+        function.add(f"{found}.append({fields.text(function.out)})")
+    function.in_branch -= 1
+    function.stands(repeat, r.buffer, first, r.place)
+    for entry in inside.entries.values():
+        entry.direct = False
+    item.scope.entries[repeat.name] = Entry(found, "list", inside)
+    function.names_of_values[repeat.name] = found
+    item.fields.add(repeat.name, found)
+
+
+def _region_limit(r: Reader, after: tuple[Item, ...]) -> str:
+    """A local with the offset where what follows begins."""
+    end = r.region_end(after)
+    if end.base != "end":
+        return end.base
+    local = r.function.names.fresh("region_end")
+    r.function.add(f"{local} = {end.text(r.buffer)}")
+    return local
 
 
 def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scope, times: str, after: Pairs) -> None:

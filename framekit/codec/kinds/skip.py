@@ -7,6 +7,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.places import Place
+from framekit.codec.python.reader import Item, Reader
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Fill,
@@ -23,6 +24,10 @@ class SkipKind(SegmentKind[Skip]):
 
 class FillKind(SegmentKind[Fill]):
     model = Fill
+
+    def read(self, r: Reader, item: Item, segment: Fill, after: tuple[Item, ...]) -> None:
+        r.take_rest(item, after)
+        r.function.misfit_if(f"len({r.buffer}) != {segment.total}")
 
     def diagnose(self, d: DiagnosisWriter, segment: Fill, scope: Scope, behind: Behind) -> None:
         total = segment.total

@@ -9,6 +9,8 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
+from framekit.codec.python.places import between
+from framekit.codec.python.reader import Item, Reader, shown_name
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.model.segments import (
@@ -16,11 +18,39 @@ from framekit.definition.model.segments import (
     Skip,
     Wrap,
 )
-from framekit.definition.model.walk import flat
+from framekit.definition.model.walk import flat, leaves
 
 
 class WrapKind(SegmentKind[Wrap]):
     model = Wrap
+
+    def read(self, r: Reader, item: Item, segment: Wrap, after: tuple[Item, ...]) -> None:
+        function = r.function
+        plain = function.names.fresh(shown_name(segment, "plain"))
+        if function.in_branch and any(leaf.name in function.tracked for leaf in leaves(segment.of)):
+            function.regions.append(plain)
+        fixed = r.shapes.all(segment.of).fixed
+        if segment.how == "hex":
+            if fixed is not None:
+                first, last = r.take(item, str(2 * fixed))
+            else:
+                first, last = r.take_rest(item, after)
+            r.module.imports.add("from binascii import unhexlify")
+            function.add(f"{plain} = unhexlify({between(r.buffer, first, last)})")
+        else:
+            _undouble(r, item, segment, fixed, after, plain)
+        inside = Reader(function, plain, function.names.fresh(f"{plain}_at"))
+        inside.read(segment.of, item.scope, item.fields)
+        inside.close()
+        if segment.least:
+            function.misfit_if(f"len({plain}) < {segment.least}")
+        if segment.most is not None:
+            most = (
+                str(segment.most)
+                if isinstance(segment.most, int)
+                else function.writer(item.scope).text(segment.most, BIT_OR)
+            )
+            function.misfit_if(f"len({plain}) > {most}")
 
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = d.shapes.all(segment.of).fixed
@@ -81,6 +111,34 @@ class WrapKind(SegmentKind[Wrap]):
             with m.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
                 m.add("return LOST")
         _measure_content(m, segment, scope, after, 2)
+
+
+def _undouble(r: Reader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
+    """Puts the content of a region with doubled escape bytes into the local `plain`."""
+    name, escape = r.module.function, f"{wrap.escape or 0:#04x}"
+    embedded_texts = [bytes_literal(data) for data in r.module.embedded_frames(wrap)]
+    embedded = r.module.embedded(wrap)
+    if r.knows_behind(after):
+        first, last = r.take_rest(item, after)
+    else:
+        first = r.keep(r.place)
+        start = first.text(r.buffer)
+        if fixed is not None:
+            r.advance(f"{name('end_of_doubled')}({r.buffer}, {start}, {escape}, {fixed})")
+        else:
+            more = f", {embedded}" if embedded else ""
+            r.advance(f"{name('end_of_region')}({r.buffer}, {start}, {escape}{more})")
+        last = r.place
+        r.function.stands(wrap, r.buffer, first, last)
+    r.function.flush()
+    r.function.add(f"{plain} = {between(r.buffer, first, last)}")
+    single, double = (bytes_literal(bytes((wrap.escape or 0,)) * count) for count in (1, 2))
+    with r.function.out.block(f"if {single} in {plain}:"):
+        if embedded:
+            tests = " or ".join(f"{frame} in {plain}" for frame in embedded_texts)
+            with r.function.out.block(f"if {tests}:"):
+                r.function.add(f"{plain} = {name('without_embedded')}({plain}, {escape}, {embedded})")
+        r.function.add(f"{plain} = {name('undouble')}({plain}, {single}, {double})")
 
 
 def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:

@@ -8,8 +8,8 @@ from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Function
 from framekit.codec.python.module import Module
-from framekit.codec.python.nested import Reader
 from framekit.codec.python.places import Fields
+from framekit.codec.python.reader import Reader
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Const, Segment

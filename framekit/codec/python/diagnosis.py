@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from framekit.codec.python import forms
-from framekit.codec.python.branches import default_text
 from framekit.codec.python.describe import write_docstring
-from framekit.codec.python.expressions import ExpressionWriter, Scope
+from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.function import span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.codec.python.branches import numbers_of
 from framekit.codec.python.describe import summary, write_docstring
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import Entry, Scope, numbers_of
 from framekit.codec.python.field_values import Given
 from framekit.codec.python.module import Module
 from framekit.codec.python.pieces import PieceWriter

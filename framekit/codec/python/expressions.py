@@ -31,6 +31,7 @@ from framekit.definition.expression.syntax import (
     Unary,
     walk,
 )
+from framekit.definition.model.segments import Field, Segment
 
 Kind = Literal["value", "list", "record", "inner"]
 _WIRE = "bytes on the wire of "
@@ -242,3 +243,20 @@ def may_be_negative(node: Node) -> bool:
             case Number(value=value) if value < 0:
                 return True
     return False
+
+
+def default_text(text: str, field: Field) -> str:
+    """A default given by a name of `values` is its number."""
+    if field.values is not None:
+        for number, name in field.values.items():
+            if text == literal(name):
+                return str(number)
+    return text
+
+
+def numbers_of(on: Expression, scope: Scope, by_name: dict[str, Segment]) -> dict[str, int]:
+    """The numbers behind names in the cases of a choice on a field with `values`."""
+    segment = by_name.get(str(on).strip())
+    if isinstance(segment, Field) and segment.values is not None:
+        return {name: number for number, name in segment.values.items()}
+    return {}

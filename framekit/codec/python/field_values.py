@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
-from framekit.codec.python.branches import default_text
 from framekit.codec.python.building import Building
-from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.expressions import Entry, Scope, constant_of, default_text
 from framekit.codec.python.order import Task
 from framekit.codec.python.source import Code, bytes_literal, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, OR

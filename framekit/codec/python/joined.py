@@ -14,9 +14,8 @@ from framekit.codec.python.decode import limit
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Function
 from framekit.codec.python.module import Module
-from framekit.codec.python.nested import Reader
 from framekit.codec.python.places import Fields
-from framekit.codec.python.reader import Item
+from framekit.codec.python.reader import Item, Reader
 from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import BIT_OR

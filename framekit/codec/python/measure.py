@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from framekit.codec.python import forms
-from framekit.codec.python.branches import default_text
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.describe import write_docstring
-from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, may_be_negative, may_fail
+from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, default_text, may_be_negative, may_fail
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import Names
 from framekit.codec.python.places import Place, between, index

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.python import forms
-from framekit.codec.python.branches import default_text
-from framekit.codec.python.expressions import ExpressionWriter, Scope
+from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.module import Module
 from framekit.codec.python.names import identifier
 from framekit.codec.python.rules import is_needed

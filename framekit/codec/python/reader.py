@@ -1,21 +1,41 @@
-"""Reading a buffer from front to back: places, what is left for a segment, conditions that wait for their names.
+"""Reading a buffer from front to back, as decoders do: the fast path, which only gathers what must hold.
 
-The fast path of decoders reads straight ahead and only gathers conditions; that a place lies beyond the end shows when
-everything is read, at the latest. Which fault it was is not asked here.
+That an offset lies beyond the end shows when everything is read, at the latest. Which fault it was is found out by
+`diagnosis`. Segments of fixed size are read in runs, by one struct; the kinds of segments write how the others are
+read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 
-from framekit.codec.python.expressions import Entry, Scope, may_be_negative
-from framekit.codec.python.function import Function
-from framekit.codec.python.places import Fields, Place
-from framekit.codec.python.source import bytes_literal
-from framekit.definition.expression.emit import AND, SUM
+from framekit.codec.checks import residue_of
+from framekit.codec.python import forms
+from framekit.codec.python.codes import code_text, is_call
+from framekit.codec.python.expressions import Entry, Scope, constant_of, default_text, may_be_negative
+from framekit.codec.python.function import MISFIT, Function, covers_later, span_names
+from framekit.codec.python.places import Fields, Place, between, index
+from framekit.codec.python.registry import kind_of
+from framekit.codec.python.shape import Target, is_always_there, is_followed, is_plain_name, targets_of
+from framekit.codec.python.source import bytes_literal, literal, quoted
+from framekit.definition.expression.emit import AND, BIT_OR, SUM
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Const, Record, Segment
+from framekit.definition.model.segments import (
+    Bits,
+    Check,
+    Const,
+    Count,
+    Field,
+    FieldType,
+    Length,
+    Record,
+    Repeat,
+    Require,
+    Segment,
+    Value,
+)
+from framekit.definition.model.walk import everything, without_when
 from framekit.definition.problems import DefinitionError, Problem
 
 START = Place("", 0)
@@ -31,8 +51,66 @@ class Item:
     fields: Fields
 
 
-class BufferReader:
-    """Reads one buffer. `buffer` is its text, `at` the local that holds the place once that is not fixed any more."""
+ANY_WIDTH = 1 << 20
+_FEW = 6
+"""Up to so many allowed values are written into the condition."""
+_FEW_BYTES = 4
+"""So many single bytes are read sooner one by one than by a struct."""
+
+
+@dataclass(slots=True)
+class Slot:
+    """One segment of a run: its bytes, its struct code with the order that needs, and the local for its value.
+
+    `source`: where the value is taken from, the local itself once it is unpacked.
+    """
+
+    item: Item
+    size: int
+    code: str
+    order: str
+    local: str | None
+    source: str = ""
+
+    @property
+    def text(self) -> str:
+        """The local of one that has a value."""
+        assert self.local is not None
+        return self.local
+
+    @property
+    def is_pad(self) -> bool:
+        return self.local is None
+
+
+@dataclass(slots=True)
+class Chunk:
+    """What takes one value of the struct: a piece, several paddings, or several fields of hex digits."""
+
+    pieces: list[Slot]
+    local: str | None
+
+    @property
+    def size(self) -> int:
+        return sum(piece.size for piece in self.pieces)
+
+    @property
+    def code(self) -> str:
+        if self.local is None:
+            return f"{self.size}x" if self.size != 1 else "x"
+        return self.pieces[0].code if len(self.pieces) == 1 else f"{self.size}s"
+
+    @property
+    def order(self) -> str:
+        return self.pieces[0].order if len(self.pieces) == 1 and not self.code.endswith("s") else ""
+
+
+class Reader:
+    """Reads one buffer. `buffer` is its text, `at` the local that holds the offset once that is not fixed any more.
+
+    `begin`: where in the buffer what is read begins. Everything read in a branch goes into dictionaries that are there
+    before.
+    """
 
     def __init__(self, function: Function, buffer: str, at: str) -> None:
         self.function = function
@@ -186,6 +264,480 @@ class BufferReader:
         self.function.misfit_if(f"{local} < 0")
         return local
 
+    def judge_field(self, item: Item, field: Field, local: str) -> None:
+        self.judge_value(item.scope, field.is_, field.constants, local)
+        if field.only and field.values is not None and field.constants is None:
+            self._judge_among(local, tuple(field.values), field)
+        self.judge_limits(field, local)
+
+    def judge_value(
+        self,
+        scope: Scope,
+        is_: Expression | None,
+        constants: tuple[int | str | bytes, ...] | None,
+        local: str,
+    ) -> None:
+        if constants is not None:
+            if len(constants) == 1:
+                self.function.misfit_if(f"{local} != {literal(constants[0])}")
+            else:
+                self.function.misfit_if(f"{local} not in {literal(constants)}")
+        if is_ is not None:
+            number = constant_of(is_)
+
+            def compare() -> None:
+                text = self.function.writer(scope).text(is_, BIT_OR)
+                self.function.misfit_if(f"{local} != {text if number is None else number}")
+
+            self.when_known(is_, scope, compare)
+
+    def _judge_among(self, local: str, allowed: tuple[int, ...], field: Field) -> None:
+        if len(allowed) <= _FEW:
+            self.function.misfit_if(f"{local} not in {literal(allowed)}")
+        elif field.values is not None:
+            names = self.module.value_names(field.values, f"{self.function.title} {field.name}")
+            self.function.misfit_if(f"{local} not in {names}")
+
+    def judge_limits(self, number: Field | Length | Count, local: str) -> None:
+        """Limits that the type does not keep by itself."""
+        if number.limits is None:
+            return
+        least, most = number.limits
+        free = forms.value_range(_without_limits(number))
+        low = free.least is None or least > free.least
+        high = free.most is None or most < free.most
+        if low and high:
+            self.function.misfit_if(f"not {least} <= {local} <= {most}")
+        elif low:
+            self.function.misfit_if(f"{local} < {least}")
+        elif high:
+            self.function.misfit_if(f"{local} > {most}")
+
+    # ---- check codes --------------------------------------------------------------------------------------
+
+    def judge_check(self, check: Check, local: str, is_slice: bool) -> None:
+        """Compares a check code that was read into `local` with that of its range."""
+        if covers_later(check, self.function.segments):
+            if self.function.in_branch:
+                raise not_possible(check, "a check under a condition covers what comes later", "put it behind that")
+            self.function.late.append(lambda: self._compare_check(check, local, is_slice))
+        else:
+            self._compare_check(check, local, is_slice)
+
+    def _compare_check(self, check: Check, local: str, is_slice: bool) -> None:
+        code = code_text(self.module, check, self.range_text(check))
+        found = self._code_of(check, local) if is_slice else local
+        self.function.misfit_if(f"{found} != {code}")
+
+    def residue(self, check: Check) -> int | None:
+        """What the code over everything up to the check's own end must be; None where it has to be compared."""
+        if check.form != "raw" or check.over is not None or check.span is not None or check.verify != "error":
+            return None
+        return residue_of(check.method, check.size, check.order)
+
+    def judge_residue(self, check: Check, residue: int, last: bool) -> None:
+        """One call over the check and all before it, instead of cutting, reading and comparing. `last`: that is all
+        there may be."""
+        covered = self.buffer if last else between(self.buffer, self.begin, self.place.plus(check.size))
+        self.compare_residue(check, covered, residue)
+
+    def compare_residue(self, check: Check, covered: str, residue: int) -> None:
+        """What the code over `covered` (a text) has to be."""
+        code = self.module.check(check.method, covered)
+        self.function.misfit_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
+
+    def _code_of(self, check: Check, local: str) -> str:
+        """Text of the number behind a check code's bytes."""
+        little = "_little" if check.order == "little" else ""
+        if check.form == "raw":
+            return f"int.from_bytes({local}, {quoted(check.order)})"
+        if check.form == "dec":
+            return f"{self.module.function(f'parse_dec{little}')}({local})"
+        if check.form == "nibbles" and little:
+            return f'int.from_bytes({self.module.function("join_nibbles")}({local}), "little")'
+        if check.form == "nibbles":
+            return f"{self.module.function('parse_nibbles')}({local})"
+        if check.size == 2:
+            self.module.imports.add("from binascii import unhexlify")
+            return f"unhexlify({local})[0]"
+        return f"{self.module.function(f'parse_hex{little}')}({local})"
+
+    def range_text(self, check: Check) -> str:
+        """Text of the bytes a check covers; the check itself begins at the present place."""
+        if check.over is not None:
+            return self.function.bytes_between(check.over)
+        if check.span is not None:
+            names = [name for name in span_names(check, self.function.segments) if name in self.function.bounds]
+            if not names:
+                return 'b""'
+            first = self.function.bounds[names[0]]
+            if {self.function.bounds[name].buffer for name in names} != {first.buffer}:
+                return self.function.bytes_between(names)
+            if first.buffer == self.buffer and check.span[1] == "here":
+                return between(self.buffer, first.first, self.place)
+            return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
+        return between(self.buffer, self.begin, self.place)
+
+    # ---- what is compared when everything is read ---------------------------------------------------------
+
+    def compare_length(self, item: Item, length: Length) -> None:
+        """A length whose segments are not sized by it is compared with the room they take."""
+        targets = targets_of(length, self.function.segments)
+        if is_followed(length, targets):
+            return
+        local = item.scope.entries[length.name].text
+        self.deferred.append(lambda: self.function.misfit_if(f"{local} != {self.room_text(length, targets)}"))
+
+    def compare_count(self, item: Item, count: Count) -> None:
+        """A count that does not say itself how often something is repeated is compared with the list."""
+        repeat = self.function.by_name.get(count.of)
+        there = is_always_there(count.of, self.function.segments)
+        followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
+        if not isinstance(repeat, Repeat) or (there and followed):
+            return
+        local = item.scope.entries[count.name].text
+        plus = f" + {count.plus}" if count.plus > 0 else f" - {-count.plus}" if count.plus else ""
+
+        def compare() -> None:
+            items = item.scope.find(count.of)
+            if items is not None:
+                self.function.misfit_if(f"{local} != len({items.text}{'' if there else ' or ()'}){plus}")
+
+        self.deferred.append(compare)
+
+    def room_text(self, length: Length, targets: Mapping[str, Target]) -> str:
+        """Text of what a length counts, when everything is read."""
+        total = self.function.room(targets, plain=length.plain)
+        if length.unit != 1:
+            total = f"{total} // {length.unit}" if total.isalnum() else f"({total}) // {length.unit}"
+        if length.plus:
+            total = f"{total} + {length.plus}" if length.plus > 0 else f"{total} - {-length.plus}"
+        return total
+
+    def length_of_run(self, items: list[Item]) -> int:
+        """How many of the items from the first on fit into one struct."""
+        order = ""
+        for count, item in enumerate(items):
+            segment = item.segment
+            free = isinstance(segment, Check) and segment.when is None and self.residue(segment) is not None
+            wanted = "" if free else forms.struct_order(segment)
+            if wanted is None or (order and wanted and wanted != order):
+                return count
+            order = order or wanted
+        return len(items)
+
+    def read_run(self, items: list[Item], whole: bool, last: bool) -> None:
+        """Reads the items; `whole`: they are all there is, so that the struct itself sees to the buffer's size; `last`:
+        nothing stands behind them."""
+        pieces = [self._slot(item) for item in items]
+        chunks = self._chunks(pieces)
+        base = self.place
+        exact = self._unpack(chunks, base, whole)
+        for piece in pieces:
+            self.function.stands(piece.item.segment, self.buffer, self.place, self.place.plus(piece.size))
+            self.place = self.place.plus(piece.size)
+        self.place = base
+        for chunk in chunks:
+            if len(chunk.pieces) > 1 and chunk.local is not None:
+                self._digits_of(chunk)
+        constant: tuple[Place, bytes] | None = None
+        for piece in pieces:
+            if isinstance(piece.item.segment, Const):
+                start, data = constant or (self.place, b"")
+                constant = start, data + piece.item.segment.data
+            else:
+                self._compare_constant(constant)
+                constant = None
+                joined = any(piece in chunk.pieces for chunk in chunks if len(chunk.pieces) > 1)
+                self._unpacked(piece, converted=joined, last=last and piece is pieces[-1])
+            self.place = self.place.plus(piece.size)
+        self._compare_constant(constant)
+        if exact:
+            self.place = Place("end", 0)
+
+    # ---- unpacking ----------------------------------------------------------------------------------------
+
+    def _slot(self, item: Item) -> Slot:
+        size = self.shapes.present(item.segment).fixed or 0
+        slot: Slot = kind_of(item.segment).slot(self, item, item.segment, size)
+        return slot
+
+    def _unpacked(self, slot: Slot, converted: bool, last: bool) -> None:
+        """From what the struct gave to the value, and what must hold for it. `self.place`: where the segment begins."""
+        segment = slot.item.segment
+        if slot.local is not None:
+            kind_of(segment).unpacked(self, slot, segment, slot.local if converted else slot.source, converted)
+            return
+        residue = self.residue(segment) if isinstance(segment, Check) else None
+        if isinstance(segment, Check) and residue is not None:
+            self.judge_residue(segment, residue, last)
+
+    def _chunks(self, pieces: list[Slot]) -> list[Chunk]:
+        chunks: list[Chunk] = []
+        for piece in pieces:
+            last = chunks[-1] if chunks else None
+            if last is not None and piece.is_pad and last.local is None:
+                last.pieces.append(piece)
+            elif last is not None and _join_as_digits(last, piece):
+                last.local = self.function.names.fresh("digits") if len(last.pieces) == 1 else last.local
+                last.pieces.append(piece)
+            else:
+                chunks.append(Chunk([piece], piece.local))
+        return chunks
+
+    def _unpack(self, chunks: list[Chunk], base: Place, whole: bool) -> bool:
+        """Writes the line that takes all values; whether it sees to the size of the buffer itself."""
+        wanted = [chunk for chunk in chunks if chunk.local is not None]
+        if not wanted:
+            return False
+        first, last = chunks.index(wanted[0]), chunks.index(wanted[-1])
+        place = base.plus(sum(chunk.size for chunk in chunks[:first]))
+        if len(wanted) == 1 and wanted[0].code[-1] in "Bs":
+            size = wanted[0].size
+            is_byte = wanted[0].code == "B"
+            text = index(self.buffer, place) if is_byte else between(self.buffer, place, place.plus(size))
+            if len(wanted[0].pieces) == 1:
+                wanted[0].pieces[0].source = text
+            else:
+                wanted[0].local = text
+            return False
+        exact = whole and base == START
+        if not exact and self._single_bytes(chunks, wanted, base):
+            return False
+        for chunk in wanted:
+            chunk.pieces[0].source = chunk.local or ""
+        taken = chunks if exact else chunks[first : last + 1]
+        order = next((chunk.order for chunk in wanted if chunk.order), "")
+        constant = self.module.struct("".join(chunk.code for chunk in taken), order, self.function.title)
+        targets = ", ".join(chunk.local or "" for chunk in wanted)
+        targets = f"({targets},)" if len(wanted) == 1 else targets
+        offset = place.text(self.buffer)
+        behind = "" if exact or offset == "0" else f", {place.offset if place.base == 'end' else offset}"
+        self.function.add(f"{targets} = {constant}.unpack{'' if exact else '_from'}({self.buffer}{behind})")
+        return exact
+
+    def _single_bytes(self, chunks: list[Chunk], wanted: list[Chunk], base: Place) -> bool:
+        """Takes single bytes one by one, if there are few of them at fixed places."""
+        if len(wanted) > _FEW_BYTES or base.base not in ("", "end") or any(chunk.code != "B" for chunk in wanted):
+            return False
+        place = base
+        for chunk in chunks:
+            if chunk.local is not None:
+                chunk.pieces[0].source = index(self.buffer, place)
+            place = place.plus(chunk.size)
+        return True
+
+    def _digits_of(self, chunk: Chunk) -> None:
+        """Neighbouring fields of hex digits become their numbers in one go."""
+        self.module.imports.add("from binascii import unhexlify")
+        codes, orders = "", set()
+        for piece in chunk.pieces:
+            type_ = type_of(piece.item.segment)
+            places = forms.hex_places(type_) or 0
+            codes += forms.INT_CODES[places]
+            if places > 1:
+                orders.add("<" if type_.order == "little" else ">")
+        constant = self.module.struct(codes, next(iter(orders), ""), self.function.title, "digits")
+        targets = ", ".join(piece.local or "" for piece in chunk.pieces)
+        self.function.add(f"{targets} = {constant}.unpack(unhexlify({chunk.local}))")
+
+    # ---- what becomes of the values -----------------------------------------------------------------------
+
+    def _compare_constant(self, constant: tuple[Place, bytes] | None) -> None:
+        if constant is None:
+            return
+        place, data = constant
+        if len(data) == 1:
+            self.function.misfit_if(f"{index(self.buffer, place)} != {data[0]:#04x}")
+        else:
+            text = between(self.buffer, place, place.plus(len(data)))
+            self.function.misfit_if(f"{text} != {bytes_literal(data)}")
+
+    def value_text(self, number: Field | Length | Count, local: str, wire: str) -> str:
+        """Text of the value; a wire value that is looked at twice is put into the local first."""
+        if forms.reads_twice(number) and wire != local:
+            self.function.add(f"{local} = {wire}")
+            wire = local
+        return forms.value_of(number, wire)
+
+    def assign(self, local: str, text: str) -> None:
+        if text != local:
+            self.function.add(f"{local} = {text}")
+
+    def wire(self, type_: FieldType, source: str, converted: bool) -> str:
+        """Text of the wire value of what the struct gave."""
+        if converted or not forms.is_slice(type_):
+            return source
+        if type_.kind == "bcd" and type_.fixed_size == 1:
+            return f"{self.module.bcd_numbers()}[{source}]"
+        places = forms.hex_places(type_)
+        if places is None:
+            return forms.parse(self.module, type_, source)
+        self.module.imports.add("from binascii import unhexlify")
+        raw = f"unhexlify({source})"
+        return f"{raw}[0]" if places == 1 else f"int.from_bytes({raw}, {quoted(type_.order)})"
+
+    def sized_number(self, item: Item, segment: Length | Count | Bits) -> str:
+        """Text of the number on the wire."""
+        size = segment.type.size
+        first, last = self.take(item, self.size_text(size, item.scope) if isinstance(size, Expression) else str(size))
+        return forms.parse(self.module, segment.type, between(self.buffer, first, last))
+
+    def conditional(self, items: list[Item], after: tuple[Item, ...]) -> None:
+        """Segments under one `when`; a field that is absent has its default."""
+        first = items[0]
+        assert first.segment.when is not None
+        condition = self.function.writer(first.scope).text(first.segment.when)
+        inside = [Item(without_when(item.segment), item.scope, item.fields) for item in items]
+        if all(isinstance(item.segment, Require) for item in inside):
+            text = self.function.writer(first.scope).text(first.segment.when, AND)
+            for item in inside:
+                assert isinstance(item.segment, Require)
+                holds = self.function.writer(item.scope).negated(item.segment.condition)
+                self.function.misfit_if(f"{text} and {holds}")
+            return
+        self._branches([(f"if {condition}:", inside)], after, items)
+
+    def _branches(
+        self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], absent: Iterable[Item]
+    ) -> None:
+        """Code for cases of which one or none is taken. `absent`: what gets its default if none is."""
+        function = self.function
+        for _, items in branches:
+            for item in items:
+                item.fields.attach()
+                item.fields.open(function.out)
+        function.flush()
+        self.settle()
+        known = [(item.scope, set(item.scope.entries)) for _, items in branches for item in items]
+        defaults = [item for item in absent if isinstance(item.segment, Field) and item.segment.default is not None]
+        function.in_branch += 1
+        for header, items in branches:
+            with function.out.block(header):
+                self._branch(items, after, {item.segment.name for item in defaults})
+            self.place = Place(self.at, 0)
+        lines = self._else_lines(known, defaults, [item for _, items in branches for item in items])
+        function.in_branch -= 1
+        if lines:
+            with function.out.block("else:"):
+                for line in lines:
+                    function.add(line)
+        for item in defaults:
+            assert item.segment.name is not None
+            item.fields.add(item.segment.name, item.scope.entries[item.segment.name].text)
+
+    def _branch(self, items: list[Item], after: tuple[Item, ...], unconditional: set[str | None]) -> None:
+        expanded: list[Item] = []
+        for item in items:
+            if isinstance(item.segment, Record) and item.segment.when is None:
+                expanded.extend(self.record_items(item.segment, item.scope, item.fields))
+            else:
+                expanded.append(item)
+        outside, self.deferred = self.deferred, []  # what waits outside is compared behind all branches
+        self.read_items(expanded, after)
+        self.finish_deferred()
+        self.deferred = outside
+        for item in items:
+            entry = item.scope.entries.get(item.segment.name or "")
+            if isinstance(item.segment, Record) and entry is not None and entry.record is not None:
+                entry.record.attach()
+                entry.record.open(self.function.out)
+                entry.direct = False
+        for item in expanded:
+            item.fields.entries = [entry for entry in item.fields.entries if entry[0] not in unconditional]
+        self.function.flush()
+        for item in expanded:
+            item.fields.flush(self.function.out)
+        for item in items:
+            item.fields.flush(self.function.out)
+        if self.place != Place(self.at, 0):
+            self.advance(self.place.text(self.buffer))
+
+    def _else_lines(self, known: list[tuple[Scope, set[str]]], defaults: list[Item], items: list[Item]) -> list[str]:
+        """What has to be so when nothing was read: defaults, and names that expressions may ask for."""
+        function = self.function
+        lines, done = [], {item.segment.name for item in defaults}
+        for item in defaults:
+            assert isinstance(item.segment, Field) and item.segment.default is not None
+            local = item.scope.entries[item.segment.name].text
+            lines.append(
+                f"{local} = {default_text(function.writer(item.scope).value(item.segment.default), item.segment)}"
+            )
+        for scope, before in known:
+            for name, entry in scope.entries.items():
+                if name not in before and name not in done and name in function.read_names:
+                    done.add(name)
+                    lines.append(f"{entry.text} = None")
+        for item in items:
+            for segment in everything((item.segment,)):
+                bounds = function.bounds.get(segment.name or "")
+                if segment.name in function.tracked and bounds is not None:
+                    lines.append(f"{bounds.first.base} = {bounds.last.base} = {self.at}")
+                    self._wire_by_bounds(item.scope, segment)
+        return lines
+
+    def _wire_by_bounds(self, scope: Scope, segment: Segment) -> None:
+        for name in (segment.name or "", *segment.value_names):
+            if name in scope.entries:
+                scope.entries[name].wire = self.function.wire_size(segment.name or "")
+
+    def prepare_names(self, items: list[Item]) -> None:
+        """Names of cases that expressions elsewhere may read have a local before any case is taken."""
+        function = self.function
+        for item in items:
+            for segment in (item.segment,):
+                for name in segment.value_names:
+                    if name in function.read_names and name not in item.scope.entries:
+                        local = function.names.fresh(name)
+                        function.add(f"{local} = None")
+                        item.scope.entries[name] = Entry(local)
+
+    def branches_of_choice(
+        self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], *, fault: bool
+    ) -> None:
+        function = self.function
+        function.flush()
+        self.settle()
+        function.preset((item.segment for _, items in branches for item in items), self.at)
+        function.in_branch += 1
+        for header, items in branches:
+            with function.out.block(header):
+                self._branch(items, after, set())
+            self.place = Place(self.at, 0)
+        function.in_branch -= 1
+        if fault:
+            with function.out.block("else:"):
+                function.add(MISFIT)
+
+    def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, after: tuple[Item, ...] = ()) -> None:
+        """Reads the segments; `after` is what follows them in the buffer."""
+        items = self.items(segments, scope, fields)
+        self.read_items(items, after)
+        self.finish_deferred()
+        for item in items:
+            item.fields.attach()
+
+    def read_items(self, items: list[Item], after: tuple[Item, ...]) -> None:
+        place = 0
+        while place < len(items):
+            item = items[place]
+            count = 1
+            if item.segment.when is not None:
+                count = _same_condition(items, place)
+                self.conditional(items[place : place + count], (*items[place + count :], *after))
+            elif (run := self.length_of_run(items[place:])) > 0:
+                count = run
+                behind = (*items[place + count :], *after)
+                nothing = all(isinstance(one.segment, (Require, Value)) for one in behind)
+                self.read_run(items[place : place + count], whole=place == 0 and nothing, last=nothing)
+            else:
+                kind_of(item.segment).read(self, item, item.segment, (*items[place + 1 :], *after))
+            place += count
+
+    # ---- lists --------------------------------------------------------------------------------------------
+
+    # ---- wraps and inner frames ---------------------------------------------------------------------------
+
 
 def without_end(segment: Segment) -> DefinitionError:
     """The complaint about a segment of which nothing says where it begins."""
@@ -196,3 +748,42 @@ def without_end(segment: Segment) -> DefinitionError:
 def not_possible(segment: Segment, what: str, todo: str) -> DefinitionError:
     """The complaint about something that cannot be compiled."""
     return DefinitionError([Problem(segment.at, what, todo)])
+
+
+def _without_limits(number: Field | Length | Count) -> Field | Length | Count:
+    return replace(number, limits=None)
+
+
+def type_of(segment: Segment) -> FieldType:
+    """The type of a segment that has one."""
+    assert isinstance(segment, (Field, Bits, Length, Count))
+    return segment.type
+
+
+def shown_name(segment: Segment, otherwise: str) -> str:
+    """A segment's own name; `otherwise` when it has none."""
+    return otherwise if segment.name is None or segment.name.startswith("_") else segment.name
+
+
+def _join_as_digits(chunk: Chunk, piece: Slot) -> bool:
+    """Whether a field of hex digits may be decoded together with those before it."""
+    types = []
+    for other in (*chunk.pieces, piece):
+        if not isinstance(other.item.segment, (Field, Bits, Length, Count)):
+            return False
+        type_ = other.item.segment.type
+        if forms.hex_places(type_) is None:
+            return False
+        types.append(type_)
+    return len({type_.order for type_ in types if type_.fixed_size != 2}) <= 1
+
+
+def _same_condition(items: list[Item], start: int) -> int:
+    """How many segments from `start` on stand under the same `when`."""
+    first, count = items[start], 1
+    for item in items[start + 1 :]:
+        when = item.segment.when
+        if when is None or str(when) != str(first.segment.when) or item.scope is not first.scope:
+            break
+        count += 1
+    return count

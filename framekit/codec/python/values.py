@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from framekit.codec.python import forms
-from framekit.codec.python.branches import default_text
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import Entry, Scope, default_text
 from framekit.codec.python.field_values import FieldValueWriter, Given
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
