@@ -46,7 +46,7 @@ class CommandWorld:
     def __init__(self, folder: Path, protocol: str, device: str, settings: str = "") -> None:
         run, devices = loaded(folder, protocol, device, settings)
         self.clock = VirtualClock()
-        with patch("framekit.service.run_channels.devices_of", lambda channel, folder: devices):
+        with patch("framekit.service.channel.devices_of", lambda channel, folder: devices):
             self.service = RunService(run, self.clock)
         self.service.start()
         self.clock.run_for(SECOND)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from framekit.runfile.run_file import load_run
-from framekit.service.resolver import Found
+from framekit.service.jobs import Found
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

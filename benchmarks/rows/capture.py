@@ -13,9 +13,7 @@ from framekit.codec.batch.cut import Cut
 from framekit.codec.batch.decoder import BatchDecoder
 from framekit.codec.codec import Codec
 from framekit.codec.errors import FrameError
-from framekit.service.capture import CaptureReader
-from framekit.service.capture_cut import cut_of_capture
-from framekit.service.pcap import PcapRecords, global_header
+from framekit.service.capture import CaptureReader, PcapRecords, cut_of_capture, global_header
 from framekit.transport.port import LineEvent
 
 NAME = "Decode of a capture of 1 million frames"

@@ -45,9 +45,9 @@ from framekit.runfile.channels import needs_own
 from framekit.runfile.devices import memory_of
 from framekit.service.client import Begin, ClientService
 from framekit.service.device import DeviceService
-from framekit.service.ending import LONGEST_FAREWELL
 from framekit.service.polling import Polling
 from framekit.service.ports import devices_of, port_for
+from framekit.service.run import LONGEST_SHUTDOWN
 from framekit.transport.clock import AsyncioClock
 
 OPEN_WITHIN = 15.0
@@ -155,7 +155,7 @@ class AsyncClient:
             left = asyncio.Event()
             service.close_session(left.set)
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LONGEST_FAREWELL / 1e9):
+                async with asyncio.timeout(LONGEST_SHUTDOWN / 1e9):
                     await left.wait()
         self.close_now()
         await asyncio.sleep(0)

@@ -136,7 +136,7 @@ class Protocol:
 
         Raises CaptureError (a ValueError), RequestError.
         """
-        from framekit.service.capture_cut import cut_of_capture
+        from framekit.service.capture import cut_of_capture
 
         return self._decode_cut(cut_of_capture(Path(path), direction), frame)
 

@@ -20,7 +20,7 @@ from framekit.run.block_state import BlockStatus
 from framekit.run.model import Run as RunModel
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
-from framekit.service.state_file import StateError
+from framekit.service.state import StateError
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 OnBlockEnd = Callable[[BlockStatus, bool], None]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from framekit.run.commands import CommandBlocks, CommandEnd, CommandWords, Meaning
     from framekit.run.job_profile import JobProfile
     from framekit.run.job_status import JobStatus
-    from framekit.service.job_line import JobLine
+    from framekit.service.jobs import JobLine
 
 
 NO_COMMAND = 2
@@ -438,7 +438,7 @@ class JobCommands:
         from framekit.cli.common import Unread
         from framekit.cli.device_verbs import show
         from framekit.definition.problems import DefinitionError
-        from framekit.service.job_line import JobLine
+        from framekit.service.jobs import JobLine
         from framekit.transport.clock import AsyncioClock
 
         loop = asyncio.get_running_loop()

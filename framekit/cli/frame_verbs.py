@@ -217,9 +217,8 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Prints everything; 1 when there was a bad frame or noise. Raises VerbError."""
     from framekit.codec.plain import PlainValues
     from framekit.link.parameters import ParameterError
-    from framekit.service.capture import CaptureError
-    from framekit.service.capture_decode import CaptureDecoder
-    from framekit.service.frame_log import result_of
+    from framekit.service.capture import CaptureDecoder, CaptureError
+    from framekit.service.monitor import result_of
 
     wanted, plain = filter_of(arguments), PlainValues(protocol)
     counts: Counter[str] = Counter()

@@ -36,8 +36,7 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.service.frame_log import FrameLog
-from framekit.service.live_view import LineOf, LiveView
+from framekit.service.monitor import FrameLog, LineOf, LiveView
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.schemes import help_on_ports
 
@@ -46,8 +45,8 @@ if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
     from framekit.link.observe import Seen
     from framekit.service.capture import Capture
-    from framekit.service.line_monitor import LineMonitor
-    from framekit.service.loopback import LoopbackResult
+    from framekit.service.line_tests import LoopbackResult
+    from framekit.service.monitor import LineMonitor
     from framekit.transport.port import LineEvent, Port
 
 
@@ -98,7 +97,7 @@ class _Printer:
         self._wanted = filter_of(arguments)
 
     def show(self, seen: Seen) -> None:
-        from framekit.service.frame_log import result_of
+        from framekit.service.monitor import result_of
 
         if seen.kind not in ("open", "closed") and not self._wanted.takes(1, seen):
             return
@@ -135,7 +134,7 @@ def monitor_of(
     """The monitor that a command line asks for, and its capture. Raises VerbError, OSError."""
     from framekit.link.parameters import ParameterError
     from framekit.service.capture import Capture
-    from framekit.service.line_monitor import LineMonitor
+    from framekit.service.monitor import LineMonitor
     from framekit.transport.schemes import open_port
 
     try:
@@ -286,7 +285,7 @@ def _events(arguments: argparse.Namespace) -> list[LineEvent]:
 
 
 async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
-    from framekit.service.replay import Replay
+    from framekit.service.line_tests import Replay
 
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[str] = loop.create_future()
@@ -381,7 +380,7 @@ def _lines(arguments: argparse.Namespace) -> list[LineFormat]:
 
 
 def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
-    from framekit.service.loopback import Loopback
+    from framekit.service.line_tests import Loopback
     from framekit.transport.simulated_line import SimulatedLine
 
     clock = VirtualClock()
@@ -396,7 +395,7 @@ def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
 
 
 async def _real(url: str, lines: list[LineFormat]) -> list[LoopbackResult]:
-    from framekit.service.loopback import Loopback
+    from framekit.service.line_tests import Loopback
     from framekit.transport.schemes import open_port
 
     loop = asyncio.get_running_loop()

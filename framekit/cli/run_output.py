@@ -304,7 +304,7 @@ class JsonOutput(RunOutput):
 
     def seen(self, channel: int, seen: Seen) -> None:
         from framekit.codec.plain import PlainValues
-        from framekit.service.frame_log import result_of
+        from framekit.service.monitor import result_of
 
         assert self.at_work is not None
         model = self.at_work.channels[channel].channel

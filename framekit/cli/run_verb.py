@@ -29,8 +29,7 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.service.frame_log import FrameLog
-from framekit.service.live_view import LineOf, LiveView
+from framekit.service.monitor import FrameLog, LineOf, LiveView
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import load_run
     from framekit.service.file_watch import content_of
-    from framekit.service.rehearsal import loads_of
+    from framekit.service.simulation import loads_of
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
@@ -285,7 +284,7 @@ class RunWatch:
 
 def control(service: RunService, output: RunOutput, stop: Callable[[], None]) -> None:
     """Begins to read; the end of the input ends the control, not the run. `stop` is called for the line `stop`."""
-    from framekit.service.control import ControlError, carry_out
+    from framekit.service.status import ControlError, carry_out
 
     loop = asyncio.get_running_loop()
 
@@ -329,7 +328,7 @@ class RunSession(LiveSession):
         self._stopped = False
 
     def control(self, line: str) -> str:
-        from framekit.service.control import ControlError, carry_out
+        from framekit.service.status import ControlError, carry_out
 
         if line.strip().lower() == "stop":
             self._stopped = True

@@ -30,9 +30,8 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.service.frame_log import FrameLog
 from framekit.service.line_load import LineLoad
-from framekit.service.live_view import LineOf, LiveView
+from framekit.service.monitor import FrameLog, LineOf, LiveView
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import help_on_ports
 

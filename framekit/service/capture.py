@@ -1,22 +1,303 @@
-"""Captures of lines in files, in both formats: written while things happen, read again.
-
-A record is written whole and at once, so that a killed program leaves a file that can be read. The formats themselves
-are in modules of their own.
-"""
+"""Captures: what goes over lines, kept in files and read again – pcap, or JSON lines – and the frames in them."""
 
 from __future__ import annotations
 
+import enum
+import json
 import logging
+import struct
 import time
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from struct import Struct
+from typing import Any, BinaryIO, Literal
 
-from framekit.service.json_capture import JsonCaptureError, JsonReader, event_line, header_line
-from framekit.service.pcap import PcapFormatError, PcapReader, PcapRecords, global_header
+from framekit.codec.batch.cut import Cut
+from framekit.codec.codec import compile_protocol
+from framekit.codec.shown import explain
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import LineFormat
+from framekit.link.events import CharacterFault, LineFault
+from framekit.link.listener import Listener
+from framekit.link.observe import Seen
 from framekit.transport.clock import AsyncioClock, Clock
-from framekit.transport.port import LineEvent, Port, Tap, TappedPort
+from framekit.transport.port import LineEvent, Port, Tap, TappedPort, Way
+
+HEADER = {"capture": "framekit", "version": 1}
+
+
+class JsonCaptureError(ValueError):
+    """The file holds no capture."""
+
+
+def header_line() -> bytes:
+    """What a file begins with."""
+    return _line(HEADER)
+
+
+def event_line(channel: int, event: LineEvent, epoch: int) -> bytes:
+    """One event; `epoch` (ns) is added to its time."""
+    line: dict[str, Any] = {"time_ns": event.at + epoch, "channel": channel, "event": event.kind}
+    if event.direction:
+        line["direction"] = event.direction
+    if event.data:
+        line["bytes"] = event.data.hex(" ").upper()
+    if event.faults:
+        line["faults"] = [[fault.index, fault.fault.value] for fault in event.faults]
+    if event.lines:
+        line["lines"] = dict(event.lines)
+    if event.reason:
+        line["reason"] = event.reason
+    return _line(line)
+
+
+def _line(value: Any) -> bytes:
+    return json.dumps(value, ensure_ascii=False).encode("utf-8") + b"\n"
+
+
+class JsonReader:
+    """The events of a file with their channels. `is_cut`: the last line is not whole (its writer was killed)."""
+
+    def __init__(self, lines: Iterable[bytes]) -> None:
+        """Raises JsonCaptureError."""
+        self.is_cut = False
+        self._lines = iter(lines)
+        try:
+            head = json.loads(next(self._lines, b""))
+        except ValueError:
+            head = None
+        if not isinstance(head, dict) or head.get("capture") != HEADER["capture"]:
+            raise JsonCaptureError('this is no capture – its first line is not {"capture": "framekit", …}')
+        if head.get("version") != HEADER["version"]:
+            raise JsonCaptureError(f"this capture is of version {head.get('version')}, known is {HEADER['version']}")
+
+    def events(self) -> Iterator[tuple[int, LineEvent]]:
+        """In the order of the file. Raises JsonCaptureError for a line that is no event."""
+        for number, text in enumerate(self._lines, 2):
+            if not text.endswith(b"\n"):
+                self.is_cut = True
+                return
+            try:
+                yield _event(json.loads(text))
+            except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+                raise JsonCaptureError(f"line {number} is no event of a capture ({explain(error)})") from None
+
+
+def _event(line: dict[str, Any]) -> tuple[int, LineEvent]:
+    kind, direction = line["event"], line.get("direction", "")
+    if kind not in ("data", "break", "control", "open", "closed") or direction not in ("in", "out", ""):
+        raise ValueError(f"{kind} {direction}")
+    faults = tuple(CharacterFault(int(index), LineFault(fault)) for index, fault in line.get("faults", ()))
+    data = bytes.fromhex(line.get("bytes", ""))
+    event = LineEvent(
+        kind, int(line["time_ns"]), direction, data, faults, dict(line.get("lines", {})), line.get("reason", "")
+    )
+    return int(line["channel"]), event
+
+
+LINK_TYPE = 250
+MAGIC_MICROSECONDS, MAGIC_NANOSECONDS = 0xA1B2C3D4, 0xA1B23C4D
+LONGEST = 65_000
+"""Data is cut into records of so many bytes; readers take the pieces of one time together."""
+SECOND = 1_000_000_000
+
+_GLOBAL = "IHHiIII"
+_RECORD = "IIII"
+_SERIAL = struct.Struct(">IIBBH")
+
+
+class EventType(enum.IntEnum):
+    """What a record stands for; the payload of an error is the damaged character."""
+
+    STATUS_CHANGE = 0
+    DATA_TX_START = 1
+    DATA_RX_START = 2
+    DATA_TX_END = 3
+    DATA_RX_END = 4
+    CAPTURE_DATA_LOST = 5
+    CAPTURE_COMPLETE = 6
+    FRAMING_ERROR = 7
+    PARITY_ERROR = 8
+    SERIAL_BREAK_EVENT = 9
+    SERIAL_OVERFLOW_EVENT = 10
+
+
+CONTROL_LINES = {"cts": 0x01, "dcd": 0x02, "dsr": 0x04, "rts": 0x08, "dtr": 0x10, "ri": 0x20}
+_FAULTS = {
+    LineFault.FRAMING: EventType.FRAMING_ERROR,
+    LineFault.PARITY: EventType.PARITY_ERROR,
+    LineFault.OVERRUN: EventType.SERIAL_OVERFLOW_EVENT,
+}
+_FAULT_OF = {kind: fault for fault, kind in _FAULTS.items()}
+_DIRECTIONS: dict[EventType, Way] = {
+    EventType.DATA_TX_START: "out",
+    EventType.DATA_TX_END: "out",
+    EventType.DATA_RX_START: "in",
+    EventType.DATA_RX_END: "in",
+    EventType.FRAMING_ERROR: "in",
+    EventType.PARITY_ERROR: "in",
+    EventType.SERIAL_OVERFLOW_EVENT: "in",
+}
+_TYPES = {int(kind): kind for kind in EventType}
+
+
+def kinds_of(direction: Way) -> list[int]:
+    """The numbers of the event types that carry bytes of this direction, damaged ones too."""
+    return [int(kind) for kind, its in _DIRECTIONS.items() if its == direction]
+
+
+class PcapFormatError(ValueError):
+    """The file is no pcap file of a serial line."""
+
+
+# ---- writing ----------------------------------------------------------------------------------------------
+
+
+def global_header() -> bytes:
+    """What a file begins with: nanosecond times, link type 250."""
+    return struct.pack("<" + _GLOBAL, MAGIC_NANOSECONDS, 2, 4, 0, 0, 0xFFFF, LINK_TYPE)
+
+
+class PcapRecords:
+    """Makes records of events; remembers the control lines. `epoch` (ns) is added to the events' times."""
+
+    def __init__(self, epoch: int) -> None:
+        self._epoch = epoch
+        self._lines = 0
+
+    def of(self, event: LineEvent) -> bytes:
+        """The records of an event: several where characters of it are damaged."""
+        at = event.at + self._epoch
+        match event.kind:
+            case "data":
+                return b"".join(self._record(at, kind, piece) for kind, piece in _pieces(event))
+            case "break":
+                return self._record(at, EventType.SERIAL_BREAK_EVENT)
+            case "closed":
+                return self._record(at, EventType.CAPTURE_DATA_LOST)
+        for name, on in event.lines.items():
+            bit = CONTROL_LINES.get(name, 0)
+            self._lines = self._lines | bit if on else self._lines & ~bit
+        return self._record(at, EventType.STATUS_CHANGE)
+
+    def end(self, at: int) -> bytes:
+        """The record that says that nothing is missing behind it."""
+        return self._record(at + self._epoch, EventType.CAPTURE_COMPLETE)
+
+    def _record(self, at: int, kind: EventType, data: bytes = b"") -> bytes:
+        seconds, rest = divmod(at, SECOND)
+        size = _SERIAL.size + len(data)
+        head = struct.pack("<" + _RECORD, seconds & 0xFFFFFFFF, rest, size, size)
+        return head + _SERIAL.pack(seconds & 0xFFFFFFFF, rest // 1000, kind, self._lines, 0) + data
+
+
+def _pieces(event: LineEvent) -> Iterator[tuple[EventType, bytes]]:
+    """Sent bytes begin at their time, received ones are complete then; damaged characters stand by themselves."""
+    kind = EventType.DATA_TX_START if event.direction == "out" else EventType.DATA_RX_END
+    place = 0
+    for fault in sorted(event.faults, key=lambda fault: fault.index):
+        if place <= fault.index < len(event.data):
+            yield from _cut(kind, event.data[place : fault.index])
+            yield _FAULTS[fault.fault], event.data[fault.index : fault.index + 1]
+            place = fault.index + 1
+    yield from _cut(kind, event.data[place:])
+
+
+def _cut(kind: EventType, data: bytes) -> Iterator[tuple[EventType, bytes]]:
+    for start in range(0, len(data), LONGEST):
+        yield kind, data[start : start + LONGEST]
+
+
+# ---- reading ----------------------------------------------------------------------------------------------
+
+
+class PcapReader:
+    """The events of a file, times in ns since 1970. `is_cut`: the last record is not whole (its writer was killed).
+
+    `order`: the byte order of records, as `struct` writes it.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        """Raises PcapFormatError."""
+        self.is_cut = False
+        self._file = file
+        head = file.read(24)
+        if len(head) < 24:
+            raise PcapFormatError("this is no pcap file: it ends within its header")
+        for order in "<>":
+            magic = struct.unpack(order + "I", head[:4])[0]
+            if magic in (MAGIC_MICROSECONDS, MAGIC_NANOSECONDS):
+                break
+        else:
+            raise PcapFormatError("this is no pcap file – its first four bytes are none that pcap files begin with")
+        self.order = order
+        self._scale = 1 if magic == MAGIC_NANOSECONDS else 1000
+        link = struct.unpack(order + _GLOBAL, head)[6] & 0x0FFFFFFF
+        if link != LINK_TYPE:
+            raise PcapFormatError(f"this pcap file is of link type {link} – serial lines are {LINK_TYPE}")
+
+    def events(self) -> Iterator[LineEvent]:
+        """In the order of the file. Pieces of one time with damaged characters between them become one again."""
+        held: LineEvent | None = None
+        lines = -1
+        for at, kind, control, data in self._records():
+            direction = _DIRECTIONS.get(kind, "")
+            if data and direction:
+                fault = _FAULT_OF.get(kind)
+                if held is not None and held.at == at and held.direction == direction:
+                    held = _joined(held, data, fault)
+                    continue
+                if held is not None:
+                    yield held
+                held = _joined(LineEvent("data", at, direction), data, fault)
+                continue
+            if held is not None:
+                yield held
+                held = None
+            if kind is EventType.SERIAL_BREAK_EVENT:
+                yield LineEvent("break", at)
+            elif kind is EventType.CAPTURE_DATA_LOST:
+                yield LineEvent("closed", at)
+            elif kind is EventType.STATUS_CHANGE:
+                yield self._status(at, control, lines)
+                lines = control
+        if held is not None:
+            yield held
+
+    @staticmethod
+    def _status(at: int, control: int, before: int) -> LineEvent:
+        changed = control if before < 0 else control ^ before
+        if not changed:
+            return LineEvent("open", at)
+        states = {name: bool(control & bit) for name, bit in CONTROL_LINES.items() if changed & bit}
+        return LineEvent("control", at, lines=states)
+
+    def _records(self) -> Iterator[tuple[int, EventType, int, bytes]]:
+        while head := self._file.read(16):
+            if len(head) < 16:
+                self.is_cut = True
+                return
+            seconds, rest, size, _ = struct.unpack(self.order + _RECORD, head)
+            body = self._file.read(size) if size <= 0x4000_0000 else b""
+            if len(body) < size:
+                self.is_cut = True
+                return
+            if size >= _SERIAL.size:
+                _, _, number, control, _ = _SERIAL.unpack(body[: _SERIAL.size])
+                kind = _TYPES.get(number)
+                if kind is not None:
+                    yield seconds * SECOND + rest * self._scale, kind, control, body[_SERIAL.size :]
+
+
+def _joined(event: LineEvent, data: bytes, fault: LineFault | None) -> LineEvent:
+    faults = event.faults
+    if fault is not None:
+        faults += tuple(CharacterFault(len(event.data) + index, fault) for index in range(len(data)))
+    return LineEvent("data", event.at, event.direction, event.data + data, faults)
+
 
 JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 
@@ -161,3 +442,124 @@ class CaptureReader:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+
+
+HEAD, RECORD, SERIAL = 24, 16, 12
+"""Bytes of the file's header, of a record's, and of the serial line's in a record."""
+KIND = RECORD + 8
+
+
+def cut_of_capture(path: Path, direction: Literal["in", "out"]) -> Cut:
+    """The records of one direction, damaged characters by themselves. A record that is cut off is none.
+
+    Raises CaptureError.
+    """
+    try:
+        data = path.read_bytes()
+        if data[:1] != b"{":
+            return _cut_file(data, PcapReader(BytesIO(data[:HEAD])).order, frozenset(kinds_of(direction)))
+    except OSError as error:
+        raise CaptureError(f"{path}: {error.strerror or error}") from None
+    except PcapFormatError as error:
+        raise CaptureError(f"{path}: {error}") from None
+    with CaptureReader(path) as reader:
+        events = (event for _, event in reader.events())
+        return Cut.of([event.data for event in events if event.kind == "data" and event.direction == direction])
+
+
+def _cut_file(data: bytes, order: str, kinds: frozenset[int]) -> Cut:
+    starts, lengths = array("q"), array("q")
+    size_at = Struct(order + "I").unpack_from
+    at, end = HEAD, len(data) - RECORD
+    while at < end:
+        (size,) = size_at(data, at + 8)
+        behind = at + RECORD + size
+        if behind > len(data):
+            break
+        if size > SERIAL and data[at + KIND] in kinds:
+            starts.append(at + RECORD + SERIAL)
+            lengths.append(size - SERIAL)
+        at = behind
+    return Cut(data, starts, lengths)
+
+
+class CaptureDecoder:
+    """Decodes one capture. `client`: the direction of the client's frames, where a channel has both directions.
+
+    `is_cut`: the last record was not whole; known when everything has been read.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        protocol: Protocol,
+        *,
+        line: LineFormat | None = None,
+        params: Mapping[str, Any] | None = None,
+        client: Literal["in", "out"] = "out",
+    ) -> None:
+        """Raises CaptureError, and ParameterError for parameters that do not fit."""
+        self.is_cut = False
+        self._path = path
+        self._protocol = protocol
+        self._line = line
+        self._params = params
+        self._client: Literal["in", "out"] = client
+        self._found: list[tuple[int, Seen]] = []
+        self._directions = self._directions_of(path)
+        self._listeners = {channel: self._listener(channel) for channel in self._directions}
+
+    @staticmethod
+    def _directions_of(path: Path) -> dict[int, set[str]]:
+        found: dict[int, set[str]] = {}
+        with CaptureReader(path) as reader:
+            for channel, event in reader.events():
+                found.setdefault(channel, set())
+                if event.kind == "data":
+                    found[channel].add(event.direction)
+        return found
+
+    def _listener(self, channel: int) -> Listener:
+        def monitor(seen: Seen) -> None:
+            self._found.append((channel, seen))
+
+        both = len(self._directions[channel]) > 1
+        return Listener(
+            self._protocol,
+            compile_protocol(self._protocol),
+            monitor,
+            params=self._params,
+            line=self._line,
+            client=self._client if both else None,
+        )
+
+    def seen(self) -> Iterator[tuple[int, Seen]]:
+        """Channel and what was seen, in the order of time (ns since 1970) on each channel. Raises CaptureError."""
+        with CaptureReader(self._path) as reader:
+            for channel, event in reader.events():
+                self._take(channel, event)
+                yield from self._told()
+            self.is_cut = reader.is_cut
+        for listener in self._listeners.values():
+            listener.ended(listener.scope.now)
+        yield from self._told()
+
+    def _told(self) -> list[tuple[int, Seen]]:
+        found, self._found[:] = list(self._found), []
+        return found
+
+    def _take(self, channel: int, event: LineEvent) -> None:
+        listener = self._listeners[channel]
+        match event.kind:
+            case "data":
+                at = event.at
+                if event.direction == "out":
+                    at += listener.scope.line.chars(len(event.data))
+                listener.receive(event.data, at, event.faults, event.direction)
+            case "break":
+                listener.line_break(event.at, event.direction)
+            case "open":
+                self._found.append((channel, Seen("", "open", event.at)))
+            case "closed":
+                listener.ended(event.at)
+                self._found.append((channel, Seen("", "closed", event.at, reason=event.reason)))

@@ -20,8 +20,7 @@ from framekit.memory.clock_bits import SystemBits
 from framekit.run.model import FaultPlan
 from framekit.runfile.devices import Device
 from framekit.service.driver import Driver
-from framekit.service.fault_injector import FaultInjector
-from framekit.service.faulty_port import FaultyPort
+from framekit.service.faults import FaultInjector, FaultyPort
 from framekit.service.line_load import LineLoad
 from framekit.service.memory_access import AddressedMemory, date_at
 from framekit.transport.clock import Clock

@@ -6,31 +6,222 @@ after the other, or several where its protocol can. When what starts is the tabl
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import os
+import socket
 from collections import deque
 from collections.abc import Callable, Container, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol as Interface
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command as LinkCommand
+from framekit.link.observe import Monitor
 from framekit.link.packing import values_of
 from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandFaultError, StatusPlaceError
+from framekit.run.job_profile import JobProfile
 from framekit.run.job_records import RecordReader
 from framekit.run.job_status import Attempt
 from framekit.run.job_table import JobTable
-from framekit.run.model import JobCommand, JobRecord, JobsSection, Order, Place
+from framekit.run.model import (
+    Block,
+    Channel,
+    JobCommand,
+    JobRecord,
+    JobsSection,
+    Opening,
+    Order,
+    Place,
+    channel_to,
+    is_address,
+)
 from framekit.run.own_memory import read_piece, store_pieces
+from framekit.runfile.devices import memory_of
 from framekit.service.channel import ChannelService
-from framekit.service.host_channels import ChannelOpener, HostChannels
-from framekit.service.resolver import Resolve
-from framekit.transport.clock import Clock
+from framekit.service.device import DeviceService
+from framekit.service.memory_access import AddressedMemory
+from framekit.service.ports import devices_of, port_for
+from framekit.transport.clock import AsyncioClock, Clock, Handle
+
+Found = Callable[[list[str] | None], None]
+"""Told the addresses of a name: none when nobody knows it, None when it could not be asked."""
+
+ResolveHost = Callable[[str, Found], None]
+
+
+def resolver_for(clock: Clock) -> ResolveHost:
+    """The system's resolver on a real clock; on any other one no name is known."""
+    return SystemResolver(clock) if isinstance(clock, AsyncioClock) else nobody
+
+
+def nobody(name: str, found: Found) -> None:
+    """Knows no name."""
+    found([])
+
+
+class SystemResolver:
+    """Asks the system in a thread of the loop; answers come in callbacks of the clock."""
+
+    def __init__(self, clock: AsyncioClock) -> None:
+        self._clock = clock
+        self._asking: set[asyncio.Task[None]] = set()
+
+    def __call__(self, name: str, found: Found) -> None:
+        task = asyncio.ensure_future(self._ask(name, found))
+        self._asking.add(task)
+        task.add_done_callback(self._asking.discard)
+
+    async def _ask(self, name: str, found: Found) -> None:
+        try:
+            rows = await asyncio.get_running_loop().getaddrinfo(name, None, type=socket.SOCK_STREAM)
+        except socket.gaierror as error:
+            unknown = error.errno in (socket.EAI_NONAME, getattr(socket, "EAI_NODATA", None))  # not every system has it
+            found([] if unknown else None)
+        except (OSError, UnicodeError):
+            found(None)
+        else:
+            found(list(dict.fromkeys(str(row[4][0]) for row in rows)))
+
+
+FIRST_OPENED = 1001
+"""Channels that are opened when they are wanted are numbered from here on, past those of a run."""
+
+Way = Callable[[int | None, str], None]
+"""Told the number of a channel; None with the reason, one of a job profile's words, when there is none."""
+
+
+class ChannelOpener(Interface):
+    """Who has the channels, and makes more of them."""
+
+    def open_for_jobs(self, channel: Channel) -> None:
+        """Makes and opens a channel. Raises ValueError for a port that cannot be made."""
+
+    def close_for_jobs(self, number: int) -> None:
+        """Closes such a channel, and forgets it."""
+
+
+class HostChannels:
+    """Finds ways to hosts. `in_use`: whether a job is on a channel, or waits for it."""
+
+    def __init__(
+        self,
+        section: JobsSection,
+        channels: Mapping[int, ChannelService],
+        clock: Clock,
+        resolve: ResolveHost,
+        opener: ChannelOpener,
+        in_use: Callable[[int], bool],
+    ) -> None:
+        self._section = section
+        self._channels = channels
+        self._clock = clock
+        self._resolve = resolve
+        self._opener = opener
+        self._in_use = in_use
+        self.opened: list[int] = []
+        """Channels opened here; the one that was wanted last is the last."""
+
+    def find(self, attempt: Attempt, wanted: Callable[[], bool], way: Way) -> None:
+        """By what the run says, else by the address that the name has. Nothing is opened for what is not `wanted`."""
+        host = attempt.order.host
+        if attempt.order.channel is not None:
+            way(attempt.order.channel, "no_channel")
+            return
+        number = self._channel_to(host)
+        if number is None and host in self._section.hosts:
+            host = self._section.hosts[host]
+            number = self._channel_to(host)
+        opening = self._section.opening
+        if number is not None or is_address(host) or (opening is not None and opening.leads_anywhere):
+            self._lead(number, host, way)
+            return
+
+        def found(addresses: list[str] | None) -> None:
+            """Told the addresses of the name; none: nobody knows it; None: asking failed."""
+            if not wanted():
+                return
+            if not addresses:
+                way(None, "no_resolver" if addresses is None else "unknown_host")
+                return
+            numbers = (self._channel_to(address) for address in addresses)
+            self._lead(next((number for number in numbers if number is not None), None), addresses[0], way)
+
+        self._resolve(host, found)
+
+    def _channel_to(self, host: str) -> int | None:
+        return channel_to(host, {number: channel.channel for number, channel in self._channels.items()})
+
+    # ---- opened when wanted -------------------------------------------------------------------------------
+
+    def _lead(self, number: int | None, address: str, way: Way) -> None:
+        if number is None:
+            with suppress(ValueError):  # a port that cannot be made leads nowhere
+                number = self._open(address)
+        if number in self.opened:
+            self.opened.remove(number)
+            self.opened.append(number)
+        way(number, "no_channel")
+
+    def open_now(self) -> None:
+        """Opens the channel that leads to every host, before a job wants it. Raises ValueError."""
+        opening = self._section.opening
+        if opening is not None and opening.leads_anywhere:
+            self._open("")
+
+    def _open(self, address: str) -> int | None:
+        """A channel to an address, where the run allows one more; None where not. Raises ValueError."""
+        opening = self._section.opening
+        if opening is None:
+            return None
+        port = opening.port_to(address)
+        same = next((number for number in self.opened if self._channels[number].channel.port == port), None)
+        if same is not None:
+            return same
+        if len(self.opened) >= opening.connections and not self._make_room():
+            return None
+        number = FIRST_OPENED
+        while number in self._channels:
+            number += 1
+        self._opener.open_for_jobs(replace(opening.channel, number=number, port=port, host=address))
+        self.opened.append(number)
+        return number
+
+    def _make_room(self) -> bool:
+        """Closes the channel that nobody uses for the longest time; whether there is one."""
+        idle = next((number for number in self.opened if not self._in_use(number)), None)
+        if idle is not None:
+            self._close(idle)
+        return idle is not None
+
+    def _close(self, number: int) -> None:
+        self.opened.remove(number)
+        self._opener.close_for_jobs(number)
+
+    def lost(self, number: int) -> None:
+        """A channel is not open any more: one that was opened here is given up, unless a job wants it again."""
+        if number in self.opened:
+            self._clock.call_soon(lambda: self._give_up(number))
+
+    def _give_up(self, number: int) -> None:
+        if number in self.opened and self._channels[number].state != "open" and not self._in_use(number):
+            self._close(number)
+
+    def close_all(self) -> None:
+        """Closes every channel that was opened here."""
+        for number in tuple(self.opened):
+            self._close(number)
+
 
 Finished = Callable[[int, Failure | None], None]
 
@@ -49,7 +240,7 @@ class JobService:
         clock: Clock,
         finished: Finished,
         wake: Callable[[], None],
-        resolve: Resolve,
+        resolve: ResolveHost,
         opener: ChannelOpener,
     ) -> None:
         self.section = section
@@ -295,3 +486,121 @@ class JobService:
         else:
             meaning = profile.text_of(word)
             self._finished(command.id, Failure(outcome="refused", device_code=word, meaning=meaning))
+
+
+Ended = Callable[[Failure | None], None]
+"""Told once how a command was answered; None when all is well."""
+
+
+class JobLine:
+    """Jobs over a memory with the areas of `application`. `channel`: what leads to hosts, as in `Opening`.
+
+    `closed` is told why a way to a host is closed, or could not be opened.
+    """
+
+    def __init__(
+        self,
+        application: Protocol,
+        profile: JobProfile,
+        channel: Channel,
+        clock: Clock,
+        monitor: Monitor | None = None,
+        closed: Callable[[str], None] = lambda reason: None,
+    ) -> None:
+        areas, grammar = memory_of(application)
+        self.application = application
+        self.clock = clock
+        self.memory = DeviceMemory(areas)
+        self.channels: dict[int, ChannelService] = {}
+        self._access = AddressedMemory(self.memory, grammar)
+        self._devices: dict[int, list[DeviceService]] = {}
+        self._monitor = monitor
+        self._closed = closed
+        self._ended: dict[int, Ended] = {}
+        self._number = 0
+        self._timer: Handle | None = None
+        opening = Opening(channel=channel, connections=len(profile.slots))
+        section = JobsSection(profile=profile, opening=opening, at=NOWHERE)
+        self.jobs = JobService(
+            section, self.memory, self.channels, clock, self._finished, self._arm, resolver_for(clock), self
+        )
+        self.table = self.jobs.table
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Commands are taken from now on. Raises DefinitionError, ValueError for a port that cannot be made."""
+        self.jobs.hosts.open_now()
+        self.jobs.start()
+        self._arm()
+
+    def stop(self) -> None:
+        """All jobs are aborted, and their connections closed."""
+        self.jobs.stop()
+        self.jobs.hosts.close_all()
+        self._arm()
+
+    @property
+    def active(self) -> bool:
+        """Whether a job is at work."""
+        return any(slot.active for slot in self.table.slots.values())
+
+    def carry_out(self, data: bytes, ended: Ended) -> None:
+        """Carries out the command that begins with these bytes; `ended` is told its answer, perhaps at once.
+
+        Raises CommandFaultError when they are none.
+        """
+        self._number += 1
+        self._ended[self._number] = ended
+        self.jobs.take_words(data, self.application, self._number)
+
+    def _finished(self, number: int, failure: Failure | None) -> None:
+        ended = self._ended.pop(number, None)
+        if ended is not None:
+            ended(failure)
+
+    # ---- channels -----------------------------------------------------------------------------------------
+
+    def open_for_jobs(self, channel: Channel) -> None:
+        """Makes and opens a channel. Raises ValueError for a port that cannot be made."""
+        port, devices = port_for(channel, devices_of(channel, Path.cwd()), self.clock)
+        made = ChannelService(channel, port, self.clock, self._access, (), self, self._monitor)
+        self.channels[channel.number], self._devices[channel.number] = made, devices
+        for device in devices:
+            device.start()
+        made.start()
+
+    def close_for_jobs(self, number: int) -> None:
+        """Closes it, and forgets it."""
+        self.channels[number].stop()
+        self.jobs.opened(number, False)
+        for device in self._devices.pop(number):
+            device.stop()
+        del self.channels[number]
+
+    def opened(self, channel: int, is_open: bool) -> None:
+        """Whether exchanges can be started on a channel now."""
+        if not is_open:
+            self._closed(self.channels[channel].state)
+        self.jobs.opened(channel, is_open)
+
+    def takes(self, block: int) -> Block | None:
+        """There are no blocks that receive."""
+        return None
+
+    def arrived(self, block: int, failure: Failure | None) -> None:
+        """There are no blocks that receive."""
+
+    # ---- time ---------------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        self._timer = None
+        self.jobs.tick(self.clock.now())
+        self._arm()
+
+    def _arm(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self.table.running and self.jobs.deadline < NEVER:
+            self._timer = self.clock.call_at(self.jobs.deadline, self._tick)

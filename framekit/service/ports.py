@@ -12,8 +12,7 @@ from framekit.link.scope import Scope
 from framekit.run.model import Channel, FaultPlan
 from framekit.runfile.devices import Device, load_devices
 from framekit.service.device import DeviceService, stores_of
-from framekit.service.fault_injector import FaultInjector
-from framekit.service.faulty_port import FaultyPort
+from framekit.service.faults import FaultInjector, FaultyPort
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 from framekit.transport.schemes import open_port

@@ -5,32 +5,263 @@ Everything happens in callbacks of the clock and of ports. Nothing here prints; 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import logging
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
-from framekit.run.block_state import BlockState, BlockStatus
-from framekit.run.block_words import status_of
-from framekit.run.edit import Removed
+from framekit.memory.memory import DeviceMemory
+from framekit.run.block_state import BlockState, BlockStatus, Failure, Prompt
+from framekit.run.block_words import BlockMemory, SettingError, status_of
+from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
 from framekit.run.model import Block, Channel, Run
 from framekit.run.own_memory import addresses_of
-from framekit.run.triggers import awaited_bits
+from framekit.run.scheduler import Scheduler
+from framekit.run.triggers import Resolve, awaited_bits
 from framekit.runfile.devices import put_values
-from framekit.service.channel import ChannelService
+from framekit.service.channel import ChannelService, Made, RunChannels, RunMonitor, undisturbed
 from framekit.service.device import DeviceService
-from framekit.service.edit import Applied, RunEditor
-from framekit.service.ending import LONGEST_FAREWELL, Ending
-from framekit.service.exchanges import rules_of
-from framekit.service.jobs import JobService
+from framekit.service.exchanges import Exchanges, rules_of
+from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.memory_access import AddressedMemory, date_at
-from framekit.service.pulse import Pulse
-from framekit.service.resolver import Resolve, resolver_for
-from framekit.service.run_blocks import OnEnd, RunBlocks
-from framekit.service.run_channels import RunChannels, RunMonitor
-from framekit.service.state_file import StateFile
-from framekit.service.state_keeper import StateKeeper
+from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock
+
+
+class RunLoop:
+    """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
+
+    `inside`: an event is being dealt with; whoever says so calls `end` afterwards. `first(now)`, once it has been set,
+    is called before everything else until `first_until`, which `next_time` may set: when something has to go before it.
+    """
+
+    def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[int], int]) -> None:
+        self.clock = clock
+        self.inside = False
+        self.first: Callable[[int], None] | None = None
+        self._act = act
+        self._next_time = next_time
+        self._ask_soon = clock.bell(self._beat)
+        self._alarm = clock.alarm(self._beat)
+        self.first_until = NEVER
+        self._woken = False
+        self._running = False
+
+    def start(self) -> None:
+        """From now on it calls, as soon as somebody says `wake` or `set`."""
+        self._running = True
+
+    def stop(self) -> None:
+        """It calls no more."""
+        self._running = False
+        self._alarm.cancel()
+
+    def wake(self) -> None:
+        """Something came due between two calls: one call soon is enough for all of it."""
+        if not self._woken and self._running:
+            self._woken = True
+            if not self.inside:
+                self._ask_soon()
+
+    def end(self) -> None:
+        """The event has been dealt with."""
+        self.inside = False
+        if self._woken:
+            self._beat()
+
+    def set(self) -> None:
+        """What is due next may be due at another time."""
+        if not self._running:
+            self._alarm.cancel()
+            return
+        now = self.clock.now()
+        due = self._next_time(now)
+        self._alarm.set(due if due > now or due == NEVER else now)
+
+    def _beat(self) -> None:
+        """As asked for; where an event came first, that has done it already, and this finds nothing due."""
+        self._woken = True  # what comes due meanwhile is in the next time the timer is set for
+        try:
+            if self._running:
+                now = self.clock.now()
+                if self.first is not None and now < self.first_until:
+                    self.first(now)
+                self._act(now)
+        finally:
+            self._woken = False
+            self.set()
+
+
+LONGEST_SHUTDOWN = 5_000_000_000
+"""A run ends after this (ns) even if a session could not be closed."""
+
+
+class Shutdown:
+    """Closes the sessions of channels; `end` is called once, when all are closed or `within` ns have passed.
+
+    Where no channel has a session it is called at once.
+    """
+
+    def __init__(self, channels: Iterable[ChannelService], clock: Clock, within: int, end: Callable[[], None]) -> None:
+        self._clock = clock
+        self._end: Callable[[], None] | None = end
+        with_session = [channel for channel in channels if channel.has_session]
+        self._waiting = {channel.channel.number for channel in with_session}
+        if not with_session:
+            self._over()
+            return
+        self._limit = clock.call_at(clock.now() + within, self._over)
+        for channel in with_session:
+            channel.close_session(partial(self._left, channel.channel.number))
+
+    def _left(self, number: int) -> None:
+        """Told from inside of an engine, which is to be left before anything ends."""
+        self._waiting.discard(number)
+        if not self._waiting:
+            self._limit.cancel()
+            self._clock.call_soon(self._over)
+
+    def _over(self) -> None:
+        end, self._end = self._end, None
+        if end is not None:
+            end()
+
+
+log = logging.getLogger(__name__)
+
+OnEnd = Callable[[BlockStatus, bool], None]
+"""Told of every completion: how the block is doing then, and whether it ended well."""
+
+
+class RunBlocks:
+    """`channels` are those of the run; `wake` asks for a tick, `refresh` brings the memory's own bits up to date.
+
+    `is_prompt` tells which blocks depend on nothing that changes by itself.
+    `jobs` carries out the commands of blocks that have no channel, where the run has jobs.
+    """
+
+    def __init__(
+        self, run: Run, clock: Clock, memory: DeviceMemory, resolve: Resolve, channels: Mapping[int, ChannelService],
+        wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None,
+        is_prompt: Callable[[Block], bool],
+    ) -> None:  # fmt: skip
+        self._clock = clock
+        self._refresh = refresh
+        self._is_prompt = is_prompt
+        self.on_end = on_end
+        self.jobs: JobService | None = None
+        self.memory = BlockMemory(memory, run.memory, run.status)
+        self.exchanges = Exchanges(channels, self.memory, self.finished)
+        self.scheduler = Scheduler(
+            run.blocks,
+            memory,
+            resolve,
+            {number: rules_of(channel) for number, channel in run.channels.items()},
+            self._start,
+            wake,
+            self._ended,
+            station_of=self.exchanges.station_of,
+            joins=self.exchanges.joins,
+            sets=run.sets,
+            died=self._died,
+            prompt=self._prompt,
+        )
+        for state in self.states.values():
+            self.memory.add(state, protocol_of(run, state.block))
+
+    @property
+    def states(self) -> dict[int, BlockState]:
+        """The blocks by their ids."""
+        return self.scheduler.states
+
+    def show(self) -> None:
+        """Brings the words of all blocks up to date."""
+        for state in self.states.values():
+            self.memory.changed(state)
+
+    def set_switched(self, number: int) -> None:
+        """A parameter set is on or off: the words of its blocks show it."""
+        for state in self.states.values():
+            if state.block.set == number:
+                self.memory.changed(state)
+
+    # ---- what the scheduler says --------------------------------------------------------------------------
+
+    def _start(self, state: BlockState, now: int) -> None:
+        if state.block.job is None or self.jobs is None:
+            self.exchanges.start(state)
+        else:
+            self.memory.started(state)
+            self.jobs.take(state.block.job)
+
+    def _prompt(self, state: BlockState) -> Prompt | None:
+        return self.exchanges.prompt(state, self._clock) if self._is_prompt(state.block) else None
+
+    def finished(self, number: int, failure: Failure | None) -> None:
+        """The exchange of a block, or its command, has ended."""
+        if number in self.states:
+            self.scheduler.finished(number, failure, self._clock.now())
+
+    def _died(self, channel: int, station: Hashable, dead: bool) -> None:
+        """A station is given up for now, or back."""
+        log.log(
+            logging.WARNING if dead else logging.INFO,
+            "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
+        )  # fmt: skip
+        for state in self.states.values():
+            if state.block.channel == channel:
+                self.memory.changed(state)
+
+    def _ended(self, state: BlockState, ok: bool, now: int) -> None:
+        self.memory.ended(state, ok, now)
+        if self.on_end is not None:
+            undisturbed(self.on_end, status_of(state), ok)
+
+    # ---- what channels say --------------------------------------------------------------------------------
+
+    def opened(self, channel: int, is_open: bool) -> None:
+        """Whether exchanges can be started on a channel now."""
+        self.scheduler.set_open(channel, is_open, self._clock.now())
+        if self.jobs is not None:
+            self.jobs.opened(channel, is_open)
+
+    def takes(self, block: int) -> Block | None:
+        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
+        self._refresh()
+        if not self.scheduler.takes(block):
+            return None
+        try:
+            return self.memory.effective(self.states[block].block)
+        except SettingError as error:
+            self.arrived(block, Failure(outcome="bad_setting", cause=str(error)))
+            return None
+
+    def arrived(self, block: int, failure: Failure | None) -> None:
+        """The frame of a RECEIVE block came."""
+        self.scheduler.arrived(block, failure, self._clock.now())
+
+
+def protocol_of(run: Run, block: Block) -> Protocol | None:
+    """What is spoken on the channel of a block; None for one that has none."""
+    return None if block.job is not None else run.channels[block.channel].protocol
+
+
+Applied = Callable[[Edit], None]
+
+
+@dataclass(slots=True)
+class _Prepared:
+    """An edit with its channels made, which waits for its moment."""
+
+    edit: Edit
+    applied: Applied
+    channels: dict[int, Made] = field(default_factory=dict)
+
 
 OnChannel = Callable[[int, ChannelService], None]
 """Gets a channel that an edit has brought or changed, before it is opened."""
@@ -48,14 +279,14 @@ class RunService:
         clock: Clock,
         monitor: RunMonitor | None = None,
         on_end: OnEnd | None = None,
-        resolve: Resolve | None = None,
+        resolve: ResolveHost | None = None,
     ) -> None:
         self.run = run
         self.clock = clock
         self.memory = run.memory.create()
         self.grammar = addresses_of(run.memory)
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
-        self.pulse = Pulse(clock, self._act, self._next_time)
+        self.pulse = RunLoop(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
         self.blocks = blocks = RunBlocks(
             run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end, self._is_prompt
@@ -77,7 +308,7 @@ class RunService:
         self._pulses_count = self._look_at_words(awaited)
         self.running = False
 
-    def _jobs(self, resolve: Resolve) -> JobService | None:
+    def _jobs(self, resolve: ResolveHost) -> JobService | None:
         section = self.run.jobs
         if section is None:
             return None
@@ -143,7 +374,7 @@ class RunService:
         if self.keeper is not None:
             self.keeper.stop()
 
-    def finish(self, done: Callable[[], None], within: int = LONGEST_FAREWELL) -> None:
+    def finish(self, done: Callable[[], None], within: int = LONGEST_SHUTDOWN) -> None:
         """Ends in good order: no block starts any more, open sessions are closed, then `stop`, then `done`.
 
         After `within` ns it stops whatever is left.
@@ -156,7 +387,7 @@ class RunService:
                 self.stop()
             done()
 
-        Ending(self.channels.values(), self.clock, within, end)
+        Shutdown(self.channels.values(), self.clock, within, end)
 
     def _stop_jobs(self) -> None:
         if self.jobs is not None:
@@ -289,3 +520,69 @@ class RunService:
             due = min(due, self.jobs.deadline)
         self.pulse.first_until = min(due, pulses) if self._pulses_count else due
         return min(due, pulses)
+
+
+class RunEditor:
+    """Changes `service` to an edited run."""
+
+    def __init__(self, service: RunService) -> None:
+        self.service = service
+        self._waiting: _Prepared | None = None
+
+    def request(self, run: Run, applied: Applied) -> None:
+        """Applies an edited run as soon as it can be; `applied` is called then. One that still waits is forgotten.
+
+        Raises DefinitionError with the reasons when it cannot be applied, ValueError for a port of no known kind; the
+        run goes on as it was then.
+        """
+        service = self.service
+        edit = plan_edit(service.run, run)
+        prepared = _Prepared(edit, applied)
+        for number in (*edit.channels_changed, *edit.channels_new):
+            prepared.channels[number] = service.lines.of_run(run, number)
+        self._waiting = prepared
+        service.scheduler.hold(edit.touched)
+        self.step()
+
+    def step(self) -> None:
+        """Applies what waits, if its moment has come."""
+        prepared, service = self._waiting, self.service
+        if prepared is None or not service.running or not service.scheduler.idle(prepared.edit.touched):
+            return
+        self._waiting = None
+        self._apply(prepared)
+        service.scheduler.hold(())
+        prepared.applied(prepared.edit)
+
+    def _apply(self, prepared: _Prepared) -> None:
+        service, edit = self.service, prepared.edit
+        scheduler, now = service.scheduler, service.clock.now()
+        for number in (*edit.blocks_gone, *edit.blocks_changed):
+            state = scheduler.remove(number)
+            service.removed.add(state)
+            service.block_memory.remove(state.block)
+            service.exchanges.forget(state.block)
+        if service.jobs is not None:
+            service.jobs.give_up((*edit.blocks_gone, *edit.blocks_changed))
+        for number in (*edit.channels_gone, *edit.channels_changed):
+            service.close_channel(number)
+        for number in edit.channels_gone:
+            scheduler.remove_channel(number)
+        for number, made in prepared.channels.items():
+            scheduler.add_channel(number, rules_of(edit.run.channels[number]))
+            service.lines.put(number, made)
+        before, service.run = service.run.sets, edit.run
+        for number, on in edit.run.sets.items():
+            if before.get(number) != on:  # one that somebody has switched by hand stays so
+                scheduler.set_enabled(number, on, now)
+                service.blocks.set_switched(number)
+        added = [scheduler.add(block) for block in added_blocks(edit)]
+        for state in added:
+            block = state.block
+            service.block_memory.add(state, None if block.job else edit.run.channels[block.channel].protocol)
+        service.look_again()
+        for number in prepared.channels:
+            service.on_channel(number, service.channels[number])
+            service.lines.open(number)
+        for state in added:
+            scheduler.arm(state, now)

@@ -1,10 +1,8 @@
-"""How a run is doing: module information and service status of its channels, P2P status of its blocks.
-
-The items are those of the Snet module guide, chapter 10 (diagnosis). Views for a moment; nothing here counts or prints.
-"""
+"""The status of a run as one value, and the words by which a run is controlled from outside."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -12,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 from framekit.run.block_state import BlockStatus
 from framekit.run.edit import RemovedBlocks
 from framekit.run.job_status import Event, JobStatus, TableCounters
-from framekit.service.frame_log import USER_DEFINED
+from framekit.run.model import BLOCKS_IN_SET
+from framekit.service.monitor import USER_DEFINED
+from framekit.service.run import RunService
 
 if TYPE_CHECKING:
     from framekit.definition.line_settings import LineSettings
     from framekit.run.job_table import JobTable
     from framekit.service.channel import ChannelService
-    from framekit.service.run import RunService
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,3 +137,59 @@ def line_type(wiring: LineSettings) -> str:
     """What is said of the wiring, in words; '' for a plain port."""
     kind = {"rs232": "RS-232", "rs422": "RS-422", "rs485": "RS-485"}.get(wiring.type or "", "")
     return f"{kind} half duplex".lstrip() if wiring.half_duplex else kind
+
+
+COMMANDS = "fire N, enable N, disable N (a block, SET.BLOCK, set N or channel N), reset or stop"
+
+_BLOCK = re.compile(r"(fire|enable|disable)\s+(?:block\s+)?(?:([0-9]+)\.)?([0-9]+)")
+_WHOLE = re.compile(r"(enable|disable)\s+(set|channel)\s+([0-9]+)")
+
+
+class ControlError(ValueError):
+    """A line that cannot be carried out; a sentence with what to do."""
+
+
+def carry_out(service: RunService, line: str) -> None:
+    """Carries one line out; empty ones and those that begin with # do nothing. Raises ControlError."""
+    words = line.split("#")[0].strip().lower()
+    if not words:
+        return
+    if words == "reset":
+        service.reset()
+        return
+    whole = _WHOLE.fullmatch(words)
+    if whole is not None:
+        _switch(service, whole[2], int(whole[3]), whole[1] == "enable")
+        return
+    match = _BLOCK.fullmatch(words)
+    if match is None:
+        raise ControlError(f"'{words}' is no command – write {COMMANDS}")
+    verb, set_number, block = match[1], int("1" if match[2] is None else match[2]), int(match[3])
+    number = BLOCKS_IN_SET * (set_number - 1) + block
+    if block >= BLOCKS_IN_SET or number not in service.states:
+        known = ", ".join(_name(one) for one in sorted(service.states))
+        raise ControlError(f"there is no block {words.split()[-1]} – known: {known}")
+    if verb == "fire":
+        try:
+            service.fire(number)
+        except ValueError as error:
+            raise ControlError(str(error)) from None
+    else:
+        service.enable(number, verb == "enable")
+
+
+def _switch(service: RunService, what: str, number: int, on: bool) -> None:
+    """A set or a channel on or off. Raises ControlError for one there is not."""
+    known = service.run.sets if what == "set" else service.channels
+    if number not in known:
+        raise ControlError(f"there is no {what} {number} – known: {', '.join(map(str, sorted(known)))}")
+    if what == "set":
+        service.enable_set(number, on)
+    else:
+        service.enable_channel(number, on)
+
+
+def _name(number: int) -> str:
+    """A block as lines name it."""
+    set_number, block = divmod(number, BLOCKS_IN_SET)
+    return f"{set_number + 1}.{block}" if set_number else str(block)

@@ -15,8 +15,7 @@ from framekit.codec.batch.cut import Cut
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
-from framekit.service.capture import Capture, CaptureError
-from framekit.service.capture_cut import cut_of_capture
+from framekit.service.capture import Capture, CaptureError, cut_of_capture
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent
 

@@ -19,8 +19,7 @@ from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.device import DeviceService
 from framekit.service.driver import Driver
-from framekit.service.fault_injector import FaultInjector
-from framekit.service.faulty_port import FaultyPort
+from framekit.service.faults import FaultInjector, FaultyPort
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
 

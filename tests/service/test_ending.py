@@ -9,8 +9,7 @@ import pytest
 from framekit.cli.main import main
 from framekit.link.observe import Seen
 from framekit.runfile.run_file import load_run
-from framekit.service.ending import LONGEST_FAREWELL
-from framekit.service.run import RunService
+from framekit.service.run import LONGEST_SHUTDOWN, RunService
 from framekit.transport.clock import VirtualClock
 
 MS = 1_000_000
@@ -144,7 +143,7 @@ def test_no_session_holds_a_run_longer_than_the_bound(run_file: Path) -> None:
     bench.service.devices[0].stop()
     bench.finish()
     bench.clock.run_for(60_000 * MS)
-    assert bench.ended_at == 250 * MS + LONGEST_FAREWELL
+    assert bench.ended_at == 250 * MS + LONGEST_SHUTDOWN
 
 
 def test_the_command_line_takes_leave(run_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from job_bench import Bench, bench, write_device
 
 from framekit.definition.problems import DefinitionError
 from framekit.runfile.run_file import load_run
-from framekit.service.host_channels import FIRST_OPENED
+from framekit.service.jobs import FIRST_OPENED
 from framekit.service.status import run_status
 
 HEAD = """

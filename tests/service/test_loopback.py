@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from framekit.definition.times import LineFormat
-from framekit.service.loopback import Loopback, LoopbackResult, pattern_of
+from framekit.service.line_tests import Loopback, LoopbackResult, pattern_of
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port
 from framekit.transport.simulated_line import Fault, SimulatedLine, Transmission

@@ -9,8 +9,8 @@ import pytest
 from framekit.link.observe import Seen
 from framekit.run.feasibility import Cost
 from framekit.runfile.run_file import load_run
-from framekit.service.rehearsal import loads_of, rehearse
 from framekit.service.run import RunService
+from framekit.service.simulation import loads_of, rehearse
 from framekit.transport.clock import VirtualClock
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -8,7 +8,7 @@ import pytest
 
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
-from framekit.service.replay import Replay
+from framekit.service.line_tests import Replay
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent
 from framekit.transport.simulated_line import SimulatedLine

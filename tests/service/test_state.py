@@ -15,7 +15,7 @@ from framekit.cli.main import main
 from framekit.run.block_state import ErrorCode
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
-from framekit.service.state_file import StateError, StateFile
+from framekit.service.state import StateError, StateFile
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.service.state_file import PAGE, Kept, KeptBlock, StateError, StateFile
+from framekit.service.state import PAGE, Kept, KeptBlock, StateError, StateFile
 
 SHAPE = (("M", "word", 4096), ("bits", "bit", 13))
 
@@ -173,7 +173,7 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from framekit.service.state_file import Kept, KeptBlock, StateFile
+from framekit.service.state import Kept, KeptBlock, StateFile
 
 file = StateFile(Path(sys.argv[1]), "plant", (("M", "word", 4096),))
 done = file.kept.blocks[1, 0].done if file.kept.blocks else 0

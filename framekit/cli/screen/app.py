@@ -13,14 +13,13 @@ from textual.widgets import DataTable, Footer, Header, Input, Static
 
 from framekit.cli.common import VerbError, shown_bytes, what_was_seen
 from framekit.cli.run_output import BLOCK_HEAD, block_row
-from framekit.service.control import COMMANDS
-from framekit.service.frame_log import FAULTY, FrameFilter
+from framekit.service.monitor import FAULTY, FrameFilter
+from framekit.service.status import COMMANDS
 
 if TYPE_CHECKING:
     from framekit.cli.screen.session import LiveSession
     from framekit.run.block_state import BlockStatus
-    from framekit.service.frame_log import FieldRow, FrameEntry
-    from framekit.service.live_view import ChannelView, LiveView
+    from framekit.service.monitor import ChannelView, FieldRow, FrameEntry, LiveView
 
 
 MOST_ROWS = 500

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from framekit.service.live_view import LiveView
+    from framekit.service.monitor import LiveView
 
 
 class LiveSession:

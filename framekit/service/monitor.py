@@ -1,12 +1,9 @@
-"""What a frame monitor shows: the last frames of all channels with their processing result, filters, fields.
-
-Whoever shows them (a terminal, JSON, a program) takes them from here; nothing here knows how they are shown.
-"""
+"""What is seen on lines, for people: a monitor of one line, the log of frames, and what a display shows."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +11,15 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.link.evaluate import EVALUATION_ERRORS
-from framekit.link.observe import Seen
+from framekit.link.events import CharacterFault, Command
+from framekit.link.listener import Listener
+from framekit.link.observe import Monitor, Seen
 from framekit.link.scope import Scope
+from framekit.run.block_state import BlockStatus
+from framekit.service.driver import Driver
+from framekit.service.line_load import LineLoad
+from framekit.transport.clock import Clock
+from framekit.transport.port import Port
 
 UNKNOWN = "unknown"
 USER_DEFINED = "user-defined"
@@ -172,3 +176,136 @@ def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str
         shown = plain.to_plain("", {"": value})[""]
         rows.append(FieldRow(path, start, seen.raw[start:end], "" if shown is None else str(shown)))
     return rows
+
+
+class _Listening:
+    """A listener as drivers know engines: it never has a command."""
+
+    def __init__(self, listener: Listener, monitor: Monitor) -> None:
+        self.listener = listener
+        self.monitor = monitor
+
+    @property
+    def deadline(self) -> int:
+        return self.listener.deadline
+
+    def opened(self, now: int) -> list[Command]:
+        self.monitor(Seen("", "open", now))
+        return []
+
+    def closed(self, now: int, reason: str = "") -> list[Command]:
+        self.listener.ended(now)
+        self.monitor(Seen("", "closed", now, reason=reason))
+        return []
+
+    def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
+        self.listener.receive(data, now, faults)
+        return []
+
+    def other_sender(self, now: int) -> list[Command]:
+        self.listener.other_sender(now)
+        return []
+
+    def line_break(self, now: int) -> list[Command]:
+        self.listener.line_break(now)
+        return []
+
+    def sent(self, now: int) -> list[Command]:
+        return []
+
+    def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
+        return []
+
+    def tick(self, now: int) -> list[Command]:
+        self.listener.tick(now)
+        return []
+
+
+class LineMonitor:
+    """Tells `monitor` everything that goes over the line. Raises ParameterError for parameters that do not fit."""
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        port: Port,
+        clock: Clock,
+        monitor: Monitor,
+        *,
+        params: Mapping[str, Any] | None = None,
+        on_state: Callable[[str], None] | None = None,
+    ) -> None:
+        self.protocol = protocol
+        self.port = port
+        self.clock = clock
+        self.listener = Listener(
+            protocol, compile_protocol(protocol), monitor, params=params, line=port.settings, now=clock.now()
+        )
+        self._driver = Driver(_Listening(self.listener, monitor), port, clock, on_state)
+
+    @property
+    def load(self) -> LineLoad:
+        """How busy the line is."""
+        return self._driver.load
+
+    def start(self) -> None:
+        """Opens the port."""
+        self._driver.start()
+
+    def stop(self) -> None:
+        """Closes the port; what is unfinished is told."""
+        self._driver.stop()
+        self.listener.ended(self.clock.now())
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelView:
+    """One line: what it is called, whether it is open, and the part of the time it is busy, lately and altogether."""
+
+    number: int
+    name: str
+    state: str
+    load_now: float | None
+    load: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LineOf:
+    """Where a channel's data comes from."""
+
+    name: str
+    state: Callable[[], str]
+    load: LineLoad
+
+
+class LiveView:
+    """`blocks` tells how the blocks are doing; without blocks there are none."""
+
+    def __init__(
+        self,
+        log: FrameLog,
+        clock: Clock,
+        lines: Mapping[int, LineOf],
+        blocks: Callable[[], list[BlockStatus]] = list,
+    ) -> None:
+        self.log = log
+        self.blocks = blocks
+        self._clock = clock
+        self._lines = lines
+        self.began = clock.now()
+
+    @property
+    def elapsed(self) -> int:
+        """Since it began (ns)."""
+        return self._clock.now() - self.began
+
+    def seconds(self, at: int) -> float:
+        """A time of the clock in seconds since it began."""
+        return (at - self.began) / 1e9
+
+    def channels(self) -> list[ChannelView]:
+        """The lines as they are now; `load_now` is of the time since this was asked the last time."""
+        now = self._clock.now()
+        return [
+            ChannelView(number, line.name, line.state(), line.load.since_last(now), line.load.share(now))
+            for number, line in self._lines.items()
+        ]
