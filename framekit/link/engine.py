@@ -139,7 +139,10 @@ class Engine:
         self.scope.now = self.output.last_received = now
         self.receiver.append(data, now, faults)
         if data:
-            self.dispatcher.byte()
+            for run in self.lanes.order:
+                if run.state is State.PAUSING:
+                    self.dispatcher.byte()
+                    break
         return self._finish()
 
     def other_sender(self, now: int) -> list[Command]:
@@ -159,14 +162,21 @@ class Engine:
     def sent(self, now: int) -> list[Command]:
         """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
         self.scope.now = now
+        machine = self.machine
         item = self.output.left()
         if item is not None:
             self.receiver.answered()
             if item.run is not None:
-                self.machine.left(item.run)
+                machine.left(item.run)
             if item.on_sent is not None:
-                self.machine.callbacks.append(item.on_sent)
-        return self._finish()
+                machine.callbacks.append(item.on_sent)
+        if self.is_busy:
+            return []
+        if machine.changed or machine.stirred or machine.ended or machine.callbacks or machine.delivered:
+            return self._finish()
+        if machine.has_queues or self.shutdown.on_done is not None or not self.receiver.is_idle:
+            return self._finish()
+        return self._given() if self._commands else []
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
@@ -291,14 +301,20 @@ class Engine:
     @property
     def deadline(self) -> int:
         """When `tick` is to be called; NEVER when nothing waits for time."""
-        if self.machine.callbacks or self.machine.ended:
+        machine = self.machine
+        if machine.callbacks or machine.ended:
             return self.scope.now
-        deadline = self.lanes.deadline
+        deadline = self.lanes.held_until if self.lanes.is_holding else NEVER
+        for run in self.lanes.order:
+            if run.deadline < deadline:
+                deadline = run.deadline
         if self.reception.interest is not None:
             deadline = min(deadline, self.receiver.deadline)
-        if self.machine.late.items:
-            deadline = min(deadline, self.machine.late.until)
-        return min(deadline, self._keep_alive_at())
+        if machine.late.items:
+            deadline = min(deadline, machine.late.until)
+        if machine.session.is_open:
+            deadline = min(deadline, self._keep_alive_at())
+        return deadline
 
     def _keep_alive_at(self) -> int:
         """When the session has to be kept alive; never while there is other traffic under way."""
@@ -317,11 +333,11 @@ class Engine:
             self._settle()
         finally:
             self.is_busy = False
-        return self._given()
+        return self._given() if self._commands else []
 
     def _given(self) -> list[Command]:
         """The commands that have come together, in order; none inside of what follows from an event."""
-        if self.is_busy:
+        if self.is_busy or not self._commands:
             return []
         commands = self._commands.copy()
         self._commands.clear()
@@ -342,7 +358,9 @@ class Engine:
                     self.reception.unsolicited(value)
             elif machine.has_queues and self.dispatcher.queue_rows():
                 continue
-            elif not self.reception.next_arrival() and not self.shutdown.go_on():
+            elif not self.reception.next_arrival() and not (
+                self.shutdown.on_done is not None and self.shutdown.go_on()
+            ):
                 return
         place = self.receiver.stream.offset
         if place != self._circle_at:

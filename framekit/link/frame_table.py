@@ -147,7 +147,9 @@ class FrameTable:
         for kind, name, _ in info.shape:
             inner = reply.fields.get(name) if kind == "inner" else None
             if type(inner) is FrameValue and inner.raw is None:
-                self.fill_echo(inner, *requests)
+                below = self.infos.get(inner.frame)
+                if below is not None and (below.echo or below.shape):
+                    self.fill_echo(inner, *requests)
 
     def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Callable[[], Names]) -> bool:
         """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too.

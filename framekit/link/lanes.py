@@ -32,6 +32,7 @@ class Lanes:
         self.lanes = [LaneState(lane) for lane in lanes]
         self.order: tuple[Run, ...] = ()
         self.was_closed = False
+        self.is_holding = False
         self._plans: dict[Run, Exchange] = {}
 
     def lane_for(self, run: str | None) -> LaneState | None:
@@ -193,6 +194,7 @@ class Lanes:
             self.machine.output.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
         if run.lane.listener is run and outcome.outcome == "circle":
             run.lane.held_until = self.machine.scope.now + HOLD
+            self.is_holding = True
 
     def _remove(self, run: Run, outcome: Outcome) -> None:
         lane = run.lane
@@ -256,41 +258,36 @@ class Lanes:
         return any(run.state is State.RECEIVING for run in self.order)
 
     @property
-    def deadline(self) -> int:
-        """When a run, or a lane that is held back, wants to be looked at."""
-        deadline = NEVER
-        for run in self.order:
-            if run.deadline < deadline:
-                deadline = run.deadline
-        for lane in self.lanes:
-            if lane.held_until > self.machine.scope.now and lane.listener is None and not lane.running:
-                deadline = min(deadline, lane.held_until)
-        return deadline
+    def held_until(self) -> int:
+        """When a lane that is held back may begin its listener again."""
+        now = self.machine.scope.now
+        times = [one.held_until for one in self.lanes if one.listener is None and not one.running]
+        return min((time for time in times if time > now), default=NEVER)
 
 
 class Shutdown:
-    """Closes the session when asked to, once the lane is free."""
+    """Closes the session when asked to, once the lane is free. `on_done`: who asked, until it is told."""
 
     def __init__(self, machine: Machine, lanes: Lanes, output: Output) -> None:
         self.machine = machine
         self.lanes = lanes
         self.output = output
-        self._on_done: Callable[[], None] | None = None
+        self.on_done: Callable[[], None] | None = None
 
     def ask(self, on_done: Callable[[], None]) -> None:
         """Asks for the end; `on_done` is called once, when no session is open and the last byte has left."""
-        self._on_done = on_done
+        self.on_done = on_done
 
     def go_on(self) -> bool:
         """Does the next thing there is to do now. False when there is nothing, or something has to end first."""
-        if self._on_done is None:
+        if self.on_done is None:
             return False
         session = self.machine.session
         if session.session is None or not (session.is_open or session.busy):
             if self.output.outgoing is not None or self.output.pending or self.machine.late.items:
                 return False
-            self.machine.callbacks.append(self._on_done)
-            self._on_done = None
+            self.machine.callbacks.append(self.on_done)
+            self.on_done = None
             return True
         if session.busy or not self.lanes.is_free:
             return False

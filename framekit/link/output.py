@@ -54,6 +54,11 @@ class Output:
         if outgoing is not None and self._fits_inside(outgoing, item):
             self.commands.append(Send(item.data, inside=True))
             return False
+        is_free = outgoing is None and not self.pending and self.is_open and self.clear_to_send
+        if is_free and self.is_immediate and item.data:
+            self.outgoing = item
+            self.commands.append(Send(item.data))
+            return True
         self.pending.append(item)
         self.poll()
         return True
@@ -92,7 +97,8 @@ class Output:
         """The last bit of what was given to the line has left it."""
         item, self.outgoing = self.outgoing, None
         self.last_sent = self.scope.now
-        self.poll()
+        if self.pending:
+            self.poll()
         if self.outgoing is None and self._rts:
             self._rts = False
             self.commands.append(SetRts(False))

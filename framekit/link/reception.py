@@ -11,14 +11,14 @@ from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
-from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise, ToldBytes
+from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Reopen
 from framekit.link.lanes import Lanes
 from framekit.link.observe import LinkCounters
 from framekit.link.receiver import Receiver
 from framekit.link.sequences.runtime import Machine
-from framekit.link.sequences.state import NOT_TAKEN, CallFrame, Run, State, frame_arriving, frame_gone
+from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledStep, Run, State, frame_arriving, frame_gone
 from framekit.link.values import FrameValue
 
 OnFrame = Callable[[FrameValue], None]
@@ -43,12 +43,14 @@ class Dispatcher:
 
     def offer(self, value: FrameValue) -> bool:
         """Offers a good frame to the rows of those who wait. Tells whether one took it."""
-        return any(self.offer_to(run, value) for run in self._receiving())
+        name = value.frame
+        for run in self.lanes.order:
+            if run.state is State.RECEIVING and name in run.interest and self._offer_to(run, value):
+                return True
+        return False
 
-    def offer_to(self, run: Run, value: FrameValue) -> bool:
+    def _offer_to(self, run: Run, value: FrameValue) -> bool:
         """Offers it to the rows of the step, then to `always` rows, its own sequence's and its callers'."""
-        if value.frame not in run.interest:
-            return False
         top = run.top
         context = top.d
         if context.checks_echo:
@@ -56,8 +58,12 @@ class Dispatcher:
             if not self.machine.table.fits_echo(value, sources, top.names):
                 return False
         rows = run.rows.get(value.frame)
-        if rows is not None and self._taken(run, rows, top, value):
-            return True
+        if rows is not None:
+            asked, number = run.asked, run.wait_number
+            if self.machine.go(run, rows, top, value) is not NOT_TAKEN:
+                if asked is not None and run.wait_number == number and run.state is State.RECEIVING:
+                    run.asked = asked  # the run waits on as before: the reply is still due
+                return True
         for frame in run.calls() if run.has_always else ():
             always = frame.step.always
             rows = None if always is None else always.of(frame.d.expected)[0].get(value.frame)
@@ -170,6 +176,9 @@ class Reception:
         replies = self.machine.late.replies  # first, for the bytes of one may be those of a request too
         self._all = tuple(sorted(receiver.table.on_line, key=lambda name: name not in replies))
         self.interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
+        infos = receiver.table.infos.values()
+        self._announcing = frozenset(info.name for info in infos if info.announces)
+        self._known: dict[tuple[CompiledStep, tuple[str, ...]], tuple[tuple[str, ...], tuple[str, ...]] | None] = {}
         self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
         self.machine.has_bytes = lambda: not receiver.is_empty
         self.machine.stream_place = lambda: receiver.stream.offset
@@ -178,16 +187,33 @@ class Reception:
     def next_arrival(self) -> bool:
         """Handles the next thing in the bytes at hand. False: there is none, or nobody looks."""
         if self.machine.changed:
-            self._work_out_interest()
+            order = self.lanes.order
+            if len(order) == 1 and order[0].state is State.RECEIVING and not order[0].has_always:
+                self._one_waits(order[0])
+            else:
+                self._work_out_interest()
         if self.interest is None:
             if len(self.receiver.stream.buffer) > MOST_HELD:
                 self.drop_stale()
             return False
-        event = self.receiver.next(*self.interest)
+        receiver = self.receiver
+        event = receiver.next(*self.interest)
         if event is None:
-            self._note_progress()
+            waiting = receiver.waiting
+            for run in self.lanes.order:
+                if run.state is State.RECEIVING and (waiting or run.candidate is not None):
+                    self._note_progress(run, waiting)
             return False
-        self._arrived(event)
+        if isinstance(event, FrameArrived):
+            self._frame(event)
+        elif isinstance(event, BadFrame):
+            self._bad(event)
+        else:
+            self.show_noise([event])
+            if not event.skipped:
+                self.dispatcher.noise()
+        if receiver.broken:
+            self.machine.output.commands.append(Reopen("the stream is out of step"))
         return True
 
     def _work_out_interest(self) -> None:
@@ -213,6 +239,18 @@ class Reception:
         self.receiver.pauses.own_gap = not own_gap
         self.receiver.pauses.is_idle = not is_limited
 
+    def _one_waits(self, run: Run) -> None:
+        """The usual case: what a step looks for is worked out once."""
+        self.machine.changed = False
+        step, pauses = run.top.step, self.receiver.pauses
+        key = step, run.top.d.expected
+        if key not in self._known:
+            looks = bool(run.interest) or run.wants_others or "on_noise" in step.handlers
+            self._known[key] = self._pair(run.interest, run.wants_others) if looks else None
+        self.interest = self._known[key]
+        pauses.own_gap = run.gap is None
+        pauses.is_idle = run.complete is None and run.longest >= NEVER
+
     def _pair(self, expected: tuple[str, ...], others: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The same pair of tuples for the same names, so that the receiver knows them again at once."""
         known = self.interest
@@ -225,41 +263,31 @@ class Reception:
             rest = self._others[expected] = tuple(name for name in self._all if name not in expected)
         return expected, rest
 
-    def _note_progress(self) -> None:
-        """Clocks of those for whom a frame is arriving, or turned out not to be."""
-        waiting, receiver = self.receiver.waiting, self.receiver
-        for run in self.lanes.order:
-            if run.state is State.RECEIVING and (waiting or run.candidate is not None):
-                if any(name in run.interest for name in waiting):
-                    limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
-                    frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
-                else:
-                    frame_gone(run, self.machine.scope.now)
+    def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> None:
+        """The clock of a run for which a frame is arriving, or turned out not to be."""
+        receiver = self.receiver
+        if any(name in run.interest for name in waiting):
+            limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
+            frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
+        else:
+            frame_gone(run, self.machine.scope.now)
 
     # ---- arrivals -----------------------------------------------------------------------------------------
 
-    def _arrived(self, event: Arrival) -> None:
-        if isinstance(event, FrameArrived):
-            self._frame(event)
-        elif isinstance(event, BadFrame):
-            self._bad(event)
-        else:
-            self.show_noise([event])
-            if not event.skipped:
-                self.dispatcher.noise()
-        if self.receiver.broken:
-            self.machine.output.commands.append(Reopen("the stream is out of step"))
-
     def _frame(self, event: FrameArrived) -> None:
         reading: FrameArrived | None = event
+        machine = self.machine
         self.counters.received += 1
-        self.machine.show_received(event.value, event.raw, event.started_at)
-        late = self.machine.late
+        machine.last_frame = machine.scope.now
+        if machine.monitor is not None:
+            machine.show_received(event.value, event.raw, event.started_at)
+        late = machine.late
         if late.lost and late.was_kept(event.value.frame, self.receiver.is_followed_by(late.replies)):
             self.unsolicited(event.value, True)
             return
         while reading is not None:
-            self._announce(reading.value)
+            if reading.value.frame in self._announcing:
+                self._announce(reading.value)
             if self.dispatcher.offer(reading.value):
                 return
             reading = self.receiver.other_reading()

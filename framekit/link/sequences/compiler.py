@@ -27,9 +27,19 @@ from framekit.link.late import is_numbered
 from framekit.link.sequences import runtime
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledSequence, CompiledStep, Rows, State, begin_clock
 from framekit.link.sequences.step_keys import STEP_KEYS
-from framekit.link.sequences.writing import Frames, ModuleWriter, StepWriter, empty_value, is_plain_row, own_variables
+from framekit.link.sequences.writing import (
+    OF_EXCHANGE,
+    Frames,
+    ModuleWriter,
+    StepWriter,
+    empty_value,
+    is_plain_row,
+    own_variables,
+)
 from framekit.link.values import FrameValue, attribute, plain
 from framekit.link.variables import fit_of
+
+_OF_EXCHANGE = sorted(OF_EXCHANGE)
 
 DEFAULTS = {"on_timeout": '"timeout"', "on_exhausted": '"exhausted"', "on_fail": "a.outcome"}
 """Source of the failure that a handler's action stands for when it says nothing else."""
@@ -145,7 +155,6 @@ class _SequenceWriter:
         out.add()
         with out.block(f"class {self._class}(CallFrame):"):
             out.add(f"__slots__ = {literal(tuple(slots))}")
-            out.add(f"variables = {literal(tuple(self.own))}")
             out.add()
             with out.block("def __init__(a, run, d, caller, nested, given):"):
                 out.add("a.run, a.d, a.caller, a.nested = run, d, caller, nested")
@@ -161,6 +170,13 @@ class _SequenceWriter:
                         out.add(f"{first.slot(name)} = {empty_value(sequence.local[name])}")
                 for counter in slots[len(self.own) :]:
                     out.add(f"a.{counter} = 0")
+            out.add()
+            with out.block("def names(a):"):
+                shared = [name for name in _OF_EXCHANGE if name not in self.own]
+                fields = [f"{quoted(name)}: d.{name}" for name in shared]
+                fields += [f"{quoted(name)}: {first.slot(name)}" for name in self.own]
+                out.add("d = a.d")
+                out.add(f"return Names({{**d.arguments, {', '.join(fields)}}}, d.params)")
 
     def _functions(self, step: StepWriter) -> None:
         with step.function():
@@ -330,6 +346,17 @@ def plain_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
 _NOT_PLAIN = frozenset((FrameValue, dict, list))
 
 
+def inner_plain(value: Any) -> Any:
+    """A frame that is to stand inside another, as the other's builder takes it."""
+    if type(value) is FrameValue and value.raw is None:
+        fields = value.fields
+        for one in fields.values():
+            if type(one) in _NOT_PLAIN:
+                return plain(value)
+        return {value.frame: fields}
+    return plain(value)
+
+
 def number_of(numbers: Mapping[str, int], value: Any) -> Any:
     """The number behind a name of a field's values."""
     return numbers.get(value, value) if type(value) is str else value
@@ -367,10 +394,12 @@ _GLOBALS: dict[str, Any] = {
     "EVALUATION_ERRORS": EVALUATION_ERRORS,
     "FrameValue": FrameValue,
     "NOT_TAKEN": NOT_TAKEN,
+    "Names": Names,
     "Rows": Rows,
     "State": State,
     "attribute": attribute,
     "begin_clock": begin_clock,
+    "inner_plain": inner_plain,
     "number_of": number_of,
     "plain": plain,
     "plain_fields": plain_fields,

@@ -204,8 +204,8 @@ class Machine:
 
     def left(self, run: Run) -> None:
         """The last bit of something the run sent has left the line: its clock may begin."""
-        run.unsent = max(0, run.unsent - 1)
-        if not run.unsent and run.clock_waits and run.state is not DONE:
+        run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
+        if not unsent and run.clock_waits and run.state is not DONE:
             begin_clock(run, self.scope.now)
 
     # ---- queues, memory -----------------------------------------------------------------------------------
@@ -244,10 +244,8 @@ class Machine:
 
     def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
-        self.last_frame = self.scope.now
-        if self.monitor is not None:
-            reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
-            self.show("frame", "in", raw, value.frame, value.fields, reason=reason, started_at=started_at)
+        reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
+        self.show("frame", "in", raw, value.frame, value.fields, reason=reason, started_at=started_at)
 
     def set_session(self, new: bool) -> None:
         self.session.end()
@@ -367,7 +365,7 @@ def _answered(a: CallFrame, outcome: Outcome) -> Next:
 def end(a: CallFrame) -> Next:
     """A sequence has come to its end: results to its caller, or to whoever started it."""
     run = a.run
-    results = {name: give(a) for name, give in a.gives}
+    results = {name: give(a) for name, give in a.gives} if a.gives else {}
     caller = a.caller
     if caller is None:
         machine = a.m
@@ -540,13 +538,20 @@ def wait(a: CallFrame, step: CompiledStep) -> Next:
     machine.changed = True
     if run.lane.waiting:
         machine.stirred = True
-    run.rows, run.interest = step.rows.of(d.expected)
+    expected = d.expected
+    run.rows, run.interest = step.rows.known.get(expected) or step.rows.of(expected)
     run.wants_others = step.wants_others
     if run.has_always:
         run.interest = _with_always(run)
     run.candidate = None
     run.wait_number += 1
-    begin_clock(run, machine.scope.now)
+    if step.is_timed:
+        begin_clock(run, machine.scope.now)
+    else:
+        run.started = machine.scope.now
+        run.complete = run.gap = None
+        run.longest = run.within = run.deadline = NEVER
+        run.clock_waits = False
     if d.checks_echo and d.last_sent is not None and not step.numbered:
         run.asked = a
         machine.late.within = run.longest

@@ -60,7 +60,7 @@ class Rows:
     """
 
     EXPECTED = ""
-    __slots__ = ("_known", "expected", "named", "order", "others")
+    __slots__ = ("expected", "known", "named", "order", "others")
 
     def __init__(
         self, named: Mapping[str, Any], expected: Mapping[str, Any], others: Any | None, order: tuple[str, ...]
@@ -69,17 +69,17 @@ class Rows:
         self.expected = expected
         self.others = others
         self.order = order
-        self._known: dict[tuple[str, ...], tuple[dict[str, Any], tuple[str, ...]]] = {}
+        self.known: dict[tuple[str, ...], tuple[dict[str, Any], tuple[str, ...]]] = {}
 
     def of(self, expected: tuple[str, ...]) -> tuple[dict[str, Any], tuple[str, ...]]:
         """The functions by frame, and the frames in order, for an exchange that expects these."""
-        found = self._known.get(expected)
+        found = self.known.get(expected)
         if found is None:
             table = {name: (self.expected if name in expected else self.named)[name] for name in self.named}
             if self.others is not None:
                 table = {**dict.fromkeys(expected, self.others), **table}
             order = [one for name in self.order for one in (expected if name == self.EXPECTED else (name,))]
-            found = self._known[expected] = table, tuple(dict.fromkeys(order))
+            found = self.known[expected] = table, tuple(dict.fromkeys(order))
         return found
 
 
@@ -87,12 +87,12 @@ class CompiledStep:
     """A step, as its generated functions tell it: what it reacts to while it waits, and its time limits.
 
     `queue_rows`: queue or None, queue that has to have room or None, function. `numbered`: a late reply to it is never
-    taken for another one. `back`: what goes on with the results of a call or a service.
+    taken for another one. `is_timed`: it has a time limit. `back`: what goes on with results of a call or a service.
     """
 
     __slots__ = (
-        "always", "back", "complete", "gap", "handlers", "index", "name", "numbered", "queue_rows", "retries", "rows",
-        "wants_others", "within",
+        "always", "back", "complete", "gap", "handlers", "index", "is_timed", "name", "numbered", "queue_rows",
+        "retries", "rows", "wants_others", "within",
     )  # fmt: skip
 
     def __init__(
@@ -115,6 +115,7 @@ class CompiledStep:
         self.handlers: Mapping[str, Any] = handlers or {}
         self.within, self.complete, self.gap, self.retries = within, complete, gap, retries
         self.back, self.numbered = back, numbered
+        self.is_timed = within is not None or complete is not None or gap is not None
         self.wants_others = "on_other" in self.handlers or "on_bad" in self.handlers
 
 
@@ -139,11 +140,6 @@ class ExchangeContext:
         "params", "raw", "refusal", "reply", "reply_buffer", "request", "station",
     )  # fmt: skip
 
-    if TYPE_CHECKING:
-        reply: Any
-        reply_buffer: Any
-        refusal: Any
-
     def __init__(self, scope: Scope, exchange: Exchange | None, checks_echo: bool, station: Any = None) -> None:
         self.exchange = exchange
         self.checks_echo = checks_echo
@@ -152,6 +148,9 @@ class ExchangeContext:
         self.expected: tuple[str, ...] = ()
         self.buffer = self.raw = b""
         self.request: Any = None
+        self.reply: Any = None
+        self.reply_buffer: Any = None
+        self.refusal: Any = None
         self.asked: FrameValue | None = None
         self.last_sent: FrameValue | None = None
         self.answering: FrameValue | None = None
@@ -171,19 +170,8 @@ class ExchangeContext:
     def get(self, name: str) -> Any:
         """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
         if name in ("request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"):
-            return getattr(self, name, None)
+            return getattr(self, name)
         return self.arguments[name] if name in self.arguments else self.params.get(name)
-
-    def names(self) -> Names:
-        """All of it by name, for frames whose fields are worked out."""
-        found = Names({**self.arguments, "buffer": self.buffer, "expected": self.expected}, self.params)
-        if self.request is not None or self.exchange is not None:
-            found["request"] = self.request
-        found["station"] = self.station
-        for name in ("reply", "reply_buffer", "refusal"):
-            if hasattr(self, name):
-                found[name] = getattr(self, name)
-        return found
 
     def answers(self, request: Any) -> Any:
         """`request` is what this side answers now; the sequences it calls see it too."""
@@ -208,7 +196,6 @@ class CallFrame:
     )  # fmt: skip
 
     gives: tuple[tuple[str, Callable[[Any], Any]], ...] = ()
-    variables: tuple[str, ...] = ()
 
     if TYPE_CHECKING:
         it: Any
@@ -233,9 +220,8 @@ class CallFrame:
             self, run: Run, d: ExchangeContext, caller: CallFrame | None, nested: bool, given: Mapping[str, Any]
         ) -> None: ...
 
-    def names(self) -> Names:
-        """Variables and what is above them by name, for frames whose fields are worked out."""
-        return Names({name: getattr(self, f"v_{name}") for name in self.variables}, self.d.names())
+        def names(self) -> Names:
+            """Variables and what is above them by name, for frames whose fields are worked out."""
 
 
 class LaneState:

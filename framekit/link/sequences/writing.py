@@ -173,8 +173,11 @@ class SequenceNames:
     def _typed(self, node: Node) -> tuple[str, tuple[str, ...] | None]:
         """Source, and the received frames that it may be: () for any frame, None where it may be anything."""
         known = self.writer.frames
-        if isinstance(node, Name) and node.name == "it" and self.frames and not known.delivers:
-            return "it", self.frames
+        if isinstance(node, Name) and not known.delivers:
+            if node.name == "it" and self.frames and "it" not in self.writer.own:
+                return "it", self.frames
+            if node.name in self.writer.received:
+                return self.writer.slot(node.name), self.writer.received[node.name]
         if isinstance(node, Attribute):
             source, frames = self._typed(node.value)
             if frames and all(node.name in known.inner[one] for one in frames):
@@ -193,7 +196,8 @@ class SequenceNames:
 class StepWriter:
     """Writes the functions of one step. `own`: the variables of its sequence and their types ("" for any).
 
-    `held`: its sequence runs for exchanges, so replies that are due may hold its request back.
+    `received`: variables that hold received frames only, and which these may be. `held`: its sequence runs for
+    exchanges, so replies that are due may hold its request back.
     """
 
     def __init__(
@@ -208,6 +212,7 @@ class StepWriter:
         self.held = held
         self.prefix = f"q{number}_"
         self.own = own_variables(sequence, self.protocol)
+        self.received = received_variables(sequence)
         self.out = Source()
         self.repeats = False
         self._steps = {step.name: place for place, step in enumerate(sequence.steps)}
@@ -367,6 +372,10 @@ class StepWriter:
                 self.add(f"{constant('fill_echo', 'TABLE.fill_echo')}(value, {d}.answering, {d}.last_taken)")
         if info.flat:
             self.add(f"data = {encode}(value.fields, {names})")
+        elif info.inner in value.fields and len(info.shape) == 1:
+            inner = quoted(info.inner or "")
+            self.add("fields = value.fields")
+            self.add(f"data = {encode}({{**fields, {inner}: inner_plain(fields[{inner}])}}, {names})")
         else:
             self.add(f"data = {encode}(plain_fields(value.fields), {names})")
         self.add(f"sent_as(value, data, {names}, {constant('info', f'INFOS[{quoted(frame)}]')}, TABLE)")
@@ -542,6 +551,31 @@ def own_variables(sequence: Sequence, protocol: Protocol) -> dict[str, str]:
         if is_whole and name != "clock" and name not in protocol.state and name not in protocol.params:
             found.setdefault(name, "")
     return found
+
+
+def received_variables(sequence: Sequence) -> dict[str, tuple[str, ...]]:
+    """The variables that only rows set, to the frame they have taken: with the frames that this may be."""
+    found: dict[str, dict[str, None]] = {}
+    others = {*sequence.takes}
+    rows = [row for step in sequence.steps for row in step.receive or ()] + list(sequence.always)
+    for row in rows:
+        for target, value in row.set:
+            is_taken = isinstance(value, Expression) and value.root == Name(value.root.at, "it")
+            if is_taken and row.frames and not row.expected and target.field is None and target.key is None:
+                found.setdefault(target.name, {}).update(dict.fromkeys(row.frames))
+            else:
+                others.add(target.name)
+        for action in parts_of(row.otherwise, Action):
+            others.update(target.name for target, _ in action.set)
+    for step in sequence.steps:
+        into = [] if step.call is None else list(step.call.into)
+        others.update(target.name for target, _ in step.set)
+        others.update([*into, *step.ask_into])
+        for action in parts_of([step.branch or (), step.handlers], Action):
+            others.update(target.name for target, _ in action.set)
+    for action in parts_of(sequence.handlers, Action):
+        others.update(target.name for target, _ in action.set)
+    return {name: tuple(frames) for name, frames in found.items() if name not in others and name in sequence.local}
 
 
 def actions_of(sequence: Sequence, step: Step) -> list[Action]:
