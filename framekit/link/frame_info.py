@@ -23,6 +23,7 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 from framekit.definition.model.segments import Optional as OptionalSegments
+from framekit.definition.model.walk import by_value_name
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.intact import intact_of
 from framekit.link.values import FrameValue
@@ -59,13 +60,13 @@ class FrameInfo:
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `intact`: a quick look at
     its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
-    `carries`: frames that may be put into this one when `insert` holds.
+    `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields.
     """
 
     __slots__ = (
         "_examine", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -91,6 +92,7 @@ class FrameInfo:
         self.carries: tuple[str, ...] = ()
         self.insert: Evaluate | None = None
         self._collect(frame.segments)
+        self.value_names = frozenset(by_value_name(frame.segments))
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
 

@@ -164,6 +164,8 @@ class FrameTable:
             for request in requests:
                 if plain_name is not None and plain_name in request.fields:
                     wanted = request.fields[plain_name]
+                elif plain_name is not None and plain_name not in self.infos[request.frame].value_names:
+                    continue
                 else:
                     try:
                         wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())

@@ -236,7 +236,12 @@ class Lanes:
                 self.machine.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
 
     def _reorder(self) -> None:
-        self.order = tuple(run for lane in self.lanes for run in lane.runs())
+        order: list[Run] = []
+        for lane in self.lanes:
+            order += lane.running
+            if lane.listener is not None:
+                order.append(lane.listener)
+        self.order = tuple(order)
         self.machine.changed = self.machine.stirred = True
 
     @property

@@ -54,15 +54,16 @@ class Dispatcher:
         top = run.top
         context = top.d
         if context.checks_echo:
-            sources = tuple(one for one in (context.asked, context.last_sent) if one is not None)
-            if not self.machine.table.fits_echo(value, sources, top.names):
+            asked, sent = context.asked, context.last_sent
+            sources = () if sent is None else (sent,)
+            if not self.machine.table.fits_echo(value, sources if asked is None else (asked, *sources), top.names):
                 return False
         rows = run.rows.get(value.frame)
         if rows is not None:
-            asked, number = run.asked, run.wait_number
+            due, number = run.asked, run.wait_number
             if self.machine.go(run, rows, top, value) is not NOT_TAKEN:
-                if asked is not None and run.wait_number == number and run.state is State.RECEIVING:
-                    run.asked = asked  # the run waits on as before: the reply is still due
+                if due is not None and run.wait_number == number and run.state is State.RECEIVING:
+                    run.asked = due  # the run waits on as before: the reply is still due
                 return True
         for frame in run.calls() if run.has_always else ():
             always = frame.step.always
@@ -335,4 +336,6 @@ class Reception:
 
     def drop_stale(self) -> None:
         """An exchange begins and nothing listened: what came before cannot be its reply."""
+        if self.receiver.is_idle:
+            return
         self.show_noise(self.receiver.flush())

@@ -63,16 +63,17 @@ class _Tracking:
             return []
         request.exchange = exchange
         told = exchange.on_done
-        exchange.on_done = lambda outcome: self.during(request, lambda: told(outcome))
-        return self.engine.start(exchange, now)
 
-    def during(self, request: Request, action: Callable[[], Any]) -> Any:
-        """Does something for a request: what it starts belongs to that."""
-        before, self.current = self.current, request
-        try:
-            return action()
-        finally:
-            self.current = before
+        def during(outcome: Outcome) -> None:
+            """What the end of an exchange starts belongs to its request."""
+            before, self.current = self.current, request
+            try:
+                told(outcome)
+            finally:
+                self.current = before
+
+        exchange.on_done = during
+        return self.engine.start(exchange, now)
 
 
 class ClientService:
@@ -167,7 +168,7 @@ class ClientService:
     def request(self, begin: Begin, on_done: Callable[[TransferResult], None]) -> Request:
         """Starts a transfer; `on_done` is called exactly once. Raises ValueError for what cannot be asked."""
         request, tracking = Request(), self.tracking
-        before, tracking.current = tracking.current, request  # `during`, without functions made for every request
+        before, tracking.current = tracking.current, request
         try:
             commands = begin(self.client, self.clock.now(), on_done)
         finally:

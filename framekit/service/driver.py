@@ -200,7 +200,7 @@ class Driver:
         while self.pending:
             command = self.pending[0]
             wait_until = getattr(command, "not_before", 0)
-            if wait_until > self.clock.now():
+            if wait_until and wait_until > self.clock.now():
                 if self._send_timer is not None:
                     self._send_timer.cancel()
                 self._send_timer = self.clock.call_at(wait_until, self._go_on)

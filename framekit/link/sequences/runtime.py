@@ -36,6 +36,7 @@ from framekit.link.sequences.state import (
     Run,
     State,
     begin_clock,
+    clock_starts,
 )
 from framekit.link.sessions import SessionState
 from framekit.link.values import FrameValue, plain
@@ -206,7 +207,7 @@ class Machine:
         """The last bit of something the run sent has left the line: its clock may begin."""
         run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
         if not unsent and run.clock_waits and run.state is not DONE:
-            begin_clock(run, self.scope.now)
+            clock_starts(run, self.scope.now)
 
     # ---- queues, memory -----------------------------------------------------------------------------------
 
@@ -254,7 +255,7 @@ class Machine:
 
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
         """Calls back when everything that follows at this point has been done."""
-        self.callbacks.append(lambda: exchange.on_done(outcome))
+        self.callbacks.append(partial(exchange.on_done, outcome))
 
 
 class EngineFunctions:

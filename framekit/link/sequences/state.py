@@ -240,12 +240,6 @@ class LaneState:
         self.steps_at = 0
         self._at_once = None if lane.at_once is None else compile_expression(lane.at_once)
 
-    def runs(self) -> Iterator[Run]:
-        """Those under way: exchanges, older first, then the listener."""
-        yield from self.running
-        if self.listener is not None:
-            yield self.listener
-
     def at_once(self, scope: Scope) -> int:
         """How many exchanges may run side by side."""
         if self._at_once is None:
@@ -340,6 +334,18 @@ def begin_clock(run: Run, now: int) -> None:
     run.within = within = NEVER if waits or longest >= NEVER else now + longest
     if run.candidate is None:
         run.deadline = within
+
+
+def clock_starts(run: Run, now: int) -> None:
+    """The last bit of what the run sent has left: its time begins."""
+    run.clock_waits = False
+    run.started = now
+    if run.state is State.PAUSING:
+        run.deadline = after(now, run.pause)
+        return
+    run.within = after(now, run.longest)
+    if run.candidate is None:
+        run.deadline = run.within
 
 
 def frame_arriving(run: Run, since: int, last: int, receiver_limits: bool) -> None:
