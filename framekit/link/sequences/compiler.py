@@ -30,7 +30,7 @@ from framekit.link.sequences.step_keys import STEP_KEYS
 from framekit.link.sequences.writing import (
     OF_EXCHANGE,
     Frames,
-    ModuleWriter,
+    SequenceModule,
     StepWriter,
     empty_value,
     is_plain_row,
@@ -73,7 +73,7 @@ def sequence_code(protocol: Protocol, table: FrameTable) -> CodeType:
 
 def sequence_source(protocol: Protocol, table: FrameTable) -> str:
     """Source of the module of a protocol's sequences."""
-    module = ModuleWriter()
+    module = SequenceModule()
     frames = Frames(protocol, table)
     held = _of_exchanges(protocol)
     for number, sequence in enumerate(protocol.sequences.values()):
@@ -117,7 +117,7 @@ def _of_exchanges(protocol: Protocol) -> set[str]:
 class _SequenceWriter:
     """Writes one sequence. `held`: it may be one that replies to earlier requests hold back."""
 
-    def __init__(self, module: ModuleWriter, frames: Frames, sequence: Sequence, number: int, held: bool) -> None:
+    def __init__(self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, held: bool) -> None:
         self.module = module
         self.sequence = sequence
         self.number = number

@@ -18,7 +18,7 @@ from framekit.definition.times import NEVER
 from framekit.link.clock import with_date
 from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.exchange import Ask, Asked, Exchange, MemoryAccess, Outcome, Server
+from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
 from framekit.link.observe import Monitor, Seen
@@ -280,7 +280,7 @@ class EngineFunctions:
         return with_date(clock, frame, mode)
 
 
-class _Asked(Asked):
+class _Asked:
     """What the callback of an `ask` step gets."""
 
     def __init__(self, frame: CallFrame) -> None:

@@ -108,7 +108,7 @@ def constants_of(info: FrameInfo) -> dict[str, Any]:
     return found
 
 
-class ModuleWriter:
+class SequenceModule:
     """Functions of a module, and the constants that they use: each is written once, whoever asks for it."""
 
     def __init__(self) -> None:
@@ -201,7 +201,7 @@ class StepWriter:
     """
 
     def __init__(
-        self, module: ModuleWriter, frames: Frames, sequence: Sequence, number: int, index: int, held: bool
+        self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, index: int, held: bool
     ) -> None:
         self.module = module
         self.frames = frames
