@@ -151,6 +151,12 @@ class Receiver:
         return self.stream.position + self._given >= len(self.stream.buffer) and not self._noise
 
     @property
+    def is_idle(self) -> bool:
+        """Whether nothing is at hand, so that what comes next begins anew."""
+        stream = self.stream
+        return stream.position + self._given >= len(stream.buffer) and not self._noise.data and not self._skipping
+
+    @property
     def deadline(self) -> int:
         """When `tick` and `next` are to be called although nothing came."""
         stream = self.stream

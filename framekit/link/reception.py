@@ -198,7 +198,7 @@ class Reception:
                 self.drop_stale()
             return False
         receiver = self.receiver
-        event = receiver.next(*self.interest)
+        event = None if receiver.is_idle else receiver.next(*self.interest)
         if event is None:
             waiting = receiver.waiting
             for run in self.lanes.order:
@@ -336,6 +336,6 @@ class Reception:
 
     def drop_stale(self) -> None:
         """An exchange begins and nothing listened: what came before cannot be its reply."""
-        if self.receiver.is_idle:
+        if self.receiver.is_idle and not self.receiver.stream.is_marked:
             return
         self.show_noise(self.receiver.flush())
