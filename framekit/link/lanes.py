@@ -60,9 +60,10 @@ class Lanes:
 
     def _has_room(self, lane: LaneState) -> bool:
         session = self.machine.session
-        if session.busy or len(lane.running) >= lane.at_once(self.machine.scope):
+        running = len(lane.running)
+        if session.busy or (running and running >= lane.at_once(self.machine.scope)):
             return False
-        if lane.running and session.plan(lane.waiting[0]):
+        if running and session.plan(lane.waiting[0]):
             return False
         return lane.listener is None or lane.listener.gives_way
 
@@ -74,14 +75,22 @@ class Lanes:
         old = machine.scope.now - machine.output.last_received >= STALE
         if not late.until and (not self.listens or (old and machine.has_bytes())):
             machine.drop_stale()
-        self._give_way(lane)
+        if lane.listener is not None:
+            self._give_way(lane)
         run = self._new_run(lane, "exchange")
         self._plans[run] = exchange
         context = ExchangeContext(machine.scope, exchange, True)
-        for kind, name in machine.session.plan(exchange):
-            run.agenda.append((kind, name, ExchangeContext(machine.scope, None, True, exchange.station)))
-        run.agenda.append(("exchange", exchange.run or lane.exchange[0], context))
-        machine.session.busy = len(run.agenda) > 1
+        name = exchange.run or lane.exchange[0]
+        session = machine.session
+        before = session.plan(exchange) if session.session is not None else ()
+        if not before:
+            session.busy = False
+            machine.start(run, machine.sequences[name], context)
+            return
+        for kind, sequence in before:
+            run.agenda.append((kind, sequence, ExchangeContext(machine.scope, None, True, exchange.station)))
+        run.agenda.append(("exchange", name, context))
+        session.busy = True
         self._next_of_agenda(run)
 
     def _new_run(self, lane: LaneState, kind: str) -> Run:
@@ -203,6 +212,7 @@ class Lanes:
         elif run in lane.running:
             lane.running.remove(run)
         self._reorder()
+        self.machine.stirred = True
         exchange = self._plans.pop(run, None)
         if exchange is not None:
             self.machine.tell(exchange, outcome)
@@ -242,7 +252,7 @@ class Lanes:
             if lane.listener is not None:
                 order.append(lane.listener)
         self.order = tuple(order)
-        self.machine.changed = self.machine.stirred = True
+        self.machine.changed = True
 
     @property
     def is_waited_for(self) -> bool:

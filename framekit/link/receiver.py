@@ -165,7 +165,7 @@ class Receiver:
             deadline = NEVER if gap is None else stream.last + gap
             if self._needs_silence:
                 deadline = min(deadline, stream.last + quiet)
-        elif self._noise or self._skipping or stream.position + self._given < len(stream.buffer):
+        elif self._noise.data or self._skipping or stream.position + self._given < len(stream.buffer):
             deadline = stream.last + self.pauses.limits()[0]
         else:
             return NEVER

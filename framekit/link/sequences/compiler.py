@@ -165,7 +165,8 @@ class _SequenceWriter:
                 for name in self.own:
                     if name in sequence.takes or name not in sequence.local:
                         text = quoted(name)
-                        out.add(f"{first.slot(name)} = given[{text}] if {text} in given else d.get({text})")
+                        other = f"d.{name}" if name in OF_EXCHANGE else f"d.get({text})"
+                        out.add(f"{first.slot(name)} = given[{text}] if {text} in given else {other}")
                     else:
                         out.add(f"{first.slot(name)} = {empty_value(sequence.local[name])}")
                 for counter in slots[len(self.own) :]:
@@ -200,8 +201,12 @@ class _SequenceWriter:
             given.append(f"({quoted(name)}, {last.called(f'gives_{place}')})")
         if given:
             out = self.module.functions
+            with last.function("results"):
+                fields = [f"{quoted(name)}: {last.expression(one)}" for name, one in self.sequence.gives.items()]
+                last.add(f"return {{{', '.join(fields)}}}")
             out.add()
             out.add()
+            out.add(f"{self._class}.results = {last.called('results')}")
             out.add(f"{self._class}.gives = ({', '.join(given)},)")
 
     # ---- what a waiting step reacts to --------------------------------------------------------------------

@@ -126,7 +126,12 @@ class Machine:
         run.state = GOING
         run.top = sequence.frame(run, context, None, False, {})
         run.has_always = sequence.has_always
-        self.go(run, _first, sequence, run.top)
+        try:
+            count(run)
+        except CircleError:
+            self._circle(run)
+            return
+        self.go(run, sequence.begin, run.top)
 
     def go(self, run: Run, do: Callable[..., Next], *arguments: Any) -> Next:
         """Does something for a run, and what follows from it. Tells whether it was NOT_TAKEN."""
@@ -366,7 +371,7 @@ def _answered(a: CallFrame, outcome: Outcome) -> Next:
 def end(a: CallFrame) -> Next:
     """A sequence has come to its end: results to its caller, or to whoever started it."""
     run = a.run
-    results = {name: give(a) for name, give in a.gives} if a.gives else {}
+    results = a.results()
     caller = a.caller
     if caller is None:
         machine = a.m

@@ -169,8 +169,6 @@ class ExchangeContext:
 
     def get(self, name: str) -> Any:
         """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
-        if name in ("request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"):
-            return getattr(self, name)
         return self.arguments[name] if name in self.arguments else self.params.get(name)
 
     def answers(self, request: Any) -> Any:
@@ -196,6 +194,10 @@ class CallFrame:
     )  # fmt: skip
 
     gives: tuple[tuple[str, Callable[[Any], Any]], ...] = ()
+
+    def results(self) -> dict[str, Any]:
+        """What the sequence gives; generated classes have it in one."""
+        return {}
 
     if TYPE_CHECKING:
         it: Any
@@ -343,9 +345,10 @@ def clock_starts(run: Run, now: int) -> None:
     if run.state is State.PAUSING:
         run.deadline = after(now, run.pause)
         return
-    run.within = after(now, run.longest)
+    longest = run.longest
+    run.within = within = now + longest if longest < NEVER else NEVER
     if run.candidate is None:
-        run.deadline = run.within
+        run.deadline = within
 
 
 def frame_arriving(run: Run, since: int, last: int, receiver_limits: bool) -> None:
