@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any, Generic, TypeVar
 
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Argument, Cases, EncodeWriter, Given
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Item, Reader, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.definition.model.segments import Segment
@@ -34,6 +36,32 @@ class SegmentKind(Generic[S]):
     def read(self, r: Reader, item: Item, segment: S, after: tuple[Item, ...]) -> None:
         """Reads a segment that is there and stands in no run. `after`: what follows it in the buffer."""
         raise TypeError(f"no segment to read: {segment!r}")
+
+    # ---- encoding -----------------------------------------------------------------------------------------
+
+    def tasks(self, w: EncodeWriter, segment: S, scope: Scope, given: Given) -> list[Task]:
+        """What brings its values into locals, each with what it waits for."""
+        return []
+
+    def cases(self, w: EncodeWriter, segment: S, scope: Scope, given: Given) -> Cases:
+        """The headers and segments of lists of which one is there; None: a case that must not be."""
+        raise TypeError(f"no cases: {segment!r}")
+
+    def argument(self, w: EncodeWriter, segment: S, scope: Scope, size: int) -> Argument:
+        """What a segment of fixed size gives to the struct that packs a run of them."""
+        raise TypeError(f"no segment of a run: {segment!r}")
+
+    def bytes_text(self, w: EncodeWriter, segment: S, scope: Scope) -> str:
+        """Text of the bytes of a segment that is there and stands in no run."""
+        raise TypeError(f"no segment to build: {segment!r}")
+
+    def room(self, w: EncodeWriter, segment: S, scope: Scope, plain: bool) -> str | None:
+        """Text of the bytes it takes where that varies; `plain`: before conversion. None where nobody asks."""
+        return None
+
+    def room_waits(self, w: EncodeWriter, segment: S) -> set[str]:
+        """What has to be there before `room` can be told."""
+        return {f"bytes of {segment.name}"}
 
     # ---- diagnosis ----------------------------------------------------------------------------------------
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Argument, EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.reader import ANY_WIDTH, Item, Reader, Slot, shown_name
 from framekit.codec.python.source import literal, quoted
+from framekit.definition.expression.emit import AND, PRODUCT
+from framekit.definition.expression.syntax import Expression, Number
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
@@ -30,6 +34,26 @@ class BitsKind(SegmentKind[Bits]):
         local = r.function.names.fresh(shown_name(segment, "bits"))
         r.function.add(f"{local} = {r.sized_number(item, segment)}")
         _cut(r, item, segment, local)
+
+    def tasks(self, w: EncodeWriter, segment: Bits, scope: Scope, given: Given) -> list[Task]:
+        tasks = [_part_task(w, part, segment.when, scope, given) for part in segment.parts]
+        if segment.name is not None and segment.name in w.read_names:
+            scope.entries[segment.name] = Entry("0", sized=False, wire=w.own_room(segment, scope))
+        return tasks
+
+    def argument(self, w: EncodeWriter, segment: Bits, scope: Scope, size: int) -> Argument:
+        return w.number_argument(segment, scope, size)
+
+    def bytes_text(self, w: EncodeWriter, segment: Bits, scope: Scope) -> str:
+        size = segment.type.size
+        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
+        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
+
+    def room_waits(self, w: EncodeWriter, segment: Bits) -> set[str]:
+        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
+
+    def room(self, w: EncodeWriter, segment: Bits, scope: Scope, plain: bool) -> str | None:
+        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
 
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
         for part in segment.parts:
@@ -56,6 +80,48 @@ class BitsKind(SegmentKind[Bits]):
 
     def measure(self, m: MeasureWriter, segment: Bits, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+def _part_task(w: EncodeWriter, part: BitsPart, when: Expression | None, scope: Scope, given: Given) -> Task:
+    def write(missing: set[str]) -> None:
+        _put_part(w, part, when, scope, given, missing)
+        entry = scope.entries[part.name]
+        entry.text = w.or_nothing(part.name, entry.text, when, scope)
+
+    worked_out = part.is_ or part.build
+    asked = part.name in w.read_names or worked_out is not None
+    waits = w.waits(worked_out, when if asked else None)
+    return Task((part.name,), waits, write, part.is_ is None)
+
+
+def _put_part(
+    w: EncodeWriter, part: BitsPart, when: Expression | None, scope: Scope, given: Given, missing: set[str]
+) -> None:
+    local = w.local(part.name, given)
+    text = local
+    if part.constants is not None and len(part.constants) == 1:
+        text = given.computed[part.name] = str(part.constants[0])
+    elif part.is_ is not None:
+        text = w.computed(part.name, part.is_, local, scope, given, when)
+    elif part.build is not None and not isinstance(part.build.root, Number):
+        build = w.writer(w.with_missing(scope, given, missing)).value(part.build)
+        build = f"({w.if_there(build, when, scope)})" if when is not None else build
+        w.bind(local, given.value_or_worked_out(part.name, build))
+    else:
+        first = 0 if part.constants is None else part.constants[0]
+        otherwise = first if part.build is None else w.writer(scope).text(part.build)
+        w.bind(local, given.value_or(part.name, str(otherwise)))
+    if text == local and part.is_ is None:
+        if part.values is not None:
+            numbers = w.module.numbers(part.values, f"{w.title} {part.name}")
+            w.add(f"{local} = {numbers}.get({local}, {local})")
+        if part.constants is not None:
+            w.refuse_others(part.name, local, part.constants)
+    if text == local:
+        most = (1 << part.high - part.low + 1) - 1
+        condition = f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}"
+        w.refuse_if(condition if when is None else f"({w.text(when, scope, AND)} and {condition})")
+    scope.entries[part.name] = Entry(text, sized=False)
 
 
 def _cut(r: Reader, item: Item, bits: Bits, whole: str) -> None:

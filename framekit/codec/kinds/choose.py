@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.expressions import Scope, numbers_of
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Item, Reader
 from framekit.codec.python.source import literal
-from framekit.definition.expression.emit import BIT_OR
+from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.segments import (
     Choose,
     Segments,
@@ -37,6 +39,21 @@ class ChooseKind(SegmentKind[Choose]):
             branches.append(("else:", [Item(segment, item.scope, item.fields) for segment in segment.otherwise]))
         r.prepare_names([inner for _, items in branches for inner in items])
         r.branches_of_choice(branches, after, fault=segment.otherwise is None)
+
+    def tasks(self, w: EncodeWriter, segment: Choose, scope: Scope, given: Given) -> list[Task]:
+        return w.branch_tasks(segment, scope, given)
+
+    def cases(self, w: EncodeWriter, segment: Choose, scope: Scope, given: Given) -> Cases:
+        numbers = numbers_of(segment.on, scope, w.by_name)
+        on = w.text(segment.on, scope, BIT_OR)
+        condition = "" if segment.when is None else f"{w.text(segment.when, scope, AND)} and "
+        found: Cases = []
+        for keys, segments in segment.cases:
+            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
+            test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
+            found.append((f"{'elif' if found else 'if'} {condition}{test}:", segments))
+        last = "else:" if segment.when is None else f"elif {w.text(segment.when, scope)}:"
+        return [*found, (last, segment.otherwise)]
 
     def diagnose(self, d: DiagnosisWriter, segment: Choose, scope: Scope, behind: Behind) -> None:
         numbers = numbers_of(segment.on, scope, d.by_name)

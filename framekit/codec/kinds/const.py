@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Argument, EncodeWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.source import bytes_literal
 from framekit.definition.model.segments import (
@@ -13,6 +14,9 @@ from framekit.definition.model.segments import (
 
 class ConstKind(SegmentKind[Const]):
     model = Const
+
+    def argument(self, w: EncodeWriter, segment: Const, scope: Scope, size: int) -> Argument:
+        return Argument(f"{size}s", "", bytes_literal(segment.data))
 
     def diagnose(self, d: DiagnosisWriter, segment: Const, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.const({d.named(segment)}, {bytes_literal(segment.data)}{d.refuse(segment)})")

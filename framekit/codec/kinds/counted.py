@@ -5,16 +5,20 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Argument, EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.order import Task
+from framekit.codec.python.reader import Item, Reader, Slot, not_possible
 from framekit.codec.python.shape import (
     is_always_there,
     is_followed,
     is_plain_name,
     targets_of,
 )
-from framekit.codec.python.source import literal, quoted
+from framekit.codec.python.source import Code, literal, quoted, text_source
+from framekit.definition.expression.emit import AND, PRODUCT
+from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Count,
     Data,
@@ -41,6 +45,24 @@ class LengthKind(SegmentKind[Length]):
         _read_number(r, item, segment)
         r.compare_length(item, segment)
 
+    def tasks(self, w: EncodeWriter, segment: Length, scope: Scope, given: Given) -> list[Task]:
+        waits = {token for name in segment.of for token in w.room_tokens(name)} | w.size_waits(segment)
+        return [Task((segment.name,), waits, lambda _: _put_length(w, segment, scope, given))]
+
+    def argument(self, w: EncodeWriter, segment: Length, scope: Scope, size: int) -> Argument:
+        return w.number_argument(segment, scope, size)
+
+    def bytes_text(self, w: EncodeWriter, segment: Length, scope: Scope) -> str:
+        size = segment.type.size
+        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
+        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
+
+    def room_waits(self, w: EncodeWriter, segment: Length) -> set[str]:
+        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
+
+    def room(self, w: EncodeWriter, segment: Length, scope: Scope, plain: bool) -> str | None:
+        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
+
     def declare(self, d: DiagnosisWriter, segment: Length, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
         scope.entries[segment.name] = Entry(
@@ -52,6 +74,17 @@ class LengthKind(SegmentKind[Length]):
 
     def measure(self, m: MeasureWriter, segment: Length, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> None:
+    for name, target in w.targets.items():
+        converted = any(isinstance(one, Data) and one.convert is not None for one in target.segments)
+        if length.plain and name in length.of and target.only is None and converted:
+            raise not_possible(length, f"'{name}' is not converted in every case", "count it as it is sent")
+    text = w.room(length.of, scope, plain=length.plain)
+    if length.unit != 1:
+        text = f"{text} // {length.unit}" if " " not in text else f"({text}) // {length.unit}"
+    _put_number(w, length, text, scope, given)
 
 
 def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
@@ -88,6 +121,24 @@ class CountKind(SegmentKind[Count]):
         _read_number(r, item, segment)
         r.compare_count(item, segment)
 
+    def tasks(self, w: EncodeWriter, segment: Count, scope: Scope, given: Given) -> list[Task]:
+        waits = {segment.of} | w.size_waits(segment)
+        return [Task((segment.name,), waits, lambda _: _put_count(w, segment, scope, given))]
+
+    def argument(self, w: EncodeWriter, segment: Count, scope: Scope, size: int) -> Argument:
+        return w.number_argument(segment, scope, size)
+
+    def bytes_text(self, w: EncodeWriter, segment: Count, scope: Scope) -> str:
+        size = segment.type.size
+        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
+        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
+
+    def room_waits(self, w: EncodeWriter, segment: Count) -> set[str]:
+        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
+
+    def room(self, w: EncodeWriter, segment: Count, scope: Scope, plain: bool) -> str | None:
+        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
+
     def declare(self, d: DiagnosisWriter, segment: Count, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
         scope.entries[segment.name] = Entry(
@@ -99,6 +150,31 @@ class CountKind(SegmentKind[Count]):
 
     def measure(self, m: MeasureWriter, segment: Count, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> None:
+    items = scope.find(count.of)
+    text = "()" if items is None else items.text
+    _put_number(w, count, w.count_of(text if text.isidentifier() else f"{text} or ()"), scope, given)
+
+
+def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope, given: Given) -> None:
+    local = w.names.fresh(number.name)
+    plus = "" if not number.plus else f" + {number.plus}" if number.plus > 0 else f" - {-number.plus}"
+    w.add(f"{local} = {text}{plus}")
+    shown = w.or_nothing(number.name, local, number.when, scope)
+    scope.entries[number.name] = Entry(shown, sized=False, wire=w.own_room(number, scope))
+    given.computed[number.name] = local
+    if number.limits is None and number.zero_means is None:
+        w.refuse_digits(number, scope, local)
+    else:
+        limits = forms.value_range(number)
+        path = *given.path, number.name
+        found = "' is computed as ", Code(local), f", it must be {limits.least}..{limits.most}"
+        condition = f"not {limits.least} <= {local} <= {limits.most}"
+        if number.when is not None:
+            condition = f"{w.text(number.when, scope, AND)} and {condition}"
+        w.complain(condition, text_source(*path), text_source("'", *path, *found))
 
 
 def _read_number(r: Reader, item: Item, segment: Length | Count) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Argument, EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import Item, Reader, Slot
-from framekit.codec.python.source import quoted
-from framekit.definition.expression.emit import PRODUCT
+from framekit.codec.python.source import bytes_literal, quoted
+from framekit.definition.expression.emit import AND, OR, PRODUCT
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Data,
@@ -49,6 +51,29 @@ class DataKind(SegmentKind[Data]):
         if segment.least:
             r.function.misfit_if(f"len({local}) < {segment.least}")
 
+    def tasks(self, w: EncodeWriter, segment: Data, scope: Scope, given: Given) -> list[Task]:
+        filled = segment.size if w.fills_up(segment) and isinstance(segment.size, Expression) else None
+        tasks = [Task((segment.name,), w.waits(segment.when, filled), lambda _: _put(w, segment, scope, given))]
+        if isinstance(segment.size, Expression) and w.size_by_length(segment) is None:
+            waits = {segment.name} | w.waits(segment.size, segment.when)
+            tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope, given)))
+        return tasks
+
+    def argument(self, w: EncodeWriter, segment: Data, scope: Scope, size: int) -> Argument:
+        return Argument(f"{size}s", "", w.data_text(segment, scope))
+
+    def bytes_text(self, w: EncodeWriter, segment: Data, scope: Scope) -> str:
+        return w.data_text(segment, scope)
+
+    def room_waits(self, w: EncodeWriter, segment: Data) -> set[str]:
+        return {segment.name}
+
+    def room(self, w: EncodeWriter, segment: Data, scope: Scope, plain: bool) -> str | None:
+        text = f"len({w.local_of(segment, scope)})"
+        if not plain and segment.convert is not None:
+            text = f"2 * {text}" if segment.convert == "hex_to_ascii" else f"{text} // 2"
+        return text
+
     def declare(self, d: DiagnosisWriter, segment: Data, scope: Scope) -> None:
         scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]")
 
@@ -79,3 +104,45 @@ class DataKind(SegmentKind[Data]):
         m.may_fail = m.may_fail or segment.convert is not None
         m.set_value(segment.name, scope, forms.memory_text(m.module, segment, "data[at:stop]"))
         m.advance("stop")
+
+
+def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
+    local = w.local(data.name, given)
+    key = given.value(data.name) if data.pad is None else given.value_or(data.name, 'b""')
+    if data.when is not None and data.pad is None:
+        key = w.wanted(data.name, given)
+    if data.when is None:
+        given.needed += data.pad is None
+        w.bind(local, key)
+    else:
+        w.add(f'{local} = {key} if {w.text(data.when, scope, OR)} else b""')
+    if isinstance(data.size, (int, Expression)) or data.least or w.is_measured(data.name):
+        w.no_bytes(local)
+    if w.fills_up(data):
+        _fill_up(w, data, local, scope)
+    if isinstance(data.size, int):
+        w.refuse(data, scope, f"len({local}) != {data.size}")
+    elif data.least:
+        w.refuse(data, scope, f"len({local}) < {data.least}")
+    scope.entries[data.name] = Entry(w.or_nothing(data.name, local, data.when, scope))
+
+
+def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
+    """Data that are too short get as long as they must be, before anybody asks for their length."""
+    assert data.pad is not None and isinstance(data.size, (int, Expression))
+    conditions = [] if data.when is None else [w.text(data.when, scope, AND)]
+    size = str(data.size)
+    if isinstance(data.size, Expression):
+        conditions += w._is_announced(data.size, scope)
+        size = w.bounded(data.size, scope)
+    line = f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
+    if conditions:
+        with w.out.block(f"if {' and '.join(conditions)}:"):
+            w.add(line)
+    else:
+        w.add(line)
+
+
+def _compare_size(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
+    assert isinstance(data.size, Expression)
+    w.sized_as_told(data, data.name, data.size, scope, given)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.encode import Argument, EncodeWriter, Given
+from framekit.codec.python.expressions import Entry, Scope, constant_of, default_text
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import Item, Reader, Slot
 from framekit.codec.python.source import bytes_literal, literal, quoted
-from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import (
-    Field,
-    FieldType,
-    Long,
-)
+from framekit.codec.support import build_int
+from framekit.definition.expression.emit import AND, OR, PRODUCT
+from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
+from framekit.definition.model.segments import Field, FieldType, Long
 
 
 class FieldKind(SegmentKind[Field]):
@@ -37,6 +37,60 @@ class FieldKind(SegmentKind[Field]):
             _read_sized(r, item, segment, after)
         else:
             _read_long(r, item, segment, segment.long)
+
+    def tasks(self, w: EncodeWriter, segment: Field, scope: Scope, given: Given) -> list[Task]:
+        needed = segment.build is None and segment.default is None and segment.is_ is None and segment.constants is None
+        waits = w.waits(
+            segment.is_ or segment.build or segment.default, segment.when if segment.default is None else None
+        )
+        may_be_given = not needed and segment.is_ is None
+        first = Task(
+            (segment.name,), waits, lambda missing: _value(w, segment, scope, given, needed, missing), may_be_given
+        )
+        if segment.is_ is not None or (segment.constants is not None and len(segment.constants) == 1):
+            return [first]
+        waits = w.waits(segment.when) | {segment.name}
+        tasks = [first, Task((), waits, lambda _: _judge(w, segment, scope, scope.entries[segment.name].text))]
+        size = segment.type.size
+        if (
+            isinstance(size, Expression)
+            and segment.type.kind in ("ascii", "bytes")
+            and w.size_by_length(segment) is None
+        ):
+            tasks.append(
+                Task((), waits | w.waits(size), lambda _: w.sized_as_told(segment, segment.name, size, scope, given))
+            )
+        return tasks
+
+    def argument(self, w: EncodeWriter, segment: Field, scope: Scope, size: int) -> Argument:
+        return w.number_argument(segment, scope, size)
+
+    def bytes_text(self, w: EncodeWriter, segment: Field, scope: Scope) -> str:
+        if segment.long is not None:
+            return _long_bytes(w, segment, segment.long, scope)
+        size = segment.type.size
+        local = scope.entries[segment.name].text
+        if (size is None and segment.type.end is None) or w.size_by_length(segment) is not None:
+            text = f"len({local})"
+        else:
+            text = w.bounded(size, scope) if isinstance(size, Expression) else str(size or f"len({local})")
+        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
+
+    def room_waits(self, w: EncodeWriter, segment: Field) -> set[str]:
+        return {segment.name} | w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
+
+    def room(self, w: EncodeWriter, segment: Field, scope: Scope, plain: bool) -> str | None:
+        local = w.local_of(segment, scope)
+        if segment.long is not None:
+            short, longer = segment.type.fixed_size or 1, segment.long.type.fixed_size or 0
+            return f"({short} if {local} < {segment.long.mark} else {short + longer})"
+        text = f"len({local})"
+        is_number = segment.type.kind not in ("ascii", "bytes")
+        if isinstance(segment.type.size, Expression) and (is_number or w.fills_up(segment)):
+            text = w.text(segment.type.size, scope, PRODUCT + 1)
+        elif segment.type.end is not None:
+            text += f" + {len(segment.type.end)}"
+        return text
 
     def declare(self, d: DiagnosisWriter, segment: Field, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
@@ -68,6 +122,100 @@ class FieldKind(SegmentKind[Field]):
 
     def measure(self, m: MeasureWriter, segment: Field, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:
+    local = w.local(item.name, given)
+    sized = item.type.kind in ("ascii", "bytes")
+    entry = Entry(local, sized=sized, wire=None)
+    if item.constants is not None and len(item.constants) == 1:
+        entry.text = literal(item.constants[0])
+        given.computed[item.name] = entry.text
+    elif item.is_ is not None:
+        entry.text = w.computed(item.name, item.is_, local, scope, given, item.when)
+        w.refuse_digits(item, scope, entry.text)
+        if sized and isinstance(item.type.size, int) and entry.text == local:
+            _judge_text(w, item, scope, local)
+    else:
+        w.bind(local, _given(w, item, scope, given, needed, missing))
+        if item.type.kind == "bytes" and item.when is None:
+            w.no_bytes(local)
+        if item.values is not None:
+            numbers = w.module.numbers(item.values, f"{w.title} {item.name}")
+            w.add(f"{local} = {numbers}.get({local}, {local})")
+    if item.name in given.computed and item.default is None:
+        entry.text = w.or_nothing(item.name, entry.text, item.when, scope)
+    scope.entries[item.name] = entry
+    if not sized and item.when is None:
+        entry.wire = w.room((item.name,), scope)
+
+
+def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
+    """Text of a value that is given, or built, or has a default."""
+    if needed:
+        if item.when is None:
+            given.needed += 1
+            return given.value(item.name)
+        key = w.wanted(item.name, given)
+        return f"{key} if {w.text(item.when, scope, OR)} else None"
+    if item.constants is not None:
+        return given.value_or(item.name, literal(item.constants[0]))
+    expression = item.build or item.default
+    assert expression is not None
+    with_missing = w.with_missing(scope, given, missing)
+    text = default_text(w.writer(with_missing).value(expression), item)
+    if isinstance(expression.root, (Number, Text, Bytes)):
+        return given.value_or(item.name, text)
+    text = w.writer(with_missing).value(expression)
+    if item.default is None and item.when is not None:
+        text = f"({w.if_there(text, item.when, scope)})"
+    return given.value_or_worked_out(item.name, text)
+
+
+def _judge(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
+    """What must hold for a value that was given or built."""
+    if item.values is not None and item.only and item.constants is None:
+        w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
+    if item.constants is not None:
+        w.refuse_others(item.name, local, item.constants)
+    limits = forms.value_range(item)
+    by_type = item.type.kind == "int" and item.limits is None and item.zero_means is None and item.long is None
+    if item.type.kind in ("ascii", "bytes"):
+        _judge_text(w, item, scope, local)
+    elif not by_type and item.type.kind != "float":
+        w.judge_range(item, scope, local, limits)
+    if item.unit is not None and item.unit != 1:
+        w.refuse(item, scope, f"{local} % {item.unit:_}")
+
+
+def _judge_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
+    size = item.type.size
+    if isinstance(size, int):
+        exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
+        w.refuse(item, scope, f"len({local}) {'!=' if exact else '>'} {size}")
+    elif item.type.end is not None:
+        condition = f"{literal(item.type.end.decode('latin-1'))} in {local}"
+        if item.when is not None:
+            condition = f"{w.text(item.when, scope, AND)} and {condition}"
+        w.complain(condition, quoted(item.name), quoted(f"'{item.name}' holds its own end"))
+
+
+def _long_bytes(w: EncodeWriter, field: Field, long: Long, scope: Scope) -> str:
+    wire = w.wire(field, scope)
+    short = forms.build(w.module, field.type, wire, str(field.type.fixed_size))
+    if field.type.fixed_size == 1 and field.type.kind == "int" and not field.type.signed:
+        short = f"bytes(({wire},))"
+    mark = _mark(w, field.type, long.mark)
+    longer = forms.build(w.module, long.type, wire, str(long.type.fixed_size))
+    return f"({short} if {wire} < {long.mark:#x} else {mark} + {longer})"
+
+
+def _mark(w: EncodeWriter, type_: FieldType, mark: int) -> str:
+    """The bytes that say that the long form follows."""
+    size = type_.fixed_size or 1
+    if type_.kind == "int":
+        return bytes_literal(build_int(mark, size, type_.order, type_.signed))
+    return forms.build(w.module, type_, str(mark), str(size))
 
 
 def _read_sized(r: Reader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.function import MISFIT
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import Item, Reader
 from framekit.codec.python.source import quoted
@@ -43,6 +45,35 @@ class InnerKind(SegmentKind[Inner]):
         item.scope.entries[segment.name] = Entry(local, "inner")
         function.names_of_values[segment.name] = local
         item.fields.add(segment.name, local)
+
+    def tasks(self, w: EncodeWriter, segment: Inner, scope: Scope, given: Given) -> list[Task]:
+        name, waits = segment.name, w.waits(segment.when)
+        tasks = [Task((name,), waits, lambda _: w.plain_given(segment, scope, given))]
+        fixed = isinstance(segment.size, int) and any(
+            w.shapes.frame(one).fixed != segment.size for one in segment.frames
+        )
+        if name in w.asked_for or isinstance(segment.size, Expression) or fixed:
+            wire = (f"bytes of {name}",)
+            tasks.append(Task(wire, waits | {name}, lambda _: w.put_into_local(segment, scope)))
+        if isinstance(segment.size, Expression) or fixed:
+            waits = waits | {f"bytes of {name}"}
+            waits |= w.waits(segment.size) if isinstance(segment.size, Expression) else set()
+            tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope)))
+        return tasks
+
+    def bytes_text(self, w: EncodeWriter, segment: Inner, scope: Scope) -> str:
+        name, value = segment.name, scope.entries[segment.name].text
+        choice, encode = w.module.choice(segment.frames, w.title, name), w.module.function("encode_one")
+        if segment.when is not None:
+            return w.if_present(segment, scope, f"{encode}({choice}, {value}, {quoted(name)}, ctx)", 'b""')
+        wire, frame, fields = (w.names.fresh(one) for one in (f"{name}_bytes", "frame_name", "fields"))
+        w.flush()
+        with w.out.block("try:"):
+            w.add(f"(({frame}, {fields}),) = {value}.items()")
+            w.add(f"{wire} = {choice}.encoders[{frame}]({fields}, ctx)")
+        with w.out.block("except MISFITS:"):
+            w.add(f"{wire} = {encode}({choice}, {value}, {quoted(name)}, ctx)")
+        return wire
 
     def declare(self, d: DiagnosisWriter, segment: Inner, scope: Scope) -> None:
         scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]", "inner")
@@ -91,6 +122,18 @@ class InnerKind(SegmentKind[Inner]):
                 m.add("return LOST")
             m.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         m.skip(size)
+
+
+def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
+    """A frame inside must take as many bytes as other values say."""
+    check, wire = w.module.function("check_size"), w.wires[inner.name]
+    size = w.text(inner.size, scope) if isinstance(inner.size, Expression) else str(inner.size)
+    line = f"{check}({quoted(inner.name)}, len({wire}), {size})"
+    if inner.when is None:
+        w.add(line)
+    else:
+        with w.out.block(f"if {w.text(inner.when, scope)}:"):
+            w.add(line)
 
 
 def _first_that_fits(r: Reader, inner: Inner, local: str, choice: str, raw: str) -> None:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.places import Place
 from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Optional,
 )
+from framekit.definition.model.walk import flat
 
 
 class OptionalKind(SegmentKind[Optional]):
@@ -27,6 +31,14 @@ class OptionalKind(SegmentKind[Optional]):
         item.fields.open(r.function.out)
         r.settle()
         r.branches_of_choice([(f"if {r.at} < {end.base}:", items)], after, fault=False)
+
+    def tasks(self, w: EncodeWriter, segment: Optional, scope: Scope, given: Given) -> list[Task]:
+        return w.branch_tasks(segment, scope, given)
+
+    def cases(self, w: EncodeWriter, segment: Optional, scope: Scope, given: Given) -> Cases:
+        names = [name for one in flat(segment.of) for name in w.inputs(one)]
+        tests = " or ".join(f"{quoted(name)} in {given.text}" for name in names)
+        return [(f"if {tests or 'True'}:", segment.of)]
 
     def diagnose(self, d: DiagnosisWriter, segment: Optional, scope: Scope, behind: Behind) -> None:
         if absent := d.absent(segment):

@@ -5,19 +5,24 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, Reader, without_end
-from framekit.codec.python.shape import may_be_empty, names_read
-from framekit.codec.python.source import quoted
-from framekit.definition.expression.emit import PRODUCT
-from framekit.definition.expression.syntax import Expression
+from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
+from framekit.codec.python.source import Code, quoted, text_source
+from framekit.definition.expression.emit import AND, BIT_OR, PRODUCT
+from framekit.definition.expression.syntax import Binary, Expression, Number
 from framekit.definition.model.segments import (
+    Count,
     FieldType,
+    Length,
     Repeat,
     Segments,
 )
+from framekit.definition.model.walk import expressions_of, flat
 
 
 class RepeatKind(SegmentKind[Repeat]):
@@ -28,6 +33,31 @@ class RepeatKind(SegmentKind[Repeat]):
             _read_values(r, item, segment, segment.of, after)
         else:
             _read_records(r, item, segment, segment.of, after)
+
+    def tasks(self, w: EncodeWriter, segment: Repeat, scope: Scope, given: Given) -> list[Task]:
+        name = segment.name
+        tasks = [Task((name,), w.waits(segment.when), lambda _: _put(w, segment, scope, given))]
+        if isinstance(segment.of, tuple):
+            gives = (f"items of {name}", f"bytes of {name}")
+            waits = w.outer_names(segment) | {name}
+            tasks.append(Task(gives, waits, lambda _: _put_records(w, segment, scope, given)))
+        if isinstance(segment.times, Expression) and not _is_counted(w, segment):
+            waits = w.waits(segment.times, segment.when) | {name}
+            tasks.append(Task((), waits, lambda _: _compare_times(w, segment, scope, given)))
+        return tasks
+
+    def bytes_text(self, w: EncodeWriter, segment: Repeat, scope: Scope) -> str:
+        assert isinstance(segment.of, FieldType)
+        return _list_bytes(w, segment.of, scope.entries[segment.name].text)
+
+    def room_waits(self, w: EncodeWriter, segment: Repeat) -> set[str]:
+        return {segment.name} if isinstance(segment.of, FieldType) else super().room_waits(w, segment)
+
+    def room(self, w: EncodeWriter, segment: Repeat, scope: Scope, plain: bool) -> str | None:
+        if not isinstance(segment.of, FieldType):
+            return None
+        count = w.count_of(w.local_of(segment, scope))
+        return count if segment.of.fixed_size == 1 else f"{segment.of.fixed_size} * {count}"
 
     def declare(self, d: DiagnosisWriter, segment: Repeat, scope: Scope) -> None:
         inside = Scope(scope)
@@ -64,6 +94,117 @@ class RepeatKind(SegmentKind[Repeat]):
             m.advance("stop")
         else:
             _measure_records(m, segment, segment.of, scope, times, after)
+
+
+def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
+    w.plain_given(repeat, scope, given)
+    local = scope.entries[repeat.name].text
+    w.refuse_if(f"not isinstance({local}, (list, tuple))")
+    if isinstance(repeat.of, FieldType) and _is_asked_often(w, repeat):
+        count = w.names.fresh(f"{repeat.name}_count")
+        w.add(f"{count} = len({local})")
+        w.counts[local] = count
+    if isinstance(repeat.times, int):
+        w.refuse(repeat, scope, f"{w.count_of(local)} != {repeat.times}")
+    scope.entries[repeat.name].text = w.or_nothing(repeat.name, local, repeat.when, scope)
+
+
+def _is_asked_often(w: EncodeWriter, repeat: Repeat) -> bool:
+    """Whether the number of a list's values is asked for before they are packed."""
+    counts = (one for one in w.by_name.values() if isinstance(one, Count))
+    return repeat.name in w.asked_for or any(one.of == repeat.name for one in counts)
+
+
+def _is_counted(w: EncodeWriter, repeat: Repeat) -> bool:
+    """Whether a count or a length follows the list by itself."""
+    here = [target.only for target in w.targets.values()]
+    return any(isinstance(one, (Count, Length)) and _is_told_by(repeat, one) for one in here)
+
+
+def _is_told_by(repeat: Repeat, number: Count | Length) -> bool:
+    """Whether the number of items is nothing but this count, or this length of the list divided by an item's size."""
+    if number.plus or number.when is not None:
+        return False
+    if isinstance(number, Count):
+        return number.of == repeat.name and is_plain_name(repeat.times, number.name)
+    if number.of != (repeat.name,) or not isinstance(repeat.of, FieldType) or not isinstance(repeat.times, Expression):
+        return False
+    root, size = repeat.times.root, repeat.of.fixed_size
+    if isinstance(root, Binary) and root.operator == "//" and isinstance(root.right, Number):
+        return number.unit == 1 and is_name(root.left, number.name) and root.right.value == size
+    return number.unit == size and is_name(root, number.name)
+
+
+def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
+    """A list must have as many items as other values say."""
+    assert isinstance(repeat.times, Expression)
+    found = w.count_of(scope.entries[repeat.name].text)
+    conditions = [] if repeat.when is None else [w.text(repeat.when, scope, AND)]
+    conditions.append(f"{found} != {w.text(repeat.times, scope, BIT_OR)}")  # sooner than the call
+    w.compare_size((*given.path, repeat.name), found, w.text(repeat.times, scope), conditions)
+
+
+def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
+    """A list of records: each item's values and bytes."""
+    assert isinstance(repeat.of, tuple)
+    items = scope.entries[repeat.name].text
+    there = items if items.isidentifier() else f"{items} or ()"
+    item, wire = w.names.fresh("item"), w.names.fresh(f"{repeat.name}_bytes")
+    w.flush()
+    w.add(f'{wire} = b""')
+    whole = _is_read_inside(w, repeat)
+    complete = w.names.fresh(f"{repeat.name}_complete") if whole else ""
+    if whole:
+        w.add(f"{complete} = []")
+    inside = Scope(scope)
+    if whole:
+        inside.entries[repeat.name] = Entry(complete, "list", inside)  # the items before this one
+    place = w.names.fresh("place")
+    path = (*given.path, f"{repeat.name}[", Code(place), "].")
+    inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
+    before = w.names.fresh("before") if may_be_empty(w.shapes, repeat) else ""
+    with w.out.block(f"for {place}, {item} in enumerate({there}):"):
+        if before:
+            w.add(f"{before} = len({wire})")
+        w.values(repeat.of, inside, inner)
+        w.flush()
+        w.check_names(inner)
+        w.add(f"{wire} += {w.region(repeat.of, inside, w.names.fresh('part'))}")
+        if before:
+            where = (*path[:-1], "]")
+            message = text_source("'", *where, "' takes no bytes, so nothing shows that it is there")
+            w.complain(f"len({wire}) == {before}", text_source(*where), message)
+        if whole:
+            names = {name for one in flat(repeat.of) for name in one.value_names}
+            fields = ", ".join(
+                f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names) if name in inside.entries
+            )
+            w.add(f"{complete}.append({{{fields}}})")
+    w.wires[repeat.name] = wire
+    for entry in inside.entries.values():
+        entry.direct = False
+    text = w.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
+    scope.entries[repeat.name] = Entry(text, "list", inside)
+
+
+def _is_read_inside(w: EncodeWriter, repeat: Repeat) -> bool:
+    """Whether an expression reads fields of the items, which may be computed."""
+    assert isinstance(repeat.of, tuple)
+    return repeat.name in names_read(repeat.of) or any(
+        f"items of {repeat.name}" in w.waits(*expressions_of(segment))
+        for segment in w.by_name.values()
+        if segment is not repeat
+    )
+
+
+def _list_bytes(w: EncodeWriter, of: FieldType, local: str) -> str:
+    code = forms.struct_code(of)
+    if code == ("B", ""):
+        return f"bytes([*{local}])"
+    if code is not None and not code[0].endswith("s"):
+        return f"{w.packs(local, '', *code)}[{w.count_of(local)}](*{local})"
+    one = forms.build(w.module, of, "value", str(of.fixed_size))
+    return f'b"".join([{one} for value in {local}])'
 
 
 def _read_values(r: Reader, item: Item, repeat: Repeat, of: FieldType, after: tuple[Item, ...]) -> None:

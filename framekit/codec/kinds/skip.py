@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import Argument, EncodeWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.places import Place
 from framekit.codec.python.reader import Item, Reader
-from framekit.codec.python.source import quoted
+from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.model.segments import (
     Fill,
     Skip,
@@ -17,6 +18,12 @@ from framekit.definition.model.segments import (
 
 class SkipKind(SegmentKind[Skip]):
     model = Skip
+
+    def argument(self, w: EncodeWriter, segment: Skip, scope: Scope, size: int) -> Argument:
+        fill = segment.fill
+        if size and not fill.strip(b"\0"):
+            return Argument(f"{size}x" if size > 1 else "x", "", "")
+        return Argument(f"{size}s", "", bytes_literal((fill * size)[:size]))
 
     def diagnose(self, d: DiagnosisWriter, segment: Skip, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.skip({d.named(segment)}, {segment.size})")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Item, Reader
-from framekit.codec.python.source import quoted
+from framekit.codec.python.source import quoted, text_source
+from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.segments import (
     Value,
 )
@@ -19,6 +22,13 @@ class ValueKind(SegmentKind[Value]):
     def read(self, r: Reader, item: Item, segment: Value, after: tuple[Item, ...]) -> None:
         r.when_known(segment.read, item.scope, lambda: _work_out(r, item, segment))
 
+    def tasks(self, w: EncodeWriter, segment: Value, scope: Scope, given: Given) -> list[Task]:
+        waits = w.waits(segment.build or segment.read, segment.when)
+        tasks = [Task((segment.name,), waits, lambda missing: _put(w, segment, scope, given, missing), True)]
+        tasks[0].prefer = segment.build is None
+        agree = w.waits(segment.read) | {segment.name}
+        return [*tasks, Task((), agree, lambda _: _agree(w, segment, scope, given))]
+
     def declare(self, d: DiagnosisWriter, segment: Value, scope: Scope) -> None:
         scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]")
 
@@ -28,6 +38,30 @@ class ValueKind(SegmentKind[Value]):
     def measure(self, m: MeasureWriter, segment: Value, scope: Scope, after: Pairs) -> None:
         if segment.name in m.needed:
             m.set_value(segment.name, scope, m.text(segment.read, scope))
+
+
+def _put(w: EncodeWriter, value: Value, scope: Scope, given: Given, missing: set[str]) -> None:
+    local = w.names.fresh(value.name)
+    if value.build is None and not missing:
+        w.add(f"{local} = {w.if_there(w.writer(scope).value(value.read), value.when, scope)}")
+        given.computed[value.name] = local
+    else:
+        text = w.writer(w.with_missing(scope, given, missing)).value(value.build or value.read)
+        text = text if value.when is None else f"({w.if_there(text, value.when, scope)})"
+        w.add(f"{local} = {given.value_or_worked_out(value.name, text)}")
+    scope.entries[value.name] = Entry(local)
+
+
+def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
+    """A value that was given or built must be what a reader will see."""
+    local = scope.entries[value.name].text
+    if given.computed.get(value.name) == local:
+        return
+    read = w.text(value.read, scope, BIT_OR)
+    path = *given.path, value.name
+    message = text_source("'", *path, "' does not agree with the other values")
+    there = "" if value.when is None else f"{w.text(value.when, scope, AND)} and "
+    w.complain(f"{there}{local} != {read}", text_source(*path), message)
 
 
 def _work_out(r: Reader, item: Item, value: Value) -> None:

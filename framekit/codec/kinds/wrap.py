@@ -7,12 +7,14 @@ from dataclasses import replace
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
+from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import Item, Reader, shown_name
-from framekit.codec.python.source import bytes_literal, quoted
-from framekit.definition.expression.emit import BIT_OR
+from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
+from framekit.definition.expression.emit import BIT_OR, OR
 from framekit.definition.model.segments import (
     Const,
     Skip,
@@ -51,6 +53,29 @@ class WrapKind(SegmentKind[Wrap]):
                 else function.writer(item.scope).text(segment.most, BIT_OR)
             )
             function.misfit_if(f"len({plain}) > {most}")
+
+    def tasks(self, w: EncodeWriter, segment: Wrap, scope: Scope, given: Given) -> list[Task]:
+        tasks: list[Task] = []
+        for one in segment.of:
+            w.tasks_of(one, scope, given, tasks)
+        if segment.name in w.asked_for:
+            waits = {name for task in tasks for name in task.gives}
+            gives = (f"bytes of {segment.name}",)
+            tasks.append(Task(gives, waits, lambda _: w.put_into_local(segment, scope)))
+        return tasks
+
+    def bytes_text(self, w: EncodeWriter, segment: Wrap, scope: Scope) -> str:
+        buffer = w.names.fresh("plain")
+        text = w.region(segment.of, scope, buffer)
+        if segment.least or segment.most is not None:
+            text = w.gather([text], buffer)
+            _limit(w, segment, scope, buffer)
+        if segment.how == "hex":
+            return f"{w.module.function('hex_to_ascii')}({text})"
+        if text.isidentifier():
+            single = bytes((segment.escape or 0,))
+            return f"{text}.replace({bytes_literal(single)}, {bytes_literal(2 * single)})"
+        return f"{w.module.function('double_escape')}({text}, {segment.escape or 0:#04x})"
 
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = d.shapes.all(segment.of).fixed
@@ -111,6 +136,15 @@ class WrapKind(SegmentKind[Wrap]):
             with m.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
                 m.add("return LOST")
         _measure_content(m, segment, scope, after, 2)
+
+
+def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
+    tests = [f"len({buffer}) < {wrap.least}"] if wrap.least else []
+    if wrap.most is not None:
+        most = str(wrap.most) if isinstance(wrap.most, int) else w.text(wrap.most, scope, OR)
+        tests.append(f"len({buffer}) > {most}")
+    message = text_source("the content takes ", Code(f"len({buffer})"), " bytes, that is not allowed")
+    w.complain(" or ".join(tests), '""', message)
 
 
 def _undouble(r: Reader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:

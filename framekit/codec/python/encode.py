@@ -1,18 +1,42 @@
-"""Encoders: one function a frame that takes values, works out the rest, and gives bytes."""
+"""Encoders: one function a frame that takes values, works out the rest, and gives bytes.
+
+First all values are brought into locals, in the order in which they depend on each other; then the bytes are put
+together: runs of fixed segments packed at once, the others one by one, check codes over what stands there. The kinds of
+segments write their own values and bytes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
+from framekit.codec.python import forms
+from framekit.codec.python.codes import code_bytes
+from framekit.codec.python.coverage import Coverage
 from framekit.codec.python.describe import summary, write_docstring
-from framekit.codec.python.expressions import Entry, Scope, numbers_of
-from framekit.codec.python.field_values import Given
+from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, constant_of, default_text
+from framekit.codec.python.function import covers_later
 from framekit.codec.python.module import Module
-from framekit.codec.python.pieces import PieceWriter
-from framekit.codec.python.rules import RuleWriter, is_needed
-from framekit.codec.python.shape import may_be_empty, named, names_read
-from framekit.codec.python.source import Code, Source, literal, quoted, text_source
-from framekit.definition.expression.emit import AND, BIT_OR
+from framekit.codec.python.names import Names
+from framekit.codec.python.order import Task, run_in_order
+from framekit.codec.python.reader import not_possible
+from framekit.codec.python.registry import kind_of
+from framekit.codec.python.rules import RuleWriter
+from framekit.codec.python.shape import follows_its_length, named, names_read
+from framekit.codec.python.source import Code, Source, bytes_literal, literal, quoted, text_source
+from framekit.definition.expression.emit import AND, OR, PRODUCT
+from framekit.definition.expression.syntax import (
+    Attribute,
+    Call,
+    Expression,
+    Index,
+    Name,
+    Node,
+    children,
+    walk,
+)
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
@@ -22,14 +46,77 @@ from framekit.definition.model.segments import (
     Count,
     Data,
     Field,
+    FieldType,
+    Fill,
+    Inner,
     Length,
     Optional,
     Record,
     Repeat,
+    Require,
     Segment,
     Value,
+    Wrap,
 )
-from framekit.definition.model.walk import expressions_of, flat, leaves
+from framekit.definition.model.walk import everything, expressions_of, flat, leaves, without_when
+
+Placed = tuple[Segment, Scope]
+Cases = list[tuple[str, tuple[Segment, ...] | None]]
+"""A segment and the scope its names belong to."""
+
+
+@dataclass(slots=True)
+class Given:
+    """A mapping of values being used up: its text, how many have to be there, all names, and what is computed.
+
+    `in_cases`: the locals with what the cases that are taken compute, and with the names of the others. `conditional`:
+    the segments of these values that are there under a condition of their own.
+    """
+
+    text: str
+    rules: str
+    path: tuple[str | Code, ...] = ()
+    needed: int = 0
+    names: list[str] = field(default_factory=list)
+    computed: dict[str, str] = field(default_factory=dict)
+    in_cases: tuple[str, str] | None = None
+    conditional: list[tuple[Segment, Scope]] = field(default_factory=list)
+
+    def value(self, name: str) -> str:
+        """Text of a value that is there."""
+        return f"{self.text}[{quoted(name)}]"
+
+    def value_or(self, name: str, otherwise: str) -> str:
+        """Text of a value, or of a constant if it was not given."""
+        return f"{self.text}.get({quoted(name)}, {otherwise})"
+
+    def value_or_worked_out(self, name: str, otherwise: str) -> str:
+        """Text of a value, or of what is worked out if it was not given."""
+        return f"{self.value(name)} if {quoted(name)} in {self.text} else {otherwise}"
+
+
+_DIGITS = re.compile(r'b"(%0\d+[Xx])" % (\w+|\([^()]*\))')
+_MOST_PLUSES = 4
+"""More pieces than so many are joined."""
+Number = Field | Length | Count | Bits
+
+
+@dataclass(slots=True)
+class Argument:
+    """One argument of a struct: code, byte order, text; `digits`: the numbers whose hex digits it is."""
+
+    code: str
+    order: str
+    text: str
+    digits: tuple[FieldType, ...] = ()
+
+
+@dataclass(slots=True)
+class Part:
+    """Some bytes of a buffer: the names of the segments in them, and their text."""
+
+    names: tuple[str, ...]
+    text: str
 
 
 def write_encoder(
@@ -76,8 +163,691 @@ def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
     return f'b"" + {text}' if is_given and not is_packed else text
 
 
-class EncodeWriter(PieceWriter):
-    """Writes the parts of an encoder that stand in branches and loops."""
+class EncodeWriter:
+    """Writes one encoder.
+
+    Values: `fields_read` are names that expressions read of something that has fields; `asked_for` names whose bytes a
+    length counts; `targets` what the names mean where something is being written; `rooms` the local with the room that
+    something in one of several cases takes, by its name; `counts` the local with the number of values in a list, by the
+    list's own. Bytes: `buffer` is the local of the whole frame; `wires` the local with the bytes of a segment, by its
+    name; `parts` what checks may ask for; `late` the cases of choices with check codes: header, segments, scope;
+    `gathered` the buffers that hold sums of bytes, by the text of the sum.
+    """
+
+    def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
+        self.module = module
+        self.shapes = module.shapes
+        self.title = title
+        self.segments = segments
+        self.out = Source()
+        self.names = Names(module.words())
+        self.conditions: list[str] = []
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.read_names = names_read(segments)
+        nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
+        self.fields_read = {node.name for node in nodes if isinstance(node, Attribute)}
+        self.asked_for = {
+            name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
+        }
+        self.wires: dict[str, str] = {}
+        self.targets = named(segments)
+        self.rooms: dict[str, str] = {}
+        self.counts: dict[str, str] = {}
+        self.coverage = Coverage(segments)
+        self.buffer = "frame"
+        self.gathered: dict[str, str] = {}
+        self.parts: list[Part] = []
+        self.begun: set[str] = set()
+        self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
+
+    def add(self, text: str) -> None:
+        self.out.add(text)
+
+    def refuse_if(self, condition: str) -> None:
+        """The values are refused if `condition` holds; the rules tell why."""
+        if condition not in self.conditions:
+            self.conditions.append(condition)
+
+    def complain(self, condition: str, field: str, message: str) -> None:
+        """The values are refused if `condition` holds; `field` and `message` as they stand in the source."""
+        with self.out.block(f"if {condition}:"):
+            self.add(f"raise EncodeError({field}, {message})")
+
+    def compare_size(self, path: tuple[str | Code, ...], found: str, wanted: str, conditions: list[str]) -> None:
+        """The value is refused if its size (a text) is not the one that is wanted, where the conditions hold."""
+        line = f"{self.module.function('check_size')}({text_source(*path)}, {found}, {wanted})"
+        if conditions:
+            with self.out.block(f"if {' and '.join(conditions)}:"):
+                self.add(line)
+        else:
+            self.add(line)
+
+    def flush(self) -> None:
+        if self.conditions:
+            conditions, self.conditions = self.conditions, []
+            self.module.function("Misfit")
+            with self.out.block(f"if {' or '.join(conditions)}:"):
+                self.add("raise Misfit")
+
+    def writer(self, scope: Scope) -> ExpressionWriter:
+        return ExpressionWriter(
+            self.module, scope, lambda name: self.module.given(self.module.known(name, self.by_name))
+        )
+
+    def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
+        return self.writer(scope).text(expression, level)
+
+    def if_present(self, segment: Segment, scope: Scope, text: str, otherwise: str) -> str:
+        """The text under the segment's condition."""
+        if segment.when is None:
+            return text
+        return f"({text} if {self.text(segment.when, scope, OR)} else {otherwise})"
+
+    # ---- what expressions wait for ------------------------------------------------------------------------
+
+    def waits(self, *expressions: Expression | None) -> set[str]:
+        """What has to be there before these expressions can be worked out."""
+        found: set[str] = set()
+        for expression in expressions:
+            if expression is not None:
+                found |= self._tokens(expression.root)
+        return found
+
+    def _tokens(self, node: Node) -> set[str]:
+        if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
+            name = node.arguments[0].name
+            return self.room_tokens(name) if self._has_no_length(name) else {name}
+        if isinstance(node, (Attribute, Index)) and isinstance(node.value, Name):
+            inner = {token for child in children(node) if child is not node.value for token in self._tokens(child)}
+            return inner | {f"items of {node.value.name}" if self._is_records(node.value.name) else node.value.name}
+        if isinstance(node, Name):
+            return {f"items of {node.name}" if self._is_records(node.name) else node.name}
+        return {token for child in children(node) for token in self._tokens(child)}
+
+    def _is_records(self, name: str) -> bool:
+        segment = self.by_name.get(name)
+        return isinstance(segment, Repeat) and isinstance(segment.of, tuple)
+
+    def _has_no_length(self, name: str) -> bool:
+        segment = self.by_name.get(name)
+        if isinstance(segment, Field):
+            return segment.type.kind not in ("ascii", "bytes")
+        return segment is not None and not isinstance(segment, (Data, Repeat))
+
+    @contextmanager
+    def names_of(self, segments: Iterable[Segment]) -> Iterator[None]:
+        """While the segments of a list are written, their names mean them."""
+        outside = self.targets
+        self.targets = {**outside, **named(segments)}
+        yield
+        self.targets = outside
+
+    def size_by_length(self, segment: Segment) -> Expression | None:
+        """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
+        size = segment.type.size if isinstance(segment, Field) else segment.size if isinstance(segment, Data) else None
+        lengths = (one for one in self.by_name.values() if isinstance(one, Length))
+        follows = isinstance(size, Expression) and any(follows_its_length(one, segment) for one in lengths)
+        return size if follows and isinstance(size, Expression) else None
+
+    def fills_up(self, item: Data | Field) -> bool:
+        """Whether a value that is too short is filled up to a size that others tell."""
+        if isinstance(item, Data):
+            return item.pad is not None and item.size != "rest" and self.size_by_length(item) is None
+        is_filled = item.type.pad is not None or item.type.end is not None
+        return is_filled and isinstance(item.type.size, Expression) and self.size_by_length(item) is None
+
+    def bounded(self, size: Expression, scope: Scope) -> str:
+        """Text of a size that is computed: what is filled up to it has a bound."""
+        return f"{self.module.function('room')}({self.text(size, scope)})"
+
+    # ---- room ---------------------------------------------------------------------------------------------
+
+    def room(self, names: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
+        """Text of the bytes these segments take on the wire; `plain`: before conversion."""
+        fixed, parts = 0, []
+        for name in names:
+            target = self.targets.get(name)
+            if target is None:
+                continue
+            segment = target.only
+            if segment is None:
+                if name not in self.rooms:
+                    raise not_possible(
+                        target.segments[0],
+                        f"the size of '{name}' goes round in a circle",
+                        "size it by that length alone",
+                    )
+                parts.append(self.rooms[name])
+                continue
+            size = self.shapes.present(segment).fixed
+            if size is not None and not (plain and isinstance(segment, Data)):
+                if segment.when is None:
+                    fixed += size
+                else:
+                    parts.append(self.if_present(segment, scope, str(size), "0"))
+            elif text := self._size_of(segment, scope, plain):
+                parts.append(text)
+        return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
+
+    def is_other(self, local: str, type_: str) -> str:
+        """Text that tells whether a value is of another type, or of one derived from it."""
+        return f"type({local}) is not {type_}"
+
+    def local_of(self, segment: Segment, scope: Scope) -> str:
+        """The local of a segment's value, empty if it has none."""
+        entry = scope.find(segment.name or "")
+        return "" if entry is None else entry.text
+
+    def _size_of(self, segment: Segment, scope: Scope, plain: bool) -> str:
+        wire = self.wires.get(segment.name or "")
+        if wire is not None:
+            return f"len({wire})"
+        text = kind_of(segment).room(self, segment, scope, plain)
+        return "0" if text is None else self.if_present(segment, scope, text, "0")
+
+    def room_tokens(self, name: str) -> set[str]:
+        """What has to be there before the size of a segment on the wire can be told."""
+        target = self.targets.get(name)
+        if target is None:
+            return set()
+        segment = target.only
+        if segment is None:
+            return {f"bytes of {name}"}
+        found = self.waits(segment.when)
+        if self.shapes.present(segment).fixed is not None:
+            return found
+        waits: set[str] = kind_of(segment).room_waits(self, segment)
+        return waits if waits == {f"bytes of {name}"} else found | waits
+
+    def count_of(self, local: str) -> str:
+        """Text of the number of values in a list."""
+        return self.counts.get(local, f"len({local})")
+
+    def local(self, name: str, given: Given) -> str:
+        """The local that a value is to be in."""
+        return self.names.fresh(name)
+
+    def bind(self, local: str, text: str) -> None:
+        """Brings a value into its local."""
+        self.add(f"{local} = {text}")
+
+    def or_nothing(self, name: str, text: str, when: Expression | None, scope: Scope) -> str:
+        """Text of a value for the expressions that read it: what is absent is nothing."""
+        if when is None or name not in self.read_names:
+            return text
+        return f"({text} if {self.text(when, scope, OR)} else None)"
+
+    def if_there(self, text: str, when: Expression | None, scope: Scope) -> str:
+        """Text of what is worked out only for a segment that is there."""
+        return text if when is None else f"({text}) if {self.text(when, scope, OR)} else None"
+
+    def computed(
+        self, name: str, expression: Expression, local: str, scope: Scope, given: Given, when: Expression | None
+    ) -> str:
+        number = constant_of(expression)
+        if number is None:
+            self.add(f"{local} = {self.if_there(self.writer(scope).value(expression), when, scope)}")
+        text = local if number is None else str(number)
+        given.computed[name] = text
+        return text
+
+    def wanted(self, name: str, given: Given) -> str:
+        """Text of a value that is wanted here; in a record it says itself whose value is missing."""
+        if not given.path:
+            return given.value(name)
+        return f"{self.module.function('needed')}({given.text}, {quoted(name)}, {text_source(*given.path)})"
+
+    def with_missing(self, scope: Scope, given: Given, missing: set[str]) -> Scope:
+        """A scope in which names that are not worked out yet are those given."""
+        inner = Scope(scope)
+        inner.entries = {name: Entry(self.wanted(name, given)) for name in sorted(missing)}
+        return inner
+
+    def judge_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
+        if limits.least is not None and limits.most is not None:
+            self.refuse(item, scope, f"not {limits.least} <= {local} <= {limits.most}")
+        elif limits.least is not None:
+            self.refuse(item, scope, f"{local} < {limits.least}")
+
+    def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
+        """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
+        if forms.hex_places(item.type) is None or text.isdigit():
+            return
+        limits = forms.value_range(item)
+        if isinstance(item, Field) or item.plus < 0:
+            self.judge_range(item, scope, text, limits)
+        else:
+            self.refuse(item, scope, f"{text} > {limits.most}")
+
+    def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
+        if item.when is not None:
+            condition = f"({self.text(item.when, scope, AND)} and {condition})"
+        self.refuse_if(condition)
+
+    def refuse_others(self, name: str, local: str, constants: tuple[int | str | bytes, ...]) -> None:
+        shown = ", ".join(repr(constant) for constant in constants)
+        message = text_source(f"'{name}' is one of {shown}, not ", Code(f"repr({local})"))
+        self.complain(f"{local} not in {literal(constants)}", quoted(name), message)
+
+    # ---- data ---------------------------------------------------------------------------------------------
+
+    def is_measured(self, name: str) -> bool:
+        """Whether something may depend on the length of data, beside their own size."""
+        return bool(self.asked_for) or name in self.read_names
+
+    def no_bytes(self, local: str) -> None:
+        """Of what holds bytes otherwise bytes are made: its length may count something larger."""
+        with self.out.block(f"if {self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}:"):
+            self.add(f'{local} = b"" + {local}')
+
+    def sized_as_told(self, item: Field | Data, name: str, told: Expression, scope: Scope, given: Given) -> None:
+        """A value must be as long as others say; one that is filled up may be shorter."""
+        local, size = scope.entries[name].text, self.text(told, scope)
+        is_text = isinstance(item, Field) and self.fills_up(item)
+        found = f"max(len({local}), {size})" if is_text else f"len({local})"
+        conditions = [] if item.when is None else [self.text(item.when, scope, AND)]
+        conditions += self._is_announced(told, scope)
+        self.compare_size((*given.path, name), found, size, conditions)
+
+    def _is_announced(self, told: Expression, scope: Scope) -> list[str]:
+        """Texts of the conditions that what a size goes by has been announced."""
+        found = []
+        for other in sorted(self.waits(told)):
+            state = self.module.protocol.state.get(other)
+            if state is not None and state.announced and scope.find(other) is None:
+                found.append(f"{self.module.given(other)} is not None")
+        return found
+
+    def values(self, segments: Iterable[Segment], scope: Scope, given: Given) -> None:
+        """All values of a list of segments, also those in its wraps."""
+        segments = tuple(segments)
+        if given.in_cases is None and any(isinstance(segment, (Choose, Optional)) for segment in flat(segments)):
+            given.in_cases = self.names.fresh("computed_in_cases"), self.names.fresh("elsewhere")
+            self.add(f"{given.in_cases[0]}: dict[str, Any] = {{}}")
+            self.add(f"{given.in_cases[1]}: tuple[str, ...] = ()")
+        tasks: list[Task] = []
+        with self.names_of(segments):
+            for segment in segments:
+                self.tasks_of(segment, scope, given, tasks)
+            for task in tasks:
+                task.waits_for.difference_update(task.gives)
+            run_in_order(tasks)
+
+    def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
+        given.names.extend(segment.value_names)
+        if segment.when is not None and not isinstance(segment, Require):
+            given.conditional.append((segment, scope))
+        tasks.extend(kind_of(segment).tasks(self, segment, scope, given))
+
+    def check_names(self, given: Given) -> None:
+        """What is given beyond what is needed must be known, or as computed."""
+        check = self.module.function("check_given")
+        computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
+        options = f", {text_source(*given.path)}" if given.path else ""
+        absent = [f"() if {there} else {literal(names)}" for there, names in self.conditions_of(given)]
+        if absent:
+            options += f", absent={absent[0] if len(absent) == 1 else ' + '.join(f'({text})' for text in absent)}"
+        if given.in_cases is not None:
+            computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
+            options += f", elsewhere={given.in_cases[1]}"
+        with self.out.block(f"if {self.more_than_needed(given)}:"):
+            self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
+
+    def more_than_needed(self, given: Given) -> str:
+        """Text that tells whether there are values beyond those that anybody may give."""
+        conditional = {name for _, names in self.conditions_of(given) for name in names}
+        free = set(given.names) - set(given.computed) - conditional
+        beyond = ""
+        if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
+            beyond = f" and not {self.module.among(free, self.title)}({given.text})"
+        return f"len({given.text}) != {given.needed}{beyond}"
+
+    def conditions_of(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
+        """Under what (a text) values are part of the frame, with their names."""
+        found: dict[str, list[str]] = {}
+        for segment, scope in given.conditional:
+            assert segment.when is not None
+            text = self.text(segment.when, scope, OR)
+            for name in segment.value_names:
+                found.setdefault(name, []).append(text)
+            if isinstance(segment, Field) and segment.default is not None:  # a reader gives the default then
+                default = default_text(self.text(segment.default, scope), segment)
+                found[segment.name].append(f"{scope.entries[segment.name].text} == {default}")
+        together: dict[str, list[str]] = {}
+        for name, texts in found.items():
+            together.setdefault(" or ".join(texts), []).append(name)
+        return [(text, tuple(names)) for text, names in together.items()]
+
+    def refuse_absent(self, given: Given) -> None:
+        """In a case: what is given although the case leaves it out is refused as what belongs to another case."""
+        for there, names in self.conditions_of(given):
+            assert given.in_cases is not None
+            with self.out.block(f"if not ({there}):"):
+                nothing = f"if {given.text}.get(name) is not None"
+                self.add(f"{given.in_cases[1]} += tuple(name for name in {literal(names)} {nothing})")
+
+    def own_room(self, segment: Length | Count | Bits, scope: Scope) -> str:
+        """Text of the bytes of a number on the wire."""
+        size = segment.type.size
+        text = self.text(size, scope, PRODUCT + 1) if isinstance(size, Expression) else str(size)
+        return self.if_present(segment, scope, text, "0")
+
+    # ---- lengths, counts, values, conditions --------------------------------------------------------------
+
+    def size_waits(self, number: Length | Count) -> set[str]:
+        """What has to be there before it can be told whether a number is there, and how many bytes it takes."""
+        size = number.type.size
+        return self.waits(number.when, size if isinstance(size, Expression) else None)
+
+    def outer_names(self, segment: Segment) -> set[str]:
+        """What is read inside a segment but is not given there."""
+        inside = {name for one in everything((segment,)) for name in one.value_names} - {segment.name}
+        follow = {id(size) for one in everything((segment,)) if (size := self.size_by_length(one)) is not None}
+        if isinstance(segment, Repeat):
+            follow.add(id(segment.times))  # compared when the items are there; a length over them may give it
+        read = self.waits(*(one for one in expressions_of(segment) if id(one) not in follow))
+        own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
+        return read - own
+
+    def plain_given(self, segment: Inner | Repeat, scope: Scope, given: Given) -> None:
+        """A local for a value that has to be given."""
+        local, key = self.local(segment.name, given), given.value(segment.name)
+        if segment.when is not None:
+            key = self.wanted(segment.name, given)
+        if segment.when is None:
+            given.needed += 1
+            self.bind(local, key)
+        else:
+            empty = "()" if isinstance(segment, Repeat) else "None"
+            self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
+        scope.entries[segment.name] = Entry(local, "list" if isinstance(segment, Repeat) else "inner", Scope())
+
+    # ---- runs ---------------------------------------------------------------------------------------------
+
+    def length_of_run(self, placed: list[Placed]) -> int:
+        """How many of the segments can be put together at once."""
+        order, first = "", placed[0][0]
+        mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
+        for count, (segment, scope) in enumerate(placed):
+            numbers = self.numbers_of(segment)
+            wanted = None if isinstance(segment, (Check, Fill)) else forms.struct_order(without_when(segment))
+            if numbers is not None and count:
+                wanted = numbers[1]
+            same_when = str(segment.when) == str(first.when) and (segment.when is None or scope is placed[0][1])
+            marked = self.coverage.of((segment.name or "",)) != mark
+            if wanted is None or not same_when or marked or (order and wanted and wanted != order):
+                return max(count, 1)
+            if numbers is not None:
+                return count + 1
+            order = order or wanted
+        return len(placed)
+
+    def numbers_of(self, segment: Segment) -> tuple[str, str] | None:
+        """The `struct` code of a list of numbers, and its order; a list ends a run. None for all other segments."""
+        if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.name in self.wires:
+            return None
+        code = forms.struct_code(segment.of)
+        return None if code is None or code == ("B", "") or code[0].endswith("s") else code
+
+    def run(self, placed: list[Placed]) -> str:
+        """Text of the bytes of a run; it depends on the condition its segments stand under."""
+        segment, scope = placed[0]
+        if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
+            return self.single(segment, scope)
+        arguments: list[Argument] = []
+        last, numbers = placed[-1], self.numbers_of(placed[-1][0])
+        for one, inside in placed if numbers is None else placed[:-1]:
+            size = self.shapes.present(one).fixed or 0
+            self._append(arguments, kind_of(one).argument(self, one, inside, size))
+        arguments = [self._with_digits(argument) for argument in arguments]
+        if numbers is None:
+            text = self._packed(arguments)
+        else:
+            text = self._packed_with_list(arguments, numbers, last[1].entries[last[0].name or ""].text)
+        return self.if_present(segment, scope, text, 'b""')
+
+    def _append(self, arguments: list[Argument], new: Argument) -> None:
+        """Adds an argument; zeros, literals and hex digits are put together with those before."""
+        last = arguments[-1] if arguments else None
+        if last is not None and last.digits and new.digits:
+            orders = {type_.order for type_ in (*last.digits, *new.digits) if type_.fixed_size != 2}
+            if len(orders) <= 1 and last.digits[0].upper == new.digits[0].upper:
+                last.text, last.digits = f"{last.text}, {new.text}", (*last.digits, *new.digits)
+                return
+        if last is not None and last.code.endswith("s") and new.code.endswith("s"):
+            both = merged([last.text, new.text])
+            if len(both) == 1 and both[0].startswith('b"'):
+                last.code, last.text = f"{int(last.code[:-1]) + int(new.code[:-1])}s", both[0]
+                return
+        if last is not None and last.code.endswith("x") and new.code.endswith("x"):
+            last.code = f"{int(last.code[:-1] or 1) + int(new.code[:-1] or 1)}x"
+            return
+        arguments.append(new)
+
+    def number_argument(self, segment: Number, scope: Scope, size: int) -> Argument:
+        """A number of fixed size, in a run."""
+        wire = self.wire(segment, scope)
+        if forms.hex_places(segment.type) is not None:
+            return Argument(f"{size}s", "", wire, (segment.type,))
+        code, order = forms.struct_code(segment.type) or (f"{size}s", "")
+        if code.endswith("s"):
+            return Argument(code, "", forms.build(self.module, segment.type, wire, str(size)))
+        return Argument(code, order, wire)
+
+    def _with_digits(self, argument: Argument) -> Argument:
+        """Hex digits of one number are formatted, those of several packed and converted at once."""
+        types = argument.digits
+        if not types:
+            return argument
+        size = sum(type_.fixed_size or 0 for type_ in types)
+        if len(types) == 1:
+            if types[0].order == "little" and size > 2:
+                text = forms.build(self.module, types[0], argument.text, str(size))
+            else:
+                form = f"%0{size}{'X' if types[0].upper else 'x'}"
+                text = f"{bytes_literal(form.encode())} % {_operand(argument.text)}"
+            return Argument(f"{size}s", "", text)
+        self.module.imports.add("from binascii import hexlify")
+        codes = "".join(forms.INT_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
+        order = next(("<" if type_.order == "little" else ">" for type_ in types if type_.fixed_size != 2), "")
+        constant = self.module.struct(codes, order, self.title, "digits")
+        upper = ".upper()" if types[0].upper else ""
+        return Argument(f"{size}s", "", f"hexlify({constant}.pack({argument.text})){upper}")
+
+    def _packed(self, arguments: list[Argument]) -> str:
+        """Text of the bytes of the arguments of one struct."""
+        if all(argument.code[-1] in "sx" for argument in arguments):
+            texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
+            return _formatted(merged(texts)) or 'b""'
+        if len(arguments) == 1 and arguments[0].code == "B":
+            return f"{self.module.struct('B', '')}.pack({arguments[0].text})"  # half the time of bytes((…,))
+        order = next((argument.order for argument in arguments if argument.order), "")
+        constant = self.module.struct("".join(argument.code for argument in arguments), order, self.title)
+        return f"{constant}.pack({', '.join(argument.text for argument in arguments if argument.text)})"
+
+    def _packed_with_list(self, arguments: list[Argument], numbers: tuple[str, str], local: str) -> str:
+        """Text of the bytes of the arguments with a list of numbers behind them: one struct for both."""
+        order = next((argument.order for argument in arguments if argument.order), numbers[1])
+        before = "".join(argument.code for argument in arguments)
+        packs = self.packs(local, before, numbers[0], order)
+        texts = ", ".join(argument.text for argument in arguments if argument.text)
+        return f"{packs}[{self.count_of(local)}]({texts}, *{local})"
+
+    def packs(self, local: str, before: str, code: str, order: str) -> str:
+        """The module constant with what packs a list behind what is `before` it, by the number of its values."""
+        return self.module.list_structs(before, code, order, self.title, "values", packs=True)
+
+    def wire(self, segment: Number, scope: Scope) -> str:
+        """Text of the number or text that is written."""
+        if isinstance(segment, Bits):
+            parts = []
+            for part in segment.parts:
+                text = scope.entries[part.name].text
+                if text != "0":
+                    parts.append(f"{text} << {part.low}" if part.low else text)
+            return " | ".join(parts) or "0"
+        return forms.wire_of(segment, scope.entries[segment.name].text)
+
+    def data_text(self, data: Data, scope: Scope) -> str:
+        """Text of the bytes of data on the wire."""
+        return forms.wire_text(self.module, data, scope.entries[data.name].text)
+
+    def placed(self, segments: Iterable[Segment], scope: Scope) -> list[Placed]:
+        """The segments with those of records; what takes no bytes is left out."""
+        found: list[Placed] = []
+        for segment in segments:
+            if isinstance(segment, Record) and segment.when is None:
+                inside = scope.entries[segment.name].inside
+                assert inside is not None
+                found.extend(self.placed(segment.of, inside))
+            elif not isinstance(segment, (Value, Require)):
+                found.append((segment, scope))
+        return found
+
+    def region(
+        self,
+        segments: Iterable[Segment],
+        scope: Scope,
+        buffer: str,
+        before: str = "",
+        tail: tuple[Const, int] | None = None,
+    ) -> str:
+        """Text of the bytes of a list of segments.
+
+        Checks are worked out on what is in the local `buffer` by then, and on what stands `before` it (a text). `tail`:
+        the constant whose first byte must not stand before it, from so many bytes on.
+        """
+        placed = self.placed(segments, scope)
+        texts: list[str] = []
+        waiting: list[tuple[str, Check, Scope]] = []
+        place = 0
+        while place < len(placed):
+            segment, inside = placed[place]
+            count = 1
+            if tail is not None and segment is tail[0]:
+                texts = [self.gather(texts, buffer)]
+                self._keep_apart(buffer, tail)
+            if isinstance(segment, Check) and covers_later(segment, self.segments):
+                texts.append(f"<{segment.name}>")
+                waiting.append((texts[-1], segment, inside))
+            elif isinstance(segment, Check):
+                if segment.name in self.coverage.whole:
+                    texts = [self.gather(texts, buffer)] if texts else []
+                texts.append(self._check(segment, inside, [before, *texts]))
+                self.parts.append(Part((segment.name or "",), texts[-1]))
+            elif isinstance(segment, Fill):
+                texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
+            elif segment.name in self.late:
+                texts = [self.gather(texts, buffer)] if texts else []
+                texts.append(self._late(segment.name or "", [before, *texts]))
+                self.parts.append(Part(tuple(leaf.name or "" for leaf in leaves((segment,))), texts[-1]))
+            else:
+                count = self.length_of_run(placed[place:])
+                texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
+            place += count
+        for mark, check, inside in waiting:
+            if mark not in texts:
+                raise not_possible(check, "a check covers what comes later, and is covered itself", "put it last")
+            texts[texts.index(mark)] = self._check(check, inside, [])
+        return sum_of(texts)
+
+    def _keep_apart(self, buffer: str, tail: tuple[Const, int]) -> None:
+        """A delimited body must not hold what ends it."""
+        mark = bytes_literal(tail[0].data[:1])
+        body = f"{buffer}[{tail[1]}:]" if tail[1] else buffer
+        message = f"the body holds {tail[0].data[0]:02X}, which ends it"
+        self.complain(f"{mark} in {body}", '""', quoted(message))
+
+    def _late(self, name: str, before: list[str]) -> str:
+        """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
+        wire = self.names.fresh("case_bytes")
+        self.add(f'{wire} = b""')
+        for header, segments, scope in self.late[name]:
+            with self.out.block(header):
+                self.add(f"{wire} = {self.region(segments, scope, self.names.fresh('part'), sum_of(before))}")
+        return wire
+
+    def gather(self, texts: list[str], buffer: str) -> str:
+        """Puts everything so far into the buffer's local."""
+        text = sum_of(texts)
+        if text != buffer:
+            first = buffer not in self.begun
+            self.begun.add(buffer)
+            self.add(f"{buffer}{': bytes' if first else ''} = {text}")
+            self.gathered = {known: local for known, local in self.gathered.items() if local != buffer}
+            if " + " in text and buffer not in text and not self.out.depth:
+                self.gathered[text] = buffer
+        return buffer
+
+    def _filled(self, fill: Fill, behind: list[Placed], texts: list[str], buffer: str) -> str:
+        """Everything so far, filled up so that the frame gets its size."""
+        self.gather(texts, buffer)
+        fixed, parts = 0, []
+        for segment, scope in behind:
+            size = self.shapes.present(segment).fixed or 0
+            if segment.when is None:
+                fixed += size
+            else:
+                parts.append(self.if_present(segment, scope, str(size), "0"))
+        room = " - ".join([str(fill.total - fixed), *parts])
+        message = text_source("the values take ", Code(f"len({buffer})"), " bytes, more than ", Code(room))
+        self.complain(f"len({buffer}) > {room}", '""', message)
+        self.gathered.clear()
+        names = (fill.name or "",)
+        if self.coverage.of(names):
+            local = self.names.fresh("fill")
+            self.add(f"{local} = b''.ljust({room} - len({buffer}), {bytes_literal(bytes((fill.byte,)))})")
+            self.parts.append(Part(names, local))
+            self.add(f"{buffer} += {local}")
+        else:
+            self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
+        return buffer
+
+    # ---- what checks cover --------------------------------------------------------------------------------
+
+    def _kept(self, placed: list[Placed], text: str) -> str:
+        """The text of a run; in a local, if a check asks for these bytes."""
+        if isinstance(placed[0][0], Wrap):
+            return text
+        names = tuple(leaf.name or "" for segment, _ in placed for leaf in leaves((segment,)))
+        if self.coverage.of(names) and not text.isidentifier() and not text.startswith('b"'):
+            named = [name for name in names if not name.startswith("_")]
+            local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
+            self.add(f"{local} = {text}")
+            text = local
+        self.parts.append(Part(names, text))
+        return text
+
+    def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
+        covered = sum_of([text for text in before if text])
+        if check.name not in self.coverage.whole:
+            covered = sum_of(self._parts_of(self.coverage.names(check) or []))
+            for text, buffer in self.gathered.items():
+                if covered == text or covered.startswith(f"{text} + "):
+                    covered = buffer + covered.removeprefix(text)
+        return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered), 'b""')
+
+    def _parts_of(self, names: list[str]) -> list[str]:
+        texts: list[str] = []
+        left = list(names)
+        while left:
+            part = next((part for part in reversed(self.parts) if left[0] in part.names), None)
+            texts.extend([] if part is None else [part.text])
+            left = left[max(1, 0 if part is None else sum(name in left for name in part.names)) :]
+        return texts
+
+    # ---- single segments ----------------------------------------------------------------------------------
+
+    def single(self, segment: Segment, scope: Scope) -> str:
+        """Text of the bytes of a segment that is in no run."""
+        known = self.wires.get(segment.name or "")
+        if known is not None:
+            return known
+        kind = kind_of(segment)
+        if isinstance(segment, Inner):
+            text: str = kind.bytes_text(self, segment, scope)
+            return text
+        return self.if_present(segment, scope, kind.bytes_text(self, without_when(segment), scope), 'b""')
 
     def limit(self, text: str, most: int) -> None:
         self.gather([text], self.buffer)
@@ -95,90 +865,21 @@ class EncodeWriter(PieceWriter):
             self.add(f"{local} = {text}")
         self.wires[segment.name or ""] = local
 
-    def records(self, repeat: Repeat, scope: Scope, given: Given) -> None:
-        """A list of records: each item's values and bytes."""
-        assert isinstance(repeat.of, tuple)
-        items = scope.entries[repeat.name].text
-        there = items if items.isidentifier() else f"{items} or ()"
-        item, wire = self.names.fresh("item"), self.names.fresh(f"{repeat.name}_bytes")
-        self.flush()
-        self.add(f'{wire} = b""')
-        whole = self._is_read_inside(repeat)
-        complete = self.names.fresh(f"{repeat.name}_complete") if whole else ""
-        if whole:
-            self.add(f"{complete} = []")
-        inside = Scope(scope)
-        if whole:
-            inside.entries[repeat.name] = Entry(complete, "list", inside)  # the items before this one
-        place = self.names.fresh("place")
-        path = (*given.path, f"{repeat.name}[", Code(place), "].")
-        inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
-        before = self.names.fresh("before") if may_be_empty(self.shapes, repeat) else ""
-        with self.out.block(f"for {place}, {item} in enumerate({there}):"):
-            if before:
-                self.add(f"{before} = len({wire})")
-            self.values(repeat.of, inside, inner)
-            self.flush()
-            self.check_names(inner)
-            self.add(f"{wire} += {self.region(repeat.of, inside, self.names.fresh('part'))}")
-            if before:
-                where = (*path[:-1], "]")
-                message = text_source("'", *where, "' takes no bytes, so nothing shows that it is there")
-                self.complain(f"len({wire}) == {before}", text_source(*where), message)
-            if whole:
-                names = {name for one in flat(repeat.of) for name in one.value_names}
-                fields = ", ".join(
-                    f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names) if name in inside.entries
-                )
-                self.add(f"{complete}.append({{{fields}}})")
-        self.wires[repeat.name] = wire
-        for entry in inside.entries.values():
-            entry.direct = False
-        text = self.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
-        scope.entries[repeat.name] = Entry(text, "list", inside)
+    @staticmethod
+    def inputs(segment: Segment) -> tuple[str, ...]:
+        """The names of a segment that somebody gives."""
+        if isinstance(segment, (Length, Count, Value)) or (isinstance(segment, Field) and segment.is_ is not None):
+            return ()
+        if isinstance(segment, Bits):
+            return tuple(part.name for part in segment.parts if part.is_ is None)
+        return segment.value_names
 
-    def _is_read_inside(self, repeat: Repeat) -> bool:
-        """Whether an expression reads fields of the items, which may be computed."""
-        assert isinstance(repeat.of, tuple)
-        return repeat.name in names_read(repeat.of) or any(
-            f"items of {repeat.name}" in self._tokens_of(segment)
-            for segment in self.by_name.values()
-            if segment is not repeat
-        )
-
-    def _tokens_of(self, segment: Segment) -> set[str]:
-        return self.waits(*expressions_of(segment))
-
-    def conditional_record(self, record: Record, scope: Scope, given: Given) -> None:
-        """A record that may be absent."""
-        assert record.when is not None
-        wire, local = self.names.fresh(f"{record.name}_bytes"), self.names.fresh(record.name)
-        self.flush()
-        self.add(f'{wire} = b""')
-        self.add(f"{local} = None")
-        before = len(self.out.lines)
-        inside = Scope(scope)
-        with self.out.block(f"if {self.text(record.when, scope)}:"):
-            needed = is_needed(record.of)
-            self.add(f"{local} = {given.value(record.name) if needed else given.value_or(record.name, '{}')}")
-            inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
-            self.values(record.of, inside, inner)
-            self.flush()
-            self.check_names(inner)
-            self.add(f"{wire} = {self.region(record.of, inside, self.names.fresh('part'))}")
-        self._nothing_if_absent(inside, local, before)
-        self.wires[record.name] = wire
-        scope.entries[record.name] = Entry(local, "record", inside, direct=True)
-
-    def _nothing_if_absent(self, inside: Scope, record: str, before: int) -> None:
-        """What a record gives is nothing where the record is absent: written at the line `before`."""
-        lines = Source(self.out.depth)
-        for name, entry in _direct_entries(inside):
-            if name in self.fields_read and entry.text.isidentifier():
-                lines.add(f"{entry.text} = None")
-            elif name in self.fields_read:
-                entry.text = f"({entry.text} if {record} is not None else None)"
-        self.out.lines[before:before] = lines.lines
+    def branch_tasks(self, segment: Choose | Optional, scope: Scope, given: Given) -> list[Task]:
+        inside = tuple(flat((segment,)))
+        names = [inner for one in inside for inner in one.value_names]
+        counted = [f"bytes of {one.name}" for one in inside if one.name in self.asked_for or one is segment]
+        outer = self.outer_names(segment)
+        return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
 
     def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
         """A choice, or what is there when its values are given."""
@@ -192,7 +893,7 @@ class EncodeWriter(PieceWriter):
             self.add(f'{wire} = b""')
         outside = self._names_for_others(segment, scope)
         rooms = self._rooms_for_others(segment)
-        cases = self._cases(segment, scope, given)
+        cases: Cases = kind_of(segment).cases(self, segment, scope, given)
         everywhere = {name for one in flat((segment,)) for name in one.value_names}
         for header, segments in cases:
             with self.out.block(header):
@@ -213,25 +914,6 @@ class EncodeWriter(PieceWriter):
         self.rooms |= rooms
         if not has_checks:
             self.wires[name] = wire
-
-    def _cases(
-        self, segment: Choose | Optional, scope: Scope, given: Given
-    ) -> list[tuple[str, tuple[Segment, ...] | None]]:
-        """The headers of the cases with their segments; None: a case that must not be."""
-        if isinstance(segment, Optional):
-            names = [name for one in flat(segment.of) for name in _inputs(one)]
-            tests = " or ".join(f"{quoted(name)} in {given.text}" for name in names)
-            return [(f"if {tests or 'True'}:", segment.of)]
-        numbers = numbers_of(segment.on, scope, self.by_name)
-        on = self.text(segment.on, scope, BIT_OR)
-        condition = "" if segment.when is None else f"{self.text(segment.when, scope, AND)} and "
-        found: list[tuple[str, tuple[Segment, ...] | None]] = []
-        for keys, segments in segment.cases:
-            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-            test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
-            found.append((f"{'elif' if found else 'if'} {condition}{test}:", segments))
-        last = "else:" if segment.when is None else f"elif {self.text(segment.when, scope)}:"
-        return [*found, (last, segment.otherwise)]
 
     def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
         """Locals for names that expressions outside the branch may read."""
@@ -279,19 +961,45 @@ class EncodeWriter(PieceWriter):
         return inside
 
 
-def _direct_entries(scope: Scope) -> Iterator[tuple[str, Entry]]:
-    """The names of a record and of the records in it, as far as others may read them."""
-    for name, entry in scope.entries.items():
-        if entry.direct and entry.inside is not None:
-            yield from _direct_entries(entry.inside)
+def _operand(text: str) -> str:
+    return text if text.isidentifier() or text.isdigit() else f"({text})"
+
+
+def sum_of(texts: list[str]) -> str:
+    """Text of all these bytes one behind the other."""
+    parts = merged([text for text in texts if text])
+    if len(parts) > _MOST_PLUSES:
+        return f'b"".join(({", ".join(parts)}))'
+    return " + ".join(parts) or 'b""'
+
+
+def _formatted(parts: list[str]) -> str:
+    """Text of all these bytes; where several are numbers in digits, formatted at once in half the time of a sum."""
+    numbers = [_DIGITS.fullmatch(part) for part in parts]
+    if sum(number is not None for number in numbers) < 2:
+        return " + ".join(parts)
+    form, operands = "", []
+    for part, number in zip(parts, numbers, strict=True):
+        if number is not None:
+            form += number[1]
+            operands.append(number[2].removeprefix("(").removesuffix(")") if number[2][0] == "(" else number[2])
+        elif part.startswith('b"') and part.count('"') == 2 and part.endswith('"'):
+            form += part[2:-1].replace("%", "%%")
         else:
-            yield name, entry
+            form += "%b"
+            operands.append(part)
+    return 'b"' + form + '" % (' + ", ".join(operands) + ")"
 
 
-def _inputs(segment: Segment) -> tuple[str, ...]:
-    """The names of a segment that somebody gives."""
-    if isinstance(segment, (Length, Count, Value)) or (isinstance(segment, Field) and segment.is_ is not None):
-        return ()
-    if isinstance(segment, Bits):
-        return tuple(part.name for part in segment.parts if part.is_ is None)
-    return segment.value_names
+def merged(texts: list[str]) -> list[str]:
+    """Neighbouring literals put together, empty ones left out."""
+    found: list[str] = []
+    for text in texts:
+        simple = text.startswith('b"') and text.count('"') == 2 and text.endswith('"')
+        if text == 'b""':
+            continue
+        if simple and found and found[-1].startswith('b"') and found[-1].count('"') == 2 and found[-1].endswith('"'):
+            found[-1] = found[-1][:-1] + text[2:]
+        else:
+            found.append(text)
+    return found

@@ -10,9 +10,8 @@ import builtins
 import re
 
 from framekit.codec.python.describe import summary, write_docstring
-from framekit.codec.python.encode import EncodeWriter, as_bytes, tail_of
+from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.field_values import Given
 from framekit.codec.python.module import Module
 from framekit.codec.python.parameters import LEFT_OUT, Level, Parameters
 from framekit.codec.python.source import Code, Source
