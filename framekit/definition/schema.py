@@ -100,6 +100,13 @@ def _schemas() -> dict[str, Any]:
     return schemas
 
 
+def add_keys(kind: Kind, definition: str, keys: dict[str, Any]) -> None:
+    """Adds keys with the schemas of their values to a definition of a schema, for what programs bring by themselves."""
+    _schemas()[kind + _SUFFIX]["$defs"][definition]["properties"].update(keys)
+    _validator.cache_clear()
+    _known_keys.cache_clear()
+
+
 @cache
 def _validator(kind: Kind) -> Any:
     """The validator of a kind of file, made once a process; the libraries are loaded only now."""

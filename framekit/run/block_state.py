@@ -18,7 +18,7 @@ from typing import Literal, Protocol
 from framekit.link.codes import code_text
 from framekit.link.services.client import TransferResult
 from framekit.run.model import BLOCKS_IN_SET, STATIONED, Block
-from framekit.run.triggers import MemoryTriggers
+from framekit.run.triggers import ArmedTriggers
 
 TABLE = Path(__file__).with_name("error_codes.csv")
 FIRST_OWN = 0xFF00
@@ -256,6 +256,7 @@ class BlockState:
     """
 
     __slots__ = (
+        "armed",
         "block",
         "chain",
         "companions",
@@ -268,7 +269,6 @@ class BlockState:
         "last_end",
         "last_failure",
         "last_outcome",
-        "memory_triggers",
         "probing",
         "prompt",
         "reasons",
@@ -292,7 +292,7 @@ class BlockState:
         self.set_on = True
         self.waiting = False
         self.starts_left = block.repeat
-        self.memory_triggers: MemoryTriggers | None = None
+        self.armed: ArmedTriggers | None = None
         self.started_at = 0
         self.last_failure: Failure | None = None
         self.last_outcome = ""

@@ -7,19 +7,20 @@ protocols.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from framekit.definition.expression.syntax import Expression
 from framekit.definition.problems import Problem
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState
-from framekit.run.model import BLOCKS_IN_SET, Block, BlockEnd, Channel, Every, Rising, Run
+from framekit.run.model import BLOCKS_IN_SET, Block, Channel, Run
 from framekit.run.own_memory import addresses_of
 from framekit.run.scheduler import Scheduler
-from framekit.run.triggers import Condition
+from framekit.run.triggers import Condition, Every
 
 BlockKey = tuple[int, int]
 """Set and number of a block."""
@@ -48,7 +49,7 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
         counters = play.scheduler.states[block.id].counters
         started = counters.started - before[block.id].started
         missed = counters.overruns - before[block.id].overruns
-        follows = not any(isinstance(trigger, Every) for trigger in play.scheduler.states[block.id].block.triggers)
+        follows = not any(trigger.is_cycle for trigger in play.scheduler.states[block.id].block.triggers)
         reached = lasted / started if started and (missed or follows) else float(period)
         found[block.set, block.number] = (max(reached, float(period)), missed / max(1, started + missed))
     return found
@@ -93,16 +94,15 @@ def _only_cycles(block: Block, period: int, others: set[int]) -> Block:
     kept = [
         trigger
         for trigger in block.triggers
-        if isinstance(trigger, Every)
-        or (isinstance(trigger, BlockEnd) and trigger.ok and _follows(block, trigger) in others)
+        if trigger.is_cycle or (trigger.follows is not None and _follows(block, *trigger.follows) in others)
     ]
     triggers = tuple(kept) or (Every(period=period, phase=period),)
     return replace(block, triggers=triggers, unless=None, repeat=None, enabled=True)
 
 
-def _follows(block: Block, trigger: BlockEnd) -> int:
-    """The id of the block whose end this one waits for: it is in the same set."""
-    return BLOCKS_IN_SET * (block.set - 1) + trigger.block
+def _follows(block: Block, number: int, ok: bool) -> int | None:
+    """The id of the block whose good end this one waits for: it is in the same set."""
+    return BLOCKS_IN_SET * (block.set - 1) + number if ok else None
 
 
 def _no_place(text: str) -> Address:
@@ -213,26 +213,19 @@ class Periods:
 
     def _of(self, block: Block, seen: frozenset[BlockKey]) -> int | None:
         key = block.set, block.number
-        periods: list[int] = []
-        for trigger in block.triggers:
-            if isinstance(trigger, Every):
-                periods.append(trigger.period)
-            elif isinstance(trigger, Rising):
-                periods.extend(self._rising(trigger, seen | {key}))
-            elif isinstance(trigger, BlockEnd) and trigger.ok:
-                periods.extend(self._behind((block.set, trigger.block), seen | {key}))
-        return min(periods, default=None)
+        known = _BlockPeriods(self, block.set, seen | {key})
+        return min((period for trigger in block.triggers for period in trigger.periods(known)), default=None)
 
-    def _behind(self, key: BlockKey, seen: frozenset[BlockKey]) -> Iterator[int]:
+    def behind(self, key: BlockKey, seen: frozenset[BlockKey]) -> Iterator[int]:
         """The period of another block that this one follows."""
         period = self._of(self.blocks[key], seen) if key in self.blocks and key not in seen else None
         if period is not None:
             yield period
 
-    def _rising(self, trigger: Rising, seen: frozenset[BlockKey]) -> list[int]:
+    def rising(self, condition: Expression, seen: frozenset[BlockKey]) -> list[int]:
         """The clock or the end of a block whose bit is the condition, or part of it: it rises no more often."""
         try:
-            places = Condition(trigger.condition, self.grammar.parse).addresses.values()
+            places = Condition(condition, self.grammar.parse).addresses.values()
         except AddressError:
             return []
         periods: list[int] = []
@@ -240,8 +233,23 @@ class Periods:
             if place in self.clocks:
                 periods.append(self.clocks[place])
             elif place in self.done_bits:
-                periods.extend(self._behind(self.done_bits[place], seen))
+                periods.extend(self.behind(self.done_bits[place], seen))
         return periods if len(periods) == 1 else []
+
+
+@dataclass(frozen=True, slots=True)
+class _BlockPeriods:
+    """What triggers of one block ask for (`KnownPeriods`); `seen`: blocks that are being worked out already."""
+
+    periods: Periods
+    set: int
+    seen: frozenset[BlockKey]
+
+    def of_condition(self, condition: Expression) -> Iterable[int]:
+        return self.periods.rising(condition, self.seen)
+
+    def of_block(self, number: int) -> Iterable[int]:
+        return self.periods.behind((self.set, number), self.seen)
 
 
 # ---- what to say ------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ for the protocol of the block's channel to read.
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -21,6 +21,7 @@ from framekit.definition.times import NEVER, LineFormat
 from framekit.link.addresses import Address
 from framekit.memory.profile import MemoryProfile
 from framekit.run.job_profile import JobProfile
+from framekit.run.triggers import Trigger
 from framekit.transport.schemes import host_of as port_host
 from framekit.transport.schemes import scheme_of
 
@@ -98,54 +99,6 @@ SETS = 8
 """A module has so many parameter sets of so many blocks (Snet module guide, chapter 6)."""
 
 Instruction = Literal["read", "write", "send", "receive", "call", "command", "job", "abort", "inspect"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Every:
-    """A regular cycle: due at `phase` after the start and every `period` (ns) from there, without drift."""
-
-    period: int
-    phase: int = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rising:
-    """Due when the expression over memory goes from false to true."""
-
-    condition: Expression
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class While:
-    """Due again and again, as long as the expression over memory is true."""
-
-    condition: Expression
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Changed:
-    """Due when the place changes, or one of `words` words from it on."""
-
-    address: Address
-    words: int | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class After:
-    """Due once, `delay` ns after the start; `once` is a delay of 0."""
-
-    delay: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BlockEnd:
-    """Due when another block of the set ends well (`done`) or badly (`failed`)."""
-
-    block: int
-    ok: bool
-
-
-Trigger = Every | Rising | While | Changed | After | BlockEnd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -377,6 +330,11 @@ class Run:
     jobs: JobsSection | None = None
     warnings: tuple[Problem, ...]
     at: Position
+
+    @property
+    def triggers(self) -> Iterator[Trigger]:
+        """Those of all blocks."""
+        return (trigger for block in self.blocks for trigger in block.triggers)
 
 
 OrderKind = Literal["read", "write", "report"]

@@ -16,11 +16,11 @@ from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, Failure, Prompt
 from framekit.run.lanes import Lane, LaneRules
-from framekit.run.model import BLOCKS_IN_SET, After, Block, BlockEnd, Every, Silence
-from framekit.run.triggers import Cycle, MemoryTriggers, Resolve
+from framekit.run.model import BLOCKS_IN_SET, Block, Silence
+from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
 
 
-class Arming:
+class TriggerRegistry:
     """Arms blocks. `wake` is called when one comes due by its memory triggers.
 
     `fired`: those that have come due since somebody took them, always the same list. `timers`: a heap of times when
@@ -39,27 +39,25 @@ class Arming:
     def await_ends(self, state: BlockState) -> None:
         """From now on the block hears of the ends it waits for: those of blocks of its set."""
         for trigger in state.block.triggers:
-            if isinstance(trigger, BlockEnd):
-                key = BLOCKS_IN_SET * (state.block.set - 1) + trigger.block, trigger.ok
-                self._after.setdefault(key, []).append(state)
+            if trigger.follows is not None:
+                number, ok = trigger.follows
+                self._after.setdefault((BLOCKS_IN_SET * (state.block.set - 1) + number, ok), []).append(state)
 
     def arm(self, state: BlockState, now: int) -> None:
         """Arms the triggers of a block; its time triggers count from here."""
         state.round += 1
         note = partial(self.fired.append, state)
-        state.memory_triggers = MemoryTriggers(state.block, self.memory, self.resolve, note, self._wake)
-        for trigger in state.block.triggers:
-            if isinstance(trigger, Every):
-                self._at(now + trigger.phase, Cycle(now + trigger.phase, trigger.period), state)
-            elif isinstance(trigger, After):
-                self.at(now + trigger.delay, state)
+        state.armed = armed = ArmedTriggers(
+            self.memory, self.resolve, note, self._wake, lambda when, cycle: self._at(when, cycle, state)
+        )
+        armed.arm(state.block.triggers, state.block.unless, now)
 
     def disarm(self, state: BlockState) -> None:
         """Nothing but the ends of other blocks makes it due any more."""
         state.round += 1
-        if state.memory_triggers is not None:
-            state.memory_triggers.cancel()
-            state.memory_triggers = None
+        if state.armed is not None:
+            state.armed.cancel()
+            state.armed = None
 
     def forget(self, state: BlockState) -> None:
         """A block is no more."""
@@ -238,7 +236,7 @@ class Scheduler:
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
-        self._arming = Arming(memory, resolve, wake)
+        self._registry = TriggerRegistry(memory, resolve, wake)
         self._turns = Turns(station_of)
         self.lanes = self._turns.lanes
         self._start = start
@@ -257,7 +255,7 @@ class Scheduler:
     def _take_in(self, state: BlockState) -> None:
         """A block without a channel waits for nobody: it has a lane of its own."""
         state.set_on = self.sets.get(state.block.set, True)
-        self._arming.await_ends(state)
+        self._registry.await_ends(state)
         self._turns.add(state.lane, LaneRules())
 
     # ---- life ---------------------------------------------------------------------------------------------
@@ -272,15 +270,15 @@ class Scheduler:
     def arm(self, state: BlockState, now: int) -> None:
         """Arms the triggers of a block, unless its set is off; its time triggers count from here."""
         if state.set_on:
-            self._arming.arm(state, now)
+            self._registry.arm(state, now)
 
     def end(self) -> None:
         """No block comes due any more; what runs may finish."""
         self._active = False
-        self._arming.clear()
+        self._registry.clear()
         self._turns.clear()
         for state in self.states.values():
-            self._arming.disarm(state)
+            self._registry.disarm(state)
 
     def reset(self, now: int) -> None:
         """As at the start: counters at zero, repetitions afresh, time triggers from now. What runs is still counted."""
@@ -314,7 +312,7 @@ class Scheduler:
         state.switched_on = on
         if not on:
             self.lanes[state.lane].clear(lambda one: one is state)
-        elif state.memory_triggers is not None and state.memory_triggers.level_holds():
+        elif state.armed is not None and state.armed.level_holds():
             self._due(state, now)
             self._wake()
 
@@ -334,7 +332,7 @@ class Scheduler:
             if state.block.set == number:
                 state.set_on = on
                 if self._active:
-                    self.arm(state, now) if on else self._arming.disarm(state)
+                    self.arm(state, now) if on else self._registry.disarm(state)
         if not on:
             self._turns.clear(lambda state: state.block.set == number)
         self._wake()
@@ -377,7 +375,7 @@ class Scheduler:
     def remove(self, number: int) -> BlockState:
         """Takes a block out that does not run. Raises KeyError for a number there is not."""
         state = self.states.pop(number)
-        self._arming.forget(state)
+        self._registry.forget(state)
         self.lanes[state.lane].clear(lambda one: one is state)
         if state.block.job is not None:
             self._turns.remove(state.lane)
@@ -397,7 +395,7 @@ class Scheduler:
     def _may_start(self, state: BlockState) -> bool:
         if not (state.switched_on and state.set_on and self._active and state.starts_left != 0):
             return False
-        triggers = state.memory_triggers
+        triggers = state.armed
         return triggers is None or triggers.unless is None or not triggers.unless()
 
     def _due(self, state: BlockState, now: int) -> None:
@@ -419,19 +417,19 @@ class Scheduler:
     @property
     def deadline(self) -> int:
         """When `tick` has to be called next."""
-        if self._arming.fired:
+        if self._registry.fired:
             return 0
-        return min(self._arming.next_time, self._turns.deadline)
+        return min(self._registry.next_time, self._turns.deadline)
 
     def tick(self, now: int) -> None:
         """Makes due what is due now, and starts what can start."""
-        if self._arming.next_time <= now:
-            for state, due, missed in self._arming.due(now):
+        if self._registry.next_time <= now:
+            for state, due, missed in self._registry.due(now):
                 self._due(state, due)
                 if missed and self._may_start(state):
                     state.counters.overruns += missed
-        if self._arming.fired:
-            for state in self._arming.take_fired():
+        if self._registry.fired:
+            for state in self._registry.take_fired():
                 self._due(state, now)
         for lane in self._turns.due(now):
             self._start_next(lane, now)
@@ -443,7 +441,7 @@ class Scheduler:
         For whoever has more to do at that moment, none of which such a block looks at (see `prompt`). What others do
         in calls is written out here, since it stands between a trigger and the first byte.
         """
-        fired, timers = self._arming.fired, self._arming.timers
+        fired, timers = self._registry.fired, self._registry.timers
         if len(fired) != 1 or (timers and timers[0][0] <= now):
             return
         state = fired[0]
@@ -504,8 +502,8 @@ class Scheduler:
         if state.dead:
             state.dead = lane.is_dead(lane.station_of(state))
         self._ended(state, failure, now)
-        if state.memory_triggers is not None and state.memory_triggers.level_holds():
-            self._arming.at(now + LEAST_TIME, state)
+        if state.armed is not None and state.armed.level_holds():
+            self._registry.at(now + LEAST_TIME, state)
         self._wake()
 
     def _mark_changes(self, channel: int, lane: Lane) -> None:
@@ -529,8 +527,8 @@ class Scheduler:
         state.ended(failure, now)
         self._tell_ended(state, failure is None, now)
         if self._starting is state:
-            self._arming.ended_at_once(state, failure is None, now + LEAST_TIME)
+            self._registry.ended_at_once(state, failure is None, now + LEAST_TIME)
         else:
-            self._arming.ended(state, failure is None)
+            self._registry.ended(state, failure is None)
         if state.chain:
             state.chain = ()

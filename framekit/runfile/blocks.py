@@ -39,6 +39,7 @@ from framekit.run.model import (
     channel_to,
     is_address,
 )
+from framekit.run.triggers import TRIGGERS, TriggerReader
 from framekit.runfile.channels import RulesLoader, needs_own, needs_station, read_params, read_station
 from framekit.runfile.transfers import (
     Attempts,
@@ -49,7 +50,6 @@ from framekit.runfile.transfers import (
     check_written,
     read_place,
 )
-from framekit.runfile.triggers import STARTS, TriggerLoader
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
 
@@ -75,7 +75,7 @@ class BlockLoader:
         self.without_own: set[int] = set()
         self.rules = RulesLoader(reader, root)
         self.channel_nodes = reader.entries(root.get("channels"))
-        self.triggers = TriggerLoader(reader, self.place, self.condition, self.room)
+        self.triggers = TriggerReader(reader, lambda node: self.place(node).address, self.condition, self.room)
         self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
         self.calls = CallLoader(reader, attempts, self.place, self.written, self.room)
         self.frames = FrameBlockLoader(reader, self.place, self.written)
@@ -211,9 +211,9 @@ class BlockLoader:
 
     def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
         """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""
-        given = [key for key in STARTS if key in keys]
-        others = [entry.key.text for entry in keys.entries if entry.key.text not in STARTS]
-        misspelt = any(difflib.get_close_matches(key, STARTS) for key in others) or "phase" in others
+        given = [key for key in TRIGGERS if key in keys]
+        others = [entry.key.text for entry in keys.entries if entry.key.text not in TRIGGERS]
+        misspelt = any(difflib.get_close_matches(key, TRIGGERS) for key in others) or "phase" in others
         if instruction == "receive" and given:
             node = keys.get(given[0])
             at = entry.key.at if node is None else node.at

@@ -32,9 +32,7 @@ from framekit.run.model import (
     BLOCKS_IN_SET,
     HOST,
     Block,
-    BlockEnd,
     Channel,
-    Every,
     JobsSection,
     KeptState,
     Opening,
@@ -439,7 +437,7 @@ def _spoils(one: _Stored, other: _Stored) -> bool:
     """Whether two blocks that store in one place are in each other's way, and do not just take turns."""
     if (one.first, one.bits) != (other.first, other.bits):
         return True
-    return all(any(isinstance(trigger, Every) for trigger in stored.block.triggers) for stored in (one, other))
+    return all(any(trigger.is_cycle for trigger in stored.block.triggers) for stored in (one, other))
 
 
 def _over_words(found: list[_Stored], shown: list[tuple[int, int, Block]]) -> Iterator[Problem]:
@@ -492,7 +490,7 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
         for block in reached:
             del waiting[block.id]
     for block in waiting.values():
-        numbers = [trigger.block for trigger in block.triggers if isinstance(trigger, BlockEnd)]
+        numbers = [trigger.follows[0] for trigger in block.triggers if trigger.follows is not None]
         others = " or ".join(f"block {number}" for number in dict.fromkeys(numbers))
         what = f"block {block.label} only starts behind {others}, which nothing starts"
         if {block.number} == set(numbers):
@@ -501,11 +499,11 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
 
 
 def _only_behind(block: Block) -> bool:
-    return all(isinstance(trigger, BlockEnd) for trigger in block.triggers)
+    return all(trigger.follows is not None for trigger in block.triggers)
 
 
 def _before(block: Block) -> Iterator[int]:
     """The blocks, by their ids, behind which a block starts."""
     for trigger in block.triggers:
-        if isinstance(trigger, BlockEnd):
-            yield block.id - block.number + trigger.block
+        if trigger.follows is not None:
+            yield block.id - block.number + trigger.follows[0]

@@ -303,7 +303,7 @@ class RunService:
         self.jobs = blocks.jobs = self._jobs(resolve or resolver_for(clock))
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
-        awaited = awaited_bits(run.blocks, self.resolve)
+        awaited = awaited_bits(run.triggers, self.resolve)
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
         self._pulses_count = self._look_at_words(awaited)
         self.running = False
@@ -429,7 +429,7 @@ class RunService:
         """The blocks are others: frames go to those that receive now, clocks tick for those that look at them."""
         self.lines.receive_for(self.run, keep=() if self.jobs is None else self.jobs.hosts.opened)
         self.refresh()
-        awaited = awaited_bits(self.run.blocks, self.resolve)
+        awaited = awaited_bits(self.run.triggers, self.resolve)
         self.system.wait_for(awaited)
         self._pulses_count = self._look_at_words(awaited)
 

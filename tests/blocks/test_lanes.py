@@ -13,8 +13,9 @@ from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.lanes import LaneRules
-from framekit.run.model import Block, DeadRule, Every, Silence, While
+from framekit.run.model import Block, DeadRule, Silence
 from framekit.run.scheduler import Scheduler
+from framekit.run.triggers import Every, While
 
 MS = 1_000_000
 

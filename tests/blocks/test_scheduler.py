@@ -12,8 +12,9 @@ from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.run.block_state import BlockState, Failure
-from framekit.run.model import After, Block, BlockEnd, Changed, Every, Rising, Trigger, While
+from framekit.run.model import Block
 from framekit.run.scheduler import Scheduler
+from framekit.run.triggers import After, BlockEnd, Changed, Every, Rising, Trigger, While
 
 MS = 1_000_000
 

@@ -12,8 +12,9 @@ from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.lanes import LaneRules
-from framekit.run.model import Block, BlockEnd, DeadRule, Every, Silence, Trigger
+from framekit.run.model import Block, DeadRule, Silence
 from framekit.run.scheduler import Scheduler
+from framekit.run.triggers import BlockEnd, Every, Trigger
 
 MS = 1_000_000
 SECOND = 1000 * MS
