@@ -81,6 +81,7 @@ class Receiver:
         self._inside = inside if inside else None
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], ExpectedFrames] = {}
         self._expected = self._expect((), ())
+        self._all: list[Arrival] | None = None
         self._now = 0
         self._noise = NoiseRun()
         self._given = 0
@@ -229,6 +230,7 @@ class Receiver:
         if self._given:
             self._use()
         self.waiting = ()
+        self._all = found if is_all else None
         frames, stream = self._expected, self.stream
         if frames.expected is not expected or frames.others is not others:
             frames = self._expect(expected, others)
@@ -315,6 +317,9 @@ class Receiver:
                             break
                 if fields is None or info is None:
                     stream.position = place
+                    if size and stream.base + place >= self._bad_until:
+                        first = place
+                        break
                     self._pass_over(frames, found)
                     if stream.position == place or (found and not is_all):
                         place = first = stream.position
@@ -658,4 +663,11 @@ class Receiver:
         self._moved()
 
     def _noise_before(self) -> Noise | None:
-        return self._noise.take() if self._noise else None
+        """The noise before something else; None if there is none, or it has been added to all that is found."""
+        if not self._noise.data:
+            return None
+        noise = self._noise.take()
+        if self._all is None:
+            return noise
+        self._all.append(noise)
+        return None
