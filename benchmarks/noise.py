@@ -24,6 +24,9 @@ from framekit.link.engine import Engine
 from framekit.link.services.client import Client
 
 PIECE = 4096
+QUIET_PIECE, QUIET_AGAIN = 64, 20_000_000
+"""Where a bad frame is followed by skipping until a silence: pieces of so many bytes, silences (ns) between them."""
+
 BLOCK = 1500
 """So many bytes are bred; they come again and again."""
 
@@ -69,16 +72,28 @@ class Line:
         self.engine = Engine(protocol, codec, link.role, own=own)
         self.client = Client(protocol, codec, self.engine)
         self.asks = link.role in ("client", "master")
+        self.silence = QUIET_AGAIN if protocol.receiver.resync == "after_quiet" else 0
         self.now = 1_000_000_000
         self.busy = False
         self.engine.opened(0)
 
     def hear(self, data: bytes, piece: int = PIECE) -> None:
-        """Noise in pieces; between them the client asks again if its exchange is over."""
+        """Noise in pieces; between them the client asks again if its exchange is over.
+
+        Where a bad frame is followed by skipping until a silence, silences stand in the noise, so that frames are
+        looked for again; where it breaks the connection, the next piece comes over a new one.
+        """
+        piece = piece if not self.silence else min(piece, QUIET_PIECE)
         for start in range(0, len(data), piece):
+            if self.engine.receiver.broken:
+                self.engine.closed(self.now, "out of step")
+                self.engine.opened(self.now)
             if self.asks and not self.busy:
                 self._ask()
-            self.now += 1000
+            self.now += 1000 + self.silence
+            if self.silence:
+                while (due := self.engine.deadline) <= self.now:
+                    self.engine.tick(due)
             self.engine.receive(data[start : start + piece], self.now)
 
     def _ask(self) -> None:

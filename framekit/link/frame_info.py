@@ -25,7 +25,7 @@ from framekit.definition.model.segments import (
 from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.definition.model.walk import by_value_name
 from framekit.link.evaluate import Evaluate, compile_expression
-from framekit.link.intact import intact_of
+from framekit.link.intact import Intact, any_intact, intact_of
 from framekit.link.values import FrameValue
 
 
@@ -135,8 +135,8 @@ class FrameInfo:
             self.computed.append((name, compile_expression(is_)))
 
 
-Ends = tuple[tuple[Callable[..., int], tuple[Callable[[bytes | bytearray], bool] | None, ...]], ...]
-"""Of candidates: what finds the end of several of them alike, and their quick looks."""
+Ends = tuple[tuple[Callable[..., int], Intact | None], ...]
+"""Of candidates: what finds the end of several of them alike, and a quick look whether one of them may be good."""
 
 
 def by_extent(infos: Sequence[FrameInfo]) -> Ends:
@@ -144,7 +144,7 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     groups: dict[Any, list[FrameInfo]] = {}
     for info in infos:
         groups.setdefault(_does(info.extent), []).append(info)
-    return tuple((group[0].extent, tuple({info.intact: None for info in group})) for group in groups.values())
+    return tuple((group[0].extent, any_intact([(one.frame, one.intact) for one in group])) for group in groups.values())
 
 
 def _does(function: Callable[..., int]) -> Any:

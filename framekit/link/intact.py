@@ -5,7 +5,8 @@ It serves to pass over candidates that cannot be good. What it does not know how
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import fixed_bytes
@@ -34,6 +35,32 @@ def intact_of(frame: Frame) -> Intact | None:
         return check(raw)
 
     return intact
+
+
+def any_intact(frames: Sequence[tuple[Frame, Intact | None]]) -> Intact | None:
+    """Whether bytes may be a good one of several frames, told apart by one byte first; None if nothing tells."""
+    looks = {look: dict(_restricted(frame)) for frame, look in frames}
+    if None in looks:
+        return None
+    known = Counter(place for allowed in looks.values() for place in allowed)
+    if len(looks) == 1 or not known:
+        return _any_of(tuple(look for look in looks if look is not None))
+    place = known.most_common(1)[0][0]
+    left = [
+        tuple(look for look, allowed in looks.items() if look and (place not in allowed or byte in allowed[place]))
+        for byte in range(256)
+    ]
+
+    def intact(raw: bytes | bytearray) -> bool:
+        if place >= len(raw):
+            return True
+        return any(look(raw) for look in left[raw[place]])
+
+    return intact
+
+
+def _any_of(looks: tuple[Intact, ...]) -> Intact:
+    return looks[0] if len(looks) == 1 else lambda raw: any(look(raw) for look in looks)
 
 
 def _restricted(frame: Frame) -> list[tuple[int, frozenset[int]]]:

@@ -426,14 +426,13 @@ class Receiver:
                 left = start.left[buffer[at]]
                 if inside is not None and not (left.sure and inside.nothing_begins(left.infos)):
                     break
-                for extent, looks in every.ends(left, buffer[place]):
+                for extent, look in every.ends(left, buffer[place]):
                     size = extent(buffer, place, total, names)
                     if size == 0 or (is_skipped and size == lost):
                         continue
                     if not is_skipped or size < 0:
                         break
-                    raw = buffer[place : place + size]
-                    if any(look is None or look(raw) for look in looks):
+                    if look is None or look(buffer[place : place + size]):
                         break
                 else:
                     step = 1
