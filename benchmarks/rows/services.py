@@ -2,8 +2,8 @@
 
 Each server is a process of its own: `framekit serve --quiet`, and pymodbus's for Modbus TCP; its time is what the
 system counts for it. Each client is in this process. Every protocol that comes with framekit is asked by its own client
-at its own server, but for SNP and SNP-X: TCP carries no break. pymodbus's client at pymodbus's server stands beside all
-of them, round by round.
+at its own server (DF1: full duplex), but for SNP and SNP-X: TCP carries no break. Beside all of them stands pymodbus's
+client at pymodbus's server, round by round.
 """
 
 from __future__ import annotations
@@ -44,7 +44,11 @@ PLACES = {
     "ccm": "%R1",
     "df1": "N7:0",
 }
-STATIONS: dict[str, dict[str, Any]] = {"srtp": {}, "ccm": {"station": 1, "own": 2}}
+STATIONS: dict[str, dict[str, Any]] = {
+    "srtp": {},
+    "ccm": {"station": 1, "own": 2},
+    "df1": {"station": 1, "role": "full"},
+}
 """Who asks whom; all others have stations, and ask station 1."""
 TARGETS = {("modbus-tcp", "serve"): 0.7, ("modbus-tcp", "read"): 0.8}
 TARGETS |= {(name, "serve"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
@@ -93,7 +97,8 @@ def server_process(command: list[str]) -> Iterator[ServerProcess]:
 def framekit_server(protocol: str) -> list[str]:
     values = f"{PLACES[protocol]}={','.join(map(str, VALUES))}"
     serve = [sys.executable, "-m", "framekit", "serve", protocol, "--port", "tcp://127.0.0.1:0", "--set", values]
-    return [*serve, "--quiet"]
+    role = STATIONS.get(protocol, {}).get("role")
+    return [*serve, "--quiet", *(() if role is None else ("--role", role))]
 
 
 Reads = Callable[[], Awaitable[None]]

@@ -339,6 +339,11 @@ class Address:
         return self.text or f"{self.unit} {self.start} of {self.area}"
 
 
+NOT_READ: Any = object()
+MOST_KNOWN = 1024
+"""So many texts and what they mean are kept; then all are forgotten."""
+
+
 class AddressGrammar:
     """Forms of addresses over areas. Raises ValueError for a form that does not say where a place is.
 
@@ -351,6 +356,7 @@ class AddressGrammar:
         self._tables = Names({name: table_values(table) for name, table in tables.items()})
         self._forms = [FormMatcher(form, areas, tables) for form in forms]
         self.serves: Callable[[Address], bool] = lambda address: True
+        self._read_before: dict[str, Address | None] = {}
         self._wire = [form for form in self._forms if form.form.wire]
 
     # ---- reading ------------------------------------------------------------------------------------------
@@ -372,6 +378,16 @@ class AddressGrammar:
         return address
 
     def _read(self, text: str) -> Address | None:
+        """What a text means; the last ones are known, since a server is asked for the same places again and again."""
+        found: Address | None = self._read_before.get(text, NOT_READ)
+        if found is NOT_READ:
+            found = self._read_now(text)
+            if len(self._read_before) >= MOST_KNOWN:
+                self._read_before.clear()
+            self._read_before[text] = found
+        return found
+
+    def _read_now(self, text: str) -> Address | None:
         for form in self._forms:
             for area, parts in form.match(text):
                 with suppress(*EVALUATION_ERRORS):

@@ -171,19 +171,16 @@ class Scope(Names):
             return empty_record(layout.segments)
         return empty_of(variable.type, variable.size)
 
-    def changes(self, expression: Expression, *, within_exchange: bool = True) -> bool:
-        """Whether what an expression comes to may change while the parameters stay as they are.
-
-        Without `within_exchange` request, reply and buffer count as known, as they are for one that is repeated.
-        """
+    def changes(self, expression: Expression) -> bool:
+        """Whether what an expression comes to may change while the parameters stay as they are."""
         root = expression.root
         if any(isinstance(node, Call) and node.function in CHANGING for node in walk(root)):
             return True
         names = names_in(root) - {"station"}
-        formulas = self.formulas or {}
-        if within_exchange and names & _OF_EXCHANGES:
+        if names & _OF_EXCHANGES or any(name in self.protocol.state for name in names):
             return True
-        return any(name in self.protocol.state or name in formulas for name in names)
+        formulas = names & (self.formulas or {}).keys()
+        return any(name not in self._expressions or self.changes(self._expressions[name]) for name in formulas)
 
     def set(self, name: str, value: Any) -> None:
         """Sets a variable or a parameter. Raises KeyError (no such name), TypeError or ValueError (does not fit)."""

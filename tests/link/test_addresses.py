@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache
 
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from link.service_loop import FRAMES
 
 from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.addresses import MOST_KNOWN, Address, AddressError, AddressGrammar, FormMatcher
 from framekit.memory.profile import load_profile
 
 FILES = """
@@ -296,3 +297,20 @@ def test_a_column_of_width_0_leaves_an_area_out_of_a_form() -> None:
     assert [grammar.print(Address(area, "word", 26)) for area in "DW"] == ["D26", "W1A"]
     with pytest.raises(AddressError):
         grammar.parse("DFF")
+
+
+def test_a_text_is_taken_apart_once_and_no_more_are_kept_than_there_is_room_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    protocol = load_protocol_text(REGISTERS, "registers", FRAMES)
+    grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+    read: list[str] = []
+    real = FormMatcher.match
+    monkeypatch.setattr(FormMatcher, "match", lambda form, text: read.append(text) or real(form, text))
+    assert [grammar.parse("%R10").start for _ in range(3)] == [9, 9, 9]
+    assert read == ["%R10"]
+    for number in range(3 * MOST_KNOWN):
+        with suppress(AddressError):
+            grammar.parse(f"%R{number}x", check=False)
+        assert len(grammar._read_before) <= MOST_KNOWN
+    assert grammar.parse("%R10").start == 9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -10,8 +11,10 @@ from link.link_world import SECOND, Side, compiled
 from link.service_loop import FRAMES
 
 from framekit.link.construct_values import read_layout
+from framekit.link.events import Command
 from framekit.link.scope import Scope
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import Client, Done, TransferResult
+from framekit.link.services.planning import Plan, Planner
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
@@ -41,9 +44,15 @@ class Pair:
         return self.device.engine.scope
 
     def call(self, service: str, params: dict[str, Any] | None = None, **arguments: Any) -> TransferResult:
+        return self.until_done(
+            lambda done: self.client.call(
+                service, arguments, station=NODE, params=params, now=self.asking.now, on_done=done
+            )
+        )
+
+    def until_done(self, begin: Callable[[Done], list[Command]]) -> TransferResult:
         results: list[TransferResult] = []
-        options = {"station": NODE, "params": params, "now": self.asking.now, "on_done": results.append}
-        self.asking.do(self.client.call(service, arguments, **options))
+        self.asking.do(begin(results.append))
         end = self.asking.now + 600 * SECOND
         sides = (self.asking, self.device)
         while not results and self.asking.now < end:
@@ -604,3 +613,22 @@ def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tup
 def test_status_replies_say_themselves_whose_they_are(octets: str, expected: dict[str, Any]) -> None:
     status = decoded("processor_status", bytes.fromhex(octets))
     assert {name: status[name] for name in expected} == expected
+
+
+def test_a_read_is_planned_once_and_its_packets_are_new_every_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = Pair("slc")
+    plans: list[str] = []
+    real = Planner.plan
+
+    def plan(planner: Planner, service: str, *given: Any, **more: Any) -> Plan:
+        plans.append(service)
+        return real(planner, service, *given, **more)
+
+    monkeypatch.setattr(Planner, "plan", plan)
+    for value in range(5):
+        pair.memory.write("file7", "word", 0, [value])
+        result = pair.until_done(
+            lambda done: pair.client.read("N7:0", station=NODE, count=1, now=pair.asking.now, on_done=done)
+        )
+        assert (result.ok, result.values) == (True, [value]), result
+    assert plans == ["read"]

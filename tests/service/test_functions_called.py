@@ -12,11 +12,10 @@ from typing import Any
 
 import pytest
 
-from framekit.blocks.device import load_devices
-from framekit.blocks.device_settings import DeviceSettings
-from framekit.blocks.load import load_run
 from framekit.definition.load import load_protocol
 from framekit.link.services.client import TransferResult
+from framekit.runfile.devices import DeviceSettings, load_devices
+from framekit.runfile.run_file import load_run
 from framekit.service.client import ClientService
 from framekit.service.run import RunService
 from framekit.service.serving import Serving
@@ -24,10 +23,10 @@ from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.schemes import SCHEMES, Scheme
 
-MOST_FOR_A_REQUEST = 140
-MOST_FOR_A_READ = 230
-MOST_FOR_A_BLOCK = 390
-"""What holds now; the goals are 90 for a request and 120 for a block."""
+MOST_FOR_A_REQUEST = 90
+MOST_FOR_A_READ = 142
+MOST_FOR_A_BLOCK = 350
+"""What holds now, of the exchange with the fewest: clocks call something now and then. The goal for a block is 120."""
 
 READ_10 = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
 TEN = bytes.fromhex("0001 0000 0017 01 03 14") + bytes(range(20))
@@ -110,7 +109,7 @@ def test_a_request_that_is_served() -> None:
         counts = [calls_of(lambda: port.tell(READ_10)) for _ in range(5)]
         assert port.written[-1][:15] == bytes.fromhex("0001 0000 0017 01 03 14 0001 0002 0003")
         assert (len(port.written), serving.stores[0].counters.done) == (5, 5)
-        assert counts[-1] <= MOST_FOR_A_REQUEST
+        assert min(counts) <= MOST_FOR_A_REQUEST
         serving.stop()
 
     in_a_loop(scenario)
@@ -131,9 +130,9 @@ def test_a_read_of_a_client() -> None:
             )
             port.tell(port.reply())
 
-        counts = [calls_of(read) for _ in range(5)]
-        assert [result.ok for result in results] == [True] * 5 and len(results[-1].values) == 10
-        assert counts[-1] <= MOST_FOR_A_READ
+        counts = [calls_of(read) for _ in range(10)]
+        assert [result.ok for result in results] == [True] * 10 and len(results[-1].values) == 10
+        assert min(counts) <= MOST_FOR_A_READ
         service.stop()
 
     in_a_loop(scenario)
@@ -171,10 +170,10 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
         if port.written:
             port.tell(port.reply())
-        counts = [calls_of(read) for _ in range(5)]
-        assert service.states[1].counters.done >= 5
+        counts = [calls_of(read) for _ in range(10)]
+        assert service.states[1].counters.done >= 10
         assert shown[-2:] == ["frame", "frame"]
-        assert counts[-1] <= MOST_FOR_A_BLOCK
+        assert min(counts) <= MOST_FOR_A_BLOCK
         service.stop()
 
     in_a_loop(scenario)

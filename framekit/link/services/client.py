@@ -90,17 +90,23 @@ class ClientRow:
         self.reply = ReplyReader(facts)
         self.reads = row.service == "read"
 
-    def prepared(self, pieces: tuple[Piece, ...], offered: Names, station: Any, params: Mapping[str, Any]) -> Prepared:
-        """An exchange of a plan, worked out. Raises ServiceError."""
-        facts, sequences = self.facts, self.facts.shared.protocol.sequences
+    def made(self, offered: Names) -> tuple[FrameValue | None, bytes, Any]:
+        """The request, the bytes beside it, and the sequence that carries it. Raises ServiceError."""
+        facts = self.facts
         try:
-            request = None if self.request is None else self.request(offered)
-            buffer = b"" if self.buffer is None else self.buffer(offered)
-            run = None if facts.run is None else facts.run(offered)
+            return (
+                None if self.request is None else self.request(offered),
+                b"" if self.buffer is None else self.buffer(offered),
+                None if facts.run is None else facts.run(offered),
+            )
         except EVALUATION_ERRORS as error:
             raise ServiceError(f"the request of row '{facts.row.name}' cannot be made: {explain(error)}") from None
+
+    def prepared(self, pieces: tuple[Piece, ...], offered: Names, station: Any, params: Mapping[str, Any]) -> Prepared:
+        """An exchange of a plan, worked out. Raises ServiceError."""
+        request, buffer, run = self.made(offered)
         arguments: dict[str, Any] = {}
-        sequence = sequences.get(str(run)) if pieces and request is None else None
+        sequence = self.facts.shared.protocol.sequences.get(str(run)) if pieces and request is None else None
         if sequence is not None:  # a procedure carries the transfer: it takes what it names
             arguments = {name: offered[name] for name in sequence.takes if name in offered}
         written = sum(piece.count for piece in pieces if piece.data is not None)
@@ -109,7 +115,7 @@ class ClientRow:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """One exchange of a row, as often as it is asked for: what it sends, and what its replies are judged by.
+    """One exchange of a row, as often as it is asked for: what it sends, and what its replies are read by.
 
     `written`: how many elements it writes.
     """
@@ -132,6 +138,14 @@ class Prepared:
         return Exchange(
             self.run, self.station, self.request, self.buffer, row.reply.expected, row.facts.row.outside_session,
             on_done, self.inside, self.arguments, self.params,
+        )  # fmt: skip
+
+    def again(self) -> Prepared:
+        """The same with a new request. Raises ServiceError."""
+        request, buffer, run = self.row.made(self.names)
+        return Prepared(
+            self.row, self.pieces, self.names, run, self.station, request, buffer,
+            self.arguments, self.params, self.inside, self.written,
         )  # fmt: skip
 
     def answer(self, outcome: Outcome) -> TransferResult | tuple[list[bytes], dict[str, Any]]:
@@ -170,18 +184,28 @@ class Prepared:
 
 
 class TransferPlan:
-    """A whole transfer: its exchanges, and the units and counts of what is to be read."""
+    """A whole transfer: its exchanges, and the units and counts of what is to be read.
 
-    __slots__ = ("_read", "exchanges", "plans", "wanted")
+    `is_new_each_time`: its requests are made for every transfer.
+    """
+
+    __slots__ = ("_read", "exchanges", "is_new_each_time", "plans", "wanted")
 
     def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[tuple[str, int]]) -> None:
         self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
+        self.is_new_each_time = False
         self._read: Callable[[bytes], Iterable[int]] | None = None
         if len(wanted) == len(plans) == len(exchanges) == len(exchanges[0].pieces) == 1:
             unit, count = wanted[0]
             bits = plans[0].bits
             if not plans[0].skip and exchanges[0].pieces[0].bits == bits == count * unit_bits(unit):
                 self._read = reader_of(unit, count)
+
+    def again(self) -> TransferPlan:
+        """What is planned, to be done once more. Raises ServiceError."""
+        if not self.is_new_each_time:
+            return self
+        return TransferPlan(self.plans, [one.again() for one in self.exchanges], self.wanted)
 
     def result(self, data: Sequence[bytes]) -> TransferResult:
         """What it comes to when all exchanges have brought these data."""
@@ -212,7 +236,7 @@ class ReadyReads:
         self._scope = scope if isinstance(scope, Scope) else None
         self._settings = -1
         self._kept: dict[Hashable, TransferPlan] = {}
-        self._lasting: dict[RowFacts, bool] = {}
+        self._lasting: dict[RowFacts, tuple[bool, bool]] = {}
 
     def find(self, key: Hashable) -> TransferPlan | None:
         """What was kept for this."""
@@ -225,34 +249,38 @@ class ReadyReads:
         return self._kept.get(key)
 
     def keep(self, key: Hashable, read: TransferPlan) -> None:
-        """Keeps a read for the next who asks, if it will be the same then."""
-        if self._scope is None or not all(_is_plain(one.request) for one in read.exchanges):
+        """Keeps a read for the next who asks, if the same exchanges will do then."""
+        if self._scope is None:
             return
         facts = read.exchanges[0].row.facts
-        if not all(self._lasts(row, self._scope) for row in facts.shared.rows[facts.row.service]):
+        rows = facts.shared.rows[facts.row.service]
+        for row in rows:
+            if row not in self._lasting:
+                self._lasting[row] = self._lasts(row, self._scope)
+        if not all(self._lasting[row][0] for row in rows):
             return
         if len(self._kept) >= MOST_KEPT:
             self._kept.clear()
+        # what is inside a request takes note of being sent, so that it cannot be sent twice
+        lasts = self._lasting[facts][1] and not any(_has_parts(one.request) for one in read.exchanges)
+        read.is_new_each_time = not lasts
         self._kept[key] = read
 
-    def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
-        """Whether what a row makes of a place depends on nothing that changes by itself."""
-        known = self._lasting.get(facts)
-        if known is None:
-            row, protocol = facts.row, facts.shared.protocol
-            sent = [row.request, row.buffer]
-            made: Sequence[Any] = [
-                *(protocol.frames[part.frame].segments for part in parts_of(sent, FrameOf)),
-                *(protocol.layouts[part.layout].segments for part in parts_of(sent, LayoutOf)),
-            ]
-            used = expressions_of([row.when, row.limit, row.run, sent, made])
-            known = self._lasting[facts] = not any(scope.changes(part) for part in used)
-        return known
+    @staticmethod
+    def _lasts(facts: RowFacts, scope: Scope) -> tuple[bool, bool]:
+        """Whether nothing that changes by itself decides on a row and its cuts; whether its request lasts as well."""
+        row, protocol = facts.row, facts.shared.protocol
+        sent = [row.request, row.buffer]
+        made: Sequence[Any] = [
+            *(protocol.frames[part.frame].segments for part in parts_of(sent, FrameOf)),
+            *(protocol.layouts[part.layout].segments for part in parts_of(sent, LayoutOf)),
+        ]
+        chosen = not any(scope.changes(part) for part in expressions_of([row.when, row.limit, row.run]))
+        return chosen, chosen and not any(scope.changes(part) for part in expressions_of([sent, made]))
 
 
-def _is_plain(request: FrameValue | None) -> bool:
-    """Whether a request may be sent again and again: nothing inside it takes note of being sent."""
-    return request is None or not any(isinstance(value, (FrameValue, dict, list)) for value in request.fields.values())
+def _has_parts(request: FrameValue | None) -> bool:
+    return request is not None and any(isinstance(one, (FrameValue, dict, list)) for one in request.fields.values())
 
 
 class Transfer:
@@ -362,7 +390,9 @@ class Client:
         """Reads `count` elements of `unit` (default: the address's own)."""
         key = None if params else (address, unit, count, station)
         ready = None if key is None else self._ready.find(key)
-        if ready is None:
+        if ready is not None:
+            ready = ready.again()
+        else:
             names = self._names(station, params)
             place, elements = self._place(address, unit, count)
             plan = self.planner.plan("read", Piece(place, elements), names)
