@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from unittest.mock import patch
 
-from framekit.run.model import Run
+from framekit.run.model import RunModel
 from framekit.runfile.devices import Device
 from framekit.runfile.run_file import load_run
 from framekit.service.device import DeviceService
@@ -26,10 +26,10 @@ blocks:
 """
 
 
-_LOADED: dict[tuple[str, str, str], tuple[Run, tuple[Device, ...]]] = {}
+_LOADED: dict[tuple[str, str, str], tuple[RunModel, tuple[Device, ...]]] = {}
 
 
-def loaded(folder: Path, protocol: str, device: str, settings: str) -> tuple[Run, tuple[Device, ...]]:
+def loaded(folder: Path, protocol: str, device: str, settings: str) -> tuple[RunModel, tuple[Device, ...]]:
     """The run and its device; definitions of one content are read once."""
     key = (protocol, device, settings)
     if key not in _LOADED:

@@ -12,7 +12,7 @@ from framekit.run.block_state import Failure
 from framekit.run.job_profile import JobProfile
 from framekit.run.job_status import Attempt
 from framekit.run.job_table import JobTable
-from framekit.run.model import JobCommand, Order, Place
+from framekit.run.model import JobCommand, Order, OwnPlace
 from framekit.run.own_memory import addresses_of
 from framekit.runfile.job_profiles import load_job_profile
 
@@ -21,8 +21,8 @@ SECOND = 1_000_000_000
 GRAMMAR = addresses_of(load_profile("masterlogic"))
 
 
-def place(text: str) -> Place:
-    return Place(address=GRAMMAR.parse(text), text=text)
+def place(text: str) -> OwnPlace:
+    return OwnPlace(address=GRAMMAR.parse(text), text=text)
 
 
 class JobWorld:
@@ -57,7 +57,7 @@ class JobWorld:
         if self.takes is not None:
             self.ends.append((self.now + self.takes, attempt))
 
-    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
+    def write_words(self, place: OwnPlace, words: tuple[int, ...]) -> bool:
         if not self.refuse_words:
             self.notes.append(("words", self.now, place.text, *words))
         return not self.refuse_words

@@ -17,7 +17,7 @@ from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.observe import Seen
 from framekit.run.block_state import BlockStatus
-from framekit.run.model import Run as RunModel
+from framekit.run.model import RunModel as RunModel
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.state import StateError

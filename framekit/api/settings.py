@@ -22,14 +22,14 @@ from framekit.run.model import Channel
 from framekit.runfile.channels import needs_own, needs_station, parse_station
 
 
-class Loaded(typing.Protocol):
+class LoadedProtocol(typing.Protocol):
     """What `framekit.load` gives."""
 
     @property
     def definition(self) -> Protocol: ...
 
 
-ProtocolGiven = str | Path | Protocol | Loaded
+ProtocolGiven = str | Path | Protocol | LoadedProtocol
 """A protocol by its name, by its file, or loaded before."""
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from framekit.run.edit import Edit, RemovedBlocks
     from framekit.run.feasibility import BlockLoad, ChannelLoad
     from framekit.run.job_status import JobStatus
-    from framekit.run.model import Block, Run
+    from framekit.run.model import Block, RunModel
     from framekit.service.run import RunService
     from framekit.service.status import ChannelStatus, JobsStatus, RunStatus
     from framekit.transport.clock import Clock
@@ -223,14 +223,14 @@ MOST_WORDS = 12
 class RunOutput:
     """Watches a run. `service` makes the run's service with this output as its monitor."""
 
-    def __init__(self, run: Run, loads: tuple[ChannelLoad, ...] = ()) -> None:
+    def __init__(self, run: RunModel, loads: tuple[ChannelLoad, ...] = ()) -> None:
         self.run = run
         self.loads = loads
         self.began = 0
         self.as_ascii = False
         self.at_work: RunService | None = None
 
-    def service(self, run: Run, clock: Clock) -> RunService:
+    def service(self, run: RunModel, clock: Clock) -> RunService:
         """Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
         from framekit.definition.problems import DefinitionError
         from framekit.service.run import RunService

@@ -34,7 +34,7 @@ from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
     from framekit.cli.run_output import RunOutput
-    from framekit.run.model import Run
+    from framekit.run.model import RunModel
     from framekit.service.capture import Capture
     from framekit.service.channel import ChannelService
     from framekit.service.run import RunService
@@ -108,14 +108,14 @@ def run_run(arguments: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def _live(loaded: Run, watch: RunWatch, arguments: argparse.Namespace, duration: int | None) -> int:
+def _live(loaded: RunModel, watch: RunWatch, arguments: argparse.Namespace, duration: int | None) -> int:
     """The run in the live display; simulated time goes on as real time does."""
     from framekit.cli.screen.show import show
 
     return show(RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control))
 
 
-def _virtual(loaded: Run, output: RunOutput, watch: RunWatch, duration: int) -> list[str]:
+def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int) -> list[str]:
     """Runs for a simulated time; what could not be kept or captured."""
     clock = VirtualClock()
     service = output.service(loaded, clock)
@@ -131,7 +131,12 @@ def _virtual(loaded: Run, output: RunOutput, watch: RunWatch, duration: int) -> 
 
 
 async def _real(
-    loaded: Run, output: RunOutput, watch: RunWatch, duration: int | None, watched: Watched | None, controlled: bool
+    loaded: RunModel,
+    output: RunOutput,
+    watch: RunWatch,
+    duration: int | None,
+    watched: Watched | None,
+    controlled: bool,
 ) -> list[str]:
     """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured.
 
@@ -314,7 +319,7 @@ class RunSession(LiveSession):
     """
 
     def __init__(
-        self, run: Run, watch: RunWatch, *, virtual: bool, duration: int | None, controlled: bool = False
+        self, run: RunModel, watch: RunWatch, *, virtual: bool, duration: int | None, controlled: bool = False
     ) -> None:
         self.controls = controlled
         self.title = f"run {run.name}"

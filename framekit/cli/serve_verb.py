@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from framekit.run.model import ConnectionLimits
     from framekit.runfile.devices import Device, DeviceSettings
     from framekit.service.serving import Serving, ServingMonitor
-    from framekit.service.serving_ports import Served
+    from framekit.service.serving_ports import ServedAt
     from framekit.transport.port import Port
 
 
@@ -225,7 +225,7 @@ async def begin(
     monitor: ServingMonitor | None,
     lost: Callable[[str], None],
     stack: contextlib.ExitStack,
-) -> tuple[Serving, Served]:
+) -> tuple[Serving, ServedAt]:
     """Serves on the port that is asked for, until `stack` ends; also how the port is called. Raises VerbError.
 
     `lost` is told at the end what the capture could not keep.
@@ -283,7 +283,7 @@ def _captured(
 
 async def _open(
     url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: contextlib.ExitStack
-) -> Served:
+) -> ServedAt:
     """Opens the port, or begins to listen; how it is called. Raises PortError when that can't be done."""
     from framekit.service.serving_ports import begin_serving
 
@@ -340,12 +340,12 @@ class ServeOutput:
     def warning(self, text: str) -> None:
         print(text, file=sys.stderr)
 
-    def ready(self, served: Served) -> None:
+    def ready(self, served: ServedAt) -> None:
         """The port is open: requests can come."""
         self.is_ready = True
         self.show_ready(served)
 
-    def show_ready(self, served: Served) -> None:
+    def show_ready(self, served: ServedAt) -> None:
         raise NotImplementedError
 
     def summary(self, serving: Serving) -> None:
@@ -371,7 +371,7 @@ def _client(port: str) -> str:
 class TextServeOutput(ServeOutput):
     """For people."""
 
-    def show_ready(self, served: Served) -> None:
+    def show_ready(self, served: ServedAt) -> None:
         own = list(dict.fromkeys(device.station for device in self.devices if device.own is not None))
         stations = f" station{'s' if len(own) > 1 else ''} {', '.join(own)}" if own else ""
         names = dict.fromkeys(device.protocol.name for device in self.devices)
@@ -406,7 +406,7 @@ class JsonServeOutput(ServeOutput):
     def data(self, line: dict[str, Any]) -> None:
         self.line(json.dumps(line, ensure_ascii=False))
 
-    def show_ready(self, served: Served) -> None:
+    def show_ready(self, served: ServedAt) -> None:
         stations = [_plain(device.own) for device in self.devices if device.own is not None]
         protocol = self.devices[0].protocol.name
         ready = {"event": "ready", "protocol": protocol, "port": served.port, "stations": stations}

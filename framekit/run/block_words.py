@@ -42,7 +42,7 @@ class StatusWords:
         self._pulse = pulse
         self._ends: list[tuple[int, Key]] = []
         self._end_of: dict[Key, int] = {}
-        self._places: dict[Key, tuple[_Place, ...]] = {}
+        self._places: dict[Key, tuple[_WordPlace, ...]] = {}
         shown = {name for section in self._sections for name in section.items}
         self.shows_starts = any(name in shown for name in ("started_count", "waiting", "running", "overrun_count"))
 
@@ -98,15 +98,15 @@ class StatusWords:
         """The sections that have words for a block, and the first of them."""
         return words_of(self._sections, key)
 
-    def _places_of(self, key: Key) -> tuple[_Place, ...]:
+    def _places_of(self, key: Key) -> tuple[_WordPlace, ...]:
         found = self._places.get(key)
         if found is None:
-            places = [_Place(self._memory.area(one.area), first, one) for one, first in self.words(key)]
+            places = [_WordPlace(self._memory.area(one.area), first, one) for one, first in self.words(key)]
             found = self._places[key] = tuple(place for place in places if place.shows_something)
         return found
 
 
-class _Place:
+class _WordPlace:
     """The words of one block in one section, with where everything in them stands."""
 
     __slots__ = ("_area", "_at", "_every_pulse", "_flags", "_numbers", "_pulses", "_size", "shows_something")

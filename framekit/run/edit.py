@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import DefinitionError, Problem, listed
 from framekit.run.block_state import BlockState
-from framekit.run.model import Block, Run
+from framekit.run.model import Block, RunModel
 
 RESTART = "stop the run and start it again"
 
@@ -25,7 +25,7 @@ class Edit:
     go or change. `warnings`: what the edited file says and only a restart brings.
     """
 
-    run: Run
+    run: RunModel
     channels_gone: tuple[int, ...]
     channels_changed: tuple[int, ...]
     channels_new: tuple[int, ...]
@@ -46,7 +46,7 @@ class Edit:
         return ", ".join(found) or "nothing is different"
 
 
-def plan_edit(old: Run, new: Run) -> Edit:
+def plan_edit(old: RunModel, new: RunModel) -> Edit:
     """What leads from one run to the other. Raises DefinitionError when it takes a restart."""
     problems = list(_refusals(old, new))
     if problems:
@@ -69,7 +69,7 @@ def plan_edit(old: Run, new: Run) -> Edit:
     )
 
 
-def _refusals(old: Run, new: Run) -> Iterator[Problem]:
+def _refusals(old: RunModel, new: RunModel) -> Iterator[Problem]:
     if fingerprint(old.memory) != fingerprint(new.memory):
         yield Problem(new.at, "the memory of a run that goes on stays as it is, and this is another one", RESTART)
     if old.status != new.status:
@@ -82,7 +82,7 @@ def _refusals(old: Run, new: Run) -> Iterator[Problem]:
         yield Problem(at, "where the state is kept, and under which name, cannot change while the run goes on", RESTART)
 
 
-def _warnings(old: Run, new: Run) -> Iterator[Problem]:
+def _warnings(old: RunModel, new: RunModel) -> Iterator[Problem]:
     if fingerprint(old.initial) != fingerprint(new.initial):
         what = "memory stays as it is: other start values count from the next start on"
         yield Problem(new.at, what, "", warning=True)

@@ -17,7 +17,7 @@ from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState
-from framekit.run.model import BLOCKS_IN_SET, Block, Channel, Run
+from framekit.run.model import BLOCKS_IN_SET, Block, Channel, RunModel
 from framekit.run.own_memory import addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import Condition, Every
@@ -168,7 +168,7 @@ class ChannelLoad:
         return sum(one.cost.duration for one in self.blocks if one.period)
 
 
-def channel_loads(run: Run, costs: Mapping[BlockKey, Cost]) -> tuple[ChannelLoad, ...]:
+def channel_loads(run: RunModel, costs: Mapping[BlockKey, Cost]) -> tuple[ChannelLoad, ...]:
     """The load of each channel of a run, without blocks that are switched off."""
     periods = Periods(run)
     found = []
@@ -188,7 +188,7 @@ def _reached(load: BlockLoad, starts: Mapping[BlockKey, tuple[float, float]]) ->
 class Periods:
     """How often blocks start: cycles, clock bits, and blocks that follow such a block."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: RunModel) -> None:
         self.grammar: AddressGrammar = addresses_of(run.memory)
         self.clocks: dict[tuple[str, int], int] = {}
         for clock in run.memory.clocks:
@@ -197,7 +197,7 @@ class Periods:
         self.blocks = {(block.set, block.number): block for block in run.blocks}
         self.done_bits = dict(self._done_bits(run)) if run.status else {}
 
-    def _done_bits(self, run: Run) -> Iterator[tuple[tuple[str, int], BlockKey]]:
+    def _done_bits(self, run: RunModel) -> Iterator[tuple[tuple[str, int], BlockKey]]:
         """The bits in memory that pulse when a block ends well."""
         for section in run.memory.flags.values():
             item = section.items.get("done")

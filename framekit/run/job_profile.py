@@ -74,7 +74,7 @@ class StatusBits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class JobOutcome:
     """How a transfer can end badly: its word, and whether an exchange was completed all the same.
 
     `word` is an expression over `code`, the device's own code.
@@ -130,7 +130,7 @@ class JobProfile:
     late_again: bool
     bits: StatusBits
     words: Mapping[str, int]
-    outcomes: Mapping[str, Outcome]
+    outcomes: Mapping[str, JobOutcome]
     codes: Mapping[int, Major]
     events: Mapping[str, EventCode]
     at: Position

@@ -18,7 +18,7 @@ from framekit.link.services.work import CompiledBlock, CompiledJob, CompiledPlac
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.commands import CommandBlocks, CommandFaultError, StatusPlaceError
 from framekit.run.commands import CommandFrame as CommandWords
-from framekit.run.model import CommandKind, JobCommand, Order, OrderKind, Place
+from framekit.run.model import CommandKind, JobCommand, Order, OrderKind, OwnPlace
 
 KINDS: dict[str, CommandKind] = {"job": "job", "abort": "abort", "inspect": "inspect"}
 ALL = "all"
@@ -35,7 +35,7 @@ class RecordReader:
         says = "".join(str(one) for one in expressions_of(self.blocks.rules.status))
         self._status_fields = {name for name in self.blocks.words.head() if name in says}
 
-    def words_at(self, place: Place) -> bytes:
+    def words_at(self, place: OwnPlace) -> bytes:
         """The words that stand at a place, as many as a command can have."""
         area, first = self.memory.area(place.address.area), place.address.first_bit // 8
         return area.read_bytes(first, min(2 * self.blocks.rules.most, area.size_bytes - first))
@@ -67,7 +67,7 @@ class RecordReader:
             raise
 
     def _command(
-        self, block: CompiledBlock, job: CompiledJob, names: Names, status: Place, number: int | None
+        self, block: CompiledBlock, job: CompiledJob, names: Names, status: OwnPlace, number: int | None
     ) -> JobCommand:
         slot = job.slot(names)
         kind = KINDS[job.kind]
@@ -105,13 +105,13 @@ class RecordReader:
             times=times,
         )
 
-    def _own(self, place: CompiledPlace, names: Names) -> Place:
+    def _own(self, place: CompiledPlace, names: Names) -> OwnPlace:
         given = place.on(names)
         return self._place({name: value for name, value in given.items() if name not in ("unit", "count")}, 1)
 
-    def _place(self, given: dict[str, Any], bits: int) -> Place:
+    def _place(self, given: dict[str, Any], bits: int) -> OwnPlace:
         """A place of the own memory with room for so many bits. Raises DeviceMemoryError."""
         span = self.blocks.own_span(given)
         span = self.blocks.own_span({**given, "count": -(-bits // unit_bits(span.unit))})
         self.blocks.areas.check(span, write=False)
-        return Place(address=Address(span.memory, span.unit, span.start), text=str(given.get("text", span.memory)))
+        return OwnPlace(address=Address(span.memory, span.unit, span.start), text=str(given.get("text", span.memory)))

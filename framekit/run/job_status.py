@@ -13,7 +13,7 @@ from framekit.run.job_profile import AfterLate, EventCode, JobProfile, StatusBit
 from framekit.run.model import JobCommand, Order
 
 
-class State(Enum):
+class JobState(Enum):
     """What a job is doing."""
 
     IDLE = "idle"
@@ -47,7 +47,7 @@ class JobCounters:
 
 
 @dataclass(slots=True)
-class Slot:
+class JobSlot:
     """A slot. `word`: the last code; `asked`: the command that has no answer yet; `attempt`: what is under way.
 
     `by`: who gave the command that established its job.
@@ -57,7 +57,7 @@ class Slot:
     """
 
     number: int
-    state: State = State.IDLE
+    state: JobState = JobState.IDLE
     order: Order | None = None
     asked: JobCommand | None = None
     by: int | None = None
@@ -79,7 +79,7 @@ class Slot:
 
     @property
     def active(self) -> bool:
-        return self.state is not State.IDLE
+        return self.state is not JobState.IDLE
 
     @property
     def deadline(self) -> int:
@@ -113,7 +113,7 @@ class Slot:
 
     def rest(self) -> None:
         """Nothing runs here, and nothing is waited for; the last code stays."""
-        self.state = State.IDLE
+        self.state = JobState.IDLE
         self.attempt = None
         self.start_at = self.period_at = self.late_at = self.connect_by = NEVER
 
@@ -209,7 +209,7 @@ class JobStatus:
     last_error: int | None = None
 
 
-def status_of(slot: Slot, profile: JobProfile) -> JobStatus:
+def status_of(slot: JobSlot, profile: JobProfile) -> JobStatus:
     """A view for a moment; an idle slot shows the job it had last."""
     order = slot.order
     common = {

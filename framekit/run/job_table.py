@@ -13,11 +13,20 @@ from framekit.definition.times import NEVER
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.run.block_state import Failure
 from framekit.run.job_profile import OTHERWISE, CodeClass, JobProfile
-from framekit.run.job_status import Attempt, EventLog, JobStatus, Slot, State, StatusImage, TableCounters, status_of
+from framekit.run.job_status import (
+    Attempt,
+    EventLog,
+    JobSlot,
+    JobState,
+    JobStatus,
+    StatusImage,
+    TableCounters,
+    status_of,
+)
 from framekit.run.model import JobCommand
 
 if TYPE_CHECKING:
-    from framekit.run.model import Place
+    from framekit.run.model import OwnPlace
 
 
 Store = Callable[[], Failure | None]
@@ -36,7 +45,7 @@ class JobOwner(Protocol):
     def begin(self, attempt: Attempt) -> None:
         """Begins a transfer; its end is told by `ended`."""
 
-    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
+    def write_words(self, place: OwnPlace, words: tuple[int, ...]) -> bool:
         """Writes words from a place on; whether they could be."""
 
     def write_bits(self, bits: tuple[int, ...]) -> None:
@@ -99,7 +108,7 @@ class JobTable:
         self.profile = profile
         self.owner = owner
         self.scan = scan or profile.scan
-        self.slots = {number: Slot(number) for number in profile.slots}
+        self.slots = {number: JobSlot(number) for number in profile.slots}
         self.image = StatusImage(profile.bits, profile.slots, self.scan, owner.write_bits)
         self.log = EventLog(profile)
         self.counters = TableCounters()
@@ -115,7 +124,7 @@ class JobTable:
         self.running = True
         self._limit = CommandLimit(self.profile.commands, self.scan, now)
         for number in self.slots:
-            self.slots[number] = Slot(number)
+            self.slots[number] = JobSlot(number)
         self.image.start(now)
 
     def stop(self) -> None:
@@ -190,7 +199,7 @@ class JobTable:
         self.log.add("refused", now, command.slot, word)
         self._answer(command, word, now)
 
-    def _inspect(self, command: JobCommand, slot: Slot, now: int) -> None:
+    def _inspect(self, command: JobCommand, slot: JobSlot, now: int) -> None:
         """The detail words first, then the answer; bits stay as they are."""
         word = self.profile.words["good"]
         if command.into is not None and not self.owner.write_words(command.into, slot.details):
@@ -207,7 +216,7 @@ class JobTable:
         for number in numbers:
             self._tell(self.slots[number], self.profile.words["replaced"], now)
 
-    def _establish(self, command: JobCommand, slot: Slot, now: int) -> None:
+    def _establish(self, command: JobCommand, slot: JobSlot, now: int) -> None:
         order = command.order
         assert order is not None
         if order.kind == "report":
@@ -216,7 +225,7 @@ class JobTable:
         self._clear([slot.number], now)
         slot.order, slot.asked, slot.by, slot.left = order, command, command.id, order.times
         slot.counters.established += 1
-        slot.state = State.CONNECTING
+        slot.state = JobState.CONNECTING
         slot.origin = slot.boundary = slot.started = now
         slot.connect_by = now + self.profile.connect
         slot.watch_lateness(self.profile.after_late, now)
@@ -228,7 +237,7 @@ class JobTable:
     def awaits(self, attempt: Attempt) -> bool:
         """Whether a connection is still wanted: not any more once its job has ended, or another one took its slot."""
         slot = self.slots[attempt.slot]
-        return slot.attempt is attempt and slot.state is State.CONNECTING
+        return slot.attempt is attempt and slot.state is JobState.CONNECTING
 
     def connected(self, attempt: Attempt, now: int) -> None:
         """There is a way to the host: the first transfer begins."""
@@ -258,7 +267,7 @@ class JobTable:
     def lost(self, number: int, now: int) -> None:
         """The connection of a job is gone: it ends, whatever it was doing."""
         slot = self.slots[number]
-        if slot.active and slot.state is not State.CONNECTING:
+        if slot.active and slot.state is not JobState.CONNECTING:
             self._settle(slot, self.profile.words["closed"], False, now)
             self._watched(slot, Failure(outcome="closed"))
 
@@ -286,7 +295,7 @@ class JobTable:
         if self.running:
             self.image.tick(now)
 
-    def _due(self, slot: Slot, now: int) -> None:
+    def _due(self, slot: JobSlot, now: int) -> None:
         at = slot.deadline
         if at == slot.period_at:
             slot.period_at = at + slot.period if self.profile.late_again else NEVER
@@ -302,18 +311,18 @@ class JobTable:
         else:
             self._start(slot, now)
 
-    def _late(self, slot: Slot, word: int, now: int) -> None:
+    def _late(self, slot: JobSlot, word: int, now: int) -> None:
         """The transfer takes too long; it stays pending, and may still end well."""
         slot.was_late = True
         if self._tell(slot, word, now):
             self._show(slot, word, True, now)
             self._watched(slot, Failure(outcome="late"))
-        elif slot.state is State.CONNECTING and slot.attempt is not None:
+        elif slot.state is JobState.CONNECTING and slot.attempt is not None:
             self.not_connected(slot.attempt, "no_word", now)
         else:
             self._settle(slot, self.profile.words["no_word"], False, now)
 
-    def _start(self, slot: Slot, now: int) -> None:
+    def _start(self, slot: JobSlot, now: int) -> None:
         """The time of a transfer has come; a clock that is late does not move the periods."""
         slot.enter_period(now)
         slot.watch_lateness(self.profile.after_late, now)
@@ -321,9 +330,9 @@ class JobTable:
 
     # ---- transfers ----------------------------------------------------------------------------------------
 
-    def _begin(self, slot: Slot) -> None:
+    def _begin(self, slot: JobSlot) -> None:
         assert slot.order is not None
-        slot.state = State.TRANSFERRING
+        slot.state = JobState.TRANSFERRING
         slot.start_at = NEVER
         slot.attempt = attempt = Attempt(slot.number, slot.order)
         self.owner.begin(attempt)
@@ -341,11 +350,11 @@ class JobTable:
             self._settle(slot, *self._failures.word_of(failure), now)
         self._watched(slot, failure)
 
-    def _watched(self, slot: Slot, failure: Failure | None) -> None:
+    def _watched(self, slot: JobSlot, failure: Failure | None) -> None:
         if self.watcher is not None:
             self.watcher(status_of(slot, self.profile), failure)
 
-    def _settle(self, slot: Slot, word: int, completed: bool, now: int) -> None:
+    def _settle(self, slot: JobSlot, word: int, completed: bool, now: int) -> None:
         """What came of a transfer: status word, bits, detail words; then the job waits, or is over."""
         slot.period_at = slot.late_at = NEVER
         slot.attempt = None
@@ -373,20 +382,20 @@ class JobTable:
         else:
             self._wait(slot, word, now)
 
-    def _wait(self, slot: Slot, word: int, now: int) -> None:
+    def _wait(self, slot: JobSlot, word: int, now: int) -> None:
         """The next transfer starts at the beginning of a period, or as soon as it may."""
-        slot.state = State.WAITING
+        slot.state = JobState.WAITING
         start = slot.next_start(self.profile.after_late, now)
         if word & 0xFF in self.profile.pause_after:
             start = max(start, now + self.profile.pause)
         slot.start_at = max(start, now + LEAST_TIME) if now == slot.started else start
 
-    def _tell(self, slot: Slot, word: int, now: int) -> bool:
+    def _tell(self, slot: JobSlot, word: int, now: int) -> bool:
         """Answers the command that waits for it, once; whether the word could be written."""
         asked, slot.asked = slot.asked, None
         return asked is None or self._answer(asked, word, now)
 
-    def _show(self, slot: Slot, word: int, error: bool, now: int) -> None:
+    def _show(self, slot: JobSlot, word: int, error: bool, now: int) -> None:
         if error and not slot.error:
             self.log.add("error", now, slot.number, word)
         if error:

@@ -58,7 +58,7 @@ class _Failing:
     parked: list[Entry] = field(default_factory=list)
 
 
-class Lane:
+class BlockLane:
     """One channel. `station_of` says which station a block talks to; None counts as no station.
 
     `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `Turns` has it.

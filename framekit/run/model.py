@@ -102,7 +102,7 @@ Instruction = Literal["read", "write", "send", "receive", "call", "command", "jo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class OwnPlace:
     """A piece of the own memory that a variable or a field is read from or written to."""
 
     address: Address
@@ -113,7 +113,7 @@ class Place:
 class ArgumentPlace:
     """Where an argument of a call comes from: a place of the own memory, and `size` elements or bytes from there on."""
 
-    place: Place
+    place: OwnPlace
     type: str
     size: int = 1
     signed: bool = False
@@ -127,7 +127,7 @@ class ResultPlace:
     """
 
     result: Expression
-    place: Place
+    place: OwnPlace
     bits: int
     size: int | None = None
     scale: int = 1
@@ -155,13 +155,13 @@ class Block:
     channel: int
     targets: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    places: tuple[Place, ...] = ()
+    places: tuple[OwnPlace, ...] = ()
     unit: str | None = None
     count: int = 1
     station: Any = None
-    station_from: Place | None = None
+    station_from: OwnPlace | None = None
     frame: str | None = None
-    data: Mapping[str, Place] = field(default_factory=dict)
+    data: Mapping[str, OwnPlace] = field(default_factory=dict)
     sizes: Mapping[str, int] = field(default_factory=dict)
     sized_by: Mapping[str, str] = field(default_factory=dict)
     values: Any = None
@@ -173,7 +173,7 @@ class Block:
     results: tuple[ResultPlace, ...] = ()
     packing: Packing | None = None
     commands: Protocol | None = None
-    fault: Place | None = None
+    fault: OwnPlace | None = None
     triggers: tuple[Trigger, ...] = ()
     unless: Expression | None = None
     repeat: int | None = None
@@ -311,7 +311,7 @@ class KeptState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class RunModel:
     """A whole run: what `framekit run` carries out.
 
     `status`: whether blocks have their words in memory, where the memory profile has places for them.
@@ -320,7 +320,7 @@ class Run:
     name: str
     about: str
     memory: MemoryProfile
-    initial: tuple[tuple[Place, tuple[int, ...]], ...]
+    initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]
     channels: Mapping[int, Channel]
     blocks: tuple[Block, ...]
     sets: Mapping[int, bool] = field(default_factory=lambda: {1: True})
@@ -352,7 +352,7 @@ class Order:
 
     slot: int
     kind: OrderKind
-    place: Place
+    place: OwnPlace
     remote: str = ""
     unit: str | None = None
     count: int = 1
@@ -375,8 +375,8 @@ class JobCommand:
     kind: CommandKind
     slot: int | None
     order: Order | None = None
-    into: Place | None = None
-    status: Place | None = None
+    into: OwnPlace | None = None
+    status: OwnPlace | None = None
     id: int | None = None
 
 
@@ -387,9 +387,9 @@ class JobRecord:
     `fault`: the own bit that shows words that are no command; `id` as for commands.
     """
 
-    place: Place
+    place: OwnPlace
     application: Protocol
-    fault: Place | None = None
+    fault: OwnPlace | None = None
     id: int | None = None
 
 
@@ -427,7 +427,7 @@ class JobsSection:
     """
 
     profile: JobProfile
-    status: Place | None = None
+    status: OwnPlace | None = None
     hosts: Mapping[str, str] = field(default_factory=dict)
     waits: bool = True
     commands: Protocol | None = None

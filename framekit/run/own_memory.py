@@ -18,9 +18,9 @@ from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError
 from framekit.memory.profile import MemoryProfile
 from framekit.memory.views import as_float, as_signed, from_float
-from framekit.run.model import Block, Place
+from framekit.run.model import Block, OwnPlace
 
-Piece = tuple[Place, int, bytes]
+Piece = tuple[OwnPlace, int, bytes]
 """A place, how many bits from there on, and what they are, in memory's form."""
 
 _LIKE_AN_ADDRESS = re.compile(r"%?\w[\w.:/]*")
@@ -100,12 +100,12 @@ def addresses_of(profile: MemoryProfile) -> OwnAddresses:
     return OwnAddresses(profile.addresses, profile.areas, profile.tables, names)
 
 
-def read_piece(memory: DeviceMemory, place: Place, bits: int) -> bytes:
+def read_piece(memory: DeviceMemory, place: OwnPlace, bits: int) -> bytes:
     """`bits` bits from a place on, in memory's form. Raises DeviceMemoryError."""
     return piece_reader(memory, place, bits)()
 
 
-def piece_reader(memory: DeviceMemory, place: Place, bits: int) -> Callable[[], bytes]:
+def piece_reader(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[], bytes]:
     """Does the same at every call. Raises UnknownAreaError."""
     area, first = memory.area(place.address.area), place.address.first_bit
     if first % 8 == 0 and bits % 8 == 0:
@@ -113,7 +113,7 @@ def piece_reader(memory: DeviceMemory, place: Place, bits: int) -> Callable[[], 
     return partial(area.read_bits, first, bits)
 
 
-def piece_writer(memory: DeviceMemory, place: Place, bits: int) -> Callable[[bytes], None]:
+def piece_writer(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[bytes], None]:
     """`store_pieces` for one piece, to be called again and again. Raises UnknownAreaError."""
     area, first = memory.area(place.address.area), place.address.first_bit
     if area.access == "read" or first + bits > area.size_bits:
@@ -163,7 +163,7 @@ def fixed_bytes(part: FramePart) -> int | None:
     return size if isinstance(size, int) else None
 
 
-def misfit(part: FramePart, place: Place) -> tuple[str, str] | None:
+def misfit(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:
     """What is wrong with this place for this part, and what to do; None when it fits."""
     bits = place.address.unit_bits
     if takes_bytes(part):
@@ -176,7 +176,7 @@ def misfit(part: FramePart, place: Place) -> tuple[str, str] | None:
     return None
 
 
-def may_overflow(part: FramePart, place: Place) -> bool:
+def may_overflow(part: FramePart, place: OwnPlace) -> bool:
     """Whether there are binary numbers of this field that its place cannot hold."""
     if not isinstance(part, Field) or part.type.kind != "int" or part.limits is not None or part.unit is not None:
         return False
@@ -202,7 +202,7 @@ def no_number(part: FramePart | None, value: Any) -> str | None:
 # ---- values -----------------------------------------------------------------------------------------------
 
 
-def to_memory(part: FramePart, place: Place, value: Any, room: int | None) -> tuple[int, bytes]:
+def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) -> tuple[int, bytes]:
     """Bits and content for a value. `room`: bytes there are for it. Raises ValueError for one that does not fit."""
     if takes_bytes(part):
         data = value.encode("latin-1") if isinstance(value, str) else bytes(value)
@@ -221,7 +221,7 @@ def to_memory(part: FramePart, place: Place, value: Any, room: int | None) -> tu
         raise ValueError(f"'{part.name}' is {value}, that does not fit into {place.text} ({unit})") from None
 
 
-def from_memory(part: FramePart, place: Place, memory: bytes) -> Any:
+def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
     """The value of a field for sending."""
     if takes_bytes(part):
         if not isinstance(part, Field) or part.type.kind != "ascii":
@@ -279,7 +279,7 @@ class FrameFields:
         return fields
 
 
-def field_reader(part: FramePart, place: Place, size: int | None, memory: DeviceMemory) -> Read:
+def field_reader(part: FramePart, place: OwnPlace, size: int | None, memory: DeviceMemory) -> Read:
     """Reads the value of a field from its place at every call; `size` bytes where it takes as many as one likes."""
     if not takes_bytes(part):
         return partial(_converted, part, place, piece_reader(memory, place, place.address.unit_bits))
@@ -292,5 +292,5 @@ def field_reader(part: FramePart, place: Place, size: int | None, memory: Device
     return partial(_converted, part, place, read) if is_text else read
 
 
-def _converted(part: FramePart, place: Place, read: Callable[[], bytes]) -> Any:
+def _converted(part: FramePart, place: OwnPlace, read: Callable[[], bytes]) -> Any:
     return from_memory(part, place, read())

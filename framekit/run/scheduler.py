@@ -15,7 +15,7 @@ from functools import partial
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, Failure, Prompt
-from framekit.run.lanes import Lane, LaneRules
+from framekit.run.lanes import BlockLane, LaneRules
 from framekit.run.model import BLOCKS_IN_SET, Block, Silence
 from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
 
@@ -129,16 +129,16 @@ class Turns:
     """Lanes by number. Whoever changes a lane says so by `stir`; `due` then names it when its time has come."""
 
     def __init__(self, station_of: Callable[[BlockState], Hashable]) -> None:
-        self.lanes: dict[int, Lane] = {}
+        self.lanes: dict[int, BlockLane] = {}
         self._station_of = station_of
         self._number = itertools.count()
-        self._heap: list[tuple[int, int, Lane]] = []
+        self._heap: list[tuple[int, int, BlockLane]] = []
 
-    def add(self, number: int, rules: LaneRules) -> Lane:
+    def add(self, number: int, rules: LaneRules) -> BlockLane:
         """The lane of this number, which is made if there is none."""
         lane = self.lanes.get(number)
         if lane is None:
-            lane = self.lanes[number] = Lane(rules, self._station_of, next(self._number))
+            lane = self.lanes[number] = BlockLane(rules, self._station_of, next(self._number))
         return lane
 
     def remove(self, number: int) -> None:
@@ -160,14 +160,14 @@ class Turns:
         for lane in self.lanes.values():
             lane.clear(which)
 
-    def stir(self, lane: Lane) -> None:
+    def stir(self, lane: BlockLane) -> None:
         """Something about the lane is different: it may have something to do at another time."""
         when = lane.deadline
         if when < lane.asked_for:
             lane.asked_for = when
             heapq.heappush(self._heap, (when, lane.order, lane))
 
-    def due(self, now: int) -> Sequence[Lane]:
+    def due(self, now: int) -> Sequence[BlockLane]:
         """Lanes that may start something now, in their order; each has to be stirred afterwards."""
         heap, found = self._heap, []
         while heap and heap[0][0] <= now:
@@ -471,7 +471,7 @@ class Scheduler:
         self._start(state, now)
         self._starting = None
 
-    def _start_next(self, lane: Lane, now: int) -> None:
+    def _start_next(self, lane: BlockLane, now: int) -> None:
         state = lane.take(now)
         if state is None:
             return
@@ -506,7 +506,7 @@ class Scheduler:
             self._registry.at(now + LEAST_TIME, state)
         self._wake()
 
-    def _mark_changes(self, channel: int, lane: Lane) -> None:
+    def _mark_changes(self, channel: int, lane: BlockLane) -> None:
         """The blocks that talk to a station that has died, or is back, show it."""
         for station, dead in lane.changes():
             for state in self.states.values():

@@ -360,17 +360,17 @@ class Changed(Trigger):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class After(Trigger):
+class AfterStart(Trigger):
     """Due once, `delay` ns after the start; `once` is a delay of 0."""
 
     delay: int
 
     @classmethod
-    def load(cls, read: TriggerReader, node: Node, keys: Mapping) -> After:
+    def load(cls, read: TriggerReader, node: Node, keys: Mapping) -> AfterStart:
         return cls(delay=read.some_time(node))
 
     @classmethod
-    def load_once(cls, read: TriggerReader, node: Node, keys: Mapping) -> After | None:
+    def load_once(cls, read: TriggerReader, node: Node, keys: Mapping) -> AfterStart | None:
         return cls(delay=0) if read.reader.flag(node) else None
 
     def arm(self, armed: ArmedTriggers, now: int) -> None:
@@ -419,8 +419,8 @@ TRIGGERS: dict[str, Load] = {
     "when": load_when,
     "while": While.load,
     "on_change": Changed.load,
-    "once": After.load_once,
-    "after": After.load,
+    "once": AfterStart.load_once,
+    "after": AfterStart.load,
 }
 """By the key of a block. `when` may have a list, each item of which is read."""
 

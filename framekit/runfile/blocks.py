@@ -35,7 +35,7 @@ from framekit.run.model import (
     JobsSection,
     Order,
     OrderKind,
-    Place,
+    OwnPlace,
     channel_to,
     is_address,
 )
@@ -84,13 +84,13 @@ class BlockLoader:
 
     # ---- own memory ---------------------------------------------------------------------------------------
 
-    def place(self, node: Node, unit: str | None = None) -> Place:
+    def place(self, node: Node, unit: str | None = None) -> OwnPlace:
         """A place of the own memory. Raises Broken."""
         text = self.reader.text(node)
         address = address_at(self.reader, self.grammar, node.at, text, unit)
-        return Place(address=address, text=text)
+        return OwnPlace(address=address, text=text)
 
-    def written(self, node: Node, unit: str | None = None) -> Place:
+    def written(self, node: Node, unit: str | None = None) -> OwnPlace:
         """A place of the own memory that the run is to write; an area that can only be read is noted. Raises Broken."""
         place = self.place(node, unit)
         check_written(self.reader, self.grammar, node, place)
@@ -265,7 +265,7 @@ class BlockLoader:
         text = self.reader.text(node)
         if channel.protocol.station.type != "text" and not text.strip().isdigit():
             try:
-                return {"station_from": Place(address=self.grammar.parse(text), text=text)}
+                return {"station_from": OwnPlace(address=self.grammar.parse(text), text=text)}
             except AddressError:
                 if channel.protocol.station.type == "number":
                     what = f"'{text}' is neither a station nor an address of the own memory"
@@ -280,7 +280,7 @@ class CommandBlockLoader:
 
     def __init__(
         self, reader: Reader, folder: Path, root: Mapping,
-        place: Callable[[Node, str | None], Place], written: Callable[[Node, str | None], Place],
+        place: Callable[[Node, str | None], OwnPlace], written: Callable[[Node, str | None], OwnPlace],
     ) -> None:  # fmt: skip
         self.reader = reader
         self.folder = folder
@@ -457,7 +457,7 @@ class JobBlockLoader:
 
     # ---- places -------------------------------------------------------------------------------------------
 
-    def _word(self, node: Node | None, words: int) -> Place | None:
+    def _word(self, node: Node | None, words: int) -> OwnPlace | None:
         """A place to write, with room for so many words; None for none, and for one that is wrong."""
         with self.reader.going_on():
             return None if node is None else read_place(self.reader, self.grammar, node, 16 * words, written=True)

@@ -32,7 +32,7 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import Area as MemoryArea
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
-from framekit.run.model import FaultPlan, Place
+from framekit.run.model import FaultPlan, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
 from framekit.runfile.channels import read_params, read_station
 from framekit.runfile.fault_plans import load_fault_plan, misfits, read_fault_plan
@@ -60,7 +60,7 @@ class Device:
     grammar: AddressGrammar
     profile: MemoryProfile | None
     mapping: MappingOf[str, tuple[str, int]]
-    initial: tuple[tuple[Place, tuple[int, ...]], ...]
+    initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]
     faults: FaultPlan | None = None
     shares: bool = False
 
@@ -284,7 +284,7 @@ class _DeviceLoader:
             return {}
         return read_sizes(self.reader, node, self.protocol)
 
-    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
+    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[OwnPlace, tuple[int, ...]], ...]:
         node = self.root.get("memory")
         entries = self.reader.entries(node.get("set")) if isinstance(node, MappingNode) else ()
         return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
@@ -376,7 +376,7 @@ NO_FILE = Position("the command line", 0, 0)
 # ---- what files say of a memory ----------------------------------------------------------------------------
 
 
-def put_values(memory: DeviceMemory, initial: tuple[tuple[Place, tuple[int, ...]], ...]) -> None:
+def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]) -> None:
     """Puts start values into a memory, also into areas that are read-only for others."""
     for place, values in initial:
         memory.write(place.address.area, place.address.unit, place.address.start, values, force=True)
@@ -432,7 +432,7 @@ def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Proble
                 yield Problem(at, f"{text} is in the middle of a byte", "name a byte or a word")
 
 
-def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[Place, tuple[int, ...]] | None:
+def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[OwnPlace, tuple[int, ...]] | None:
     """`ADDRESS: value` or `ADDRESS: [values]`; None when it is broken, which is noted."""
     with reader.going_on():
         text = entry.key.text
@@ -449,7 +449,7 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
         for item, value in zip(reader.items(entry.value), values, strict=True):
             if not (-(1 << bits - 1) if bits > 1 else 0) <= value < 1 << bits:
                 raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
-        return Place(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
+        return OwnPlace(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
     return None
 
 

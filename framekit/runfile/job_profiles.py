@@ -21,10 +21,10 @@ from framekit.run.job_profile import (
     AfterLate,
     CodeClass,
     EventCode,
+    JobOutcome,
     JobProfile,
     Major,
     Minor,
-    Outcome,
     StatusBits,
     TimeUnit,
 )
@@ -173,7 +173,7 @@ class JobProfileLoader:
             error=many("error"),
         )
 
-    def _outcomes(self) -> dict[str, Outcome]:
+    def _outcomes(self) -> dict[str, JobOutcome]:
         outcomes = {}
         for entry in self._entries("outcomes"):
             with self.reader.going_on():
@@ -181,7 +181,7 @@ class JobProfileLoader:
                 for name in sorted(names_in(word.root) - {"code"}):
                     self.reader.note(entry.value.at, f"an outcome does not know '{name}'", "use code, or a number")
                 completed = self.reader.flag(self.reader.mapping(entry.value).get("completed"))
-                outcomes[entry.key.text] = Outcome(word=word, completed=completed)
+                outcomes[entry.key.text] = JobOutcome(word=word, completed=completed)
         if OTHERWISE not in outcomes and self.root.get("outcomes") is not None:
             raise Broken("the schema asks for an outcome for all others")
         return outcomes

@@ -36,8 +36,8 @@ from framekit.run.model import (
     JobsSection,
     KeptState,
     Opening,
-    Place,
-    Run,
+    OwnPlace,
+    RunModel,
 )
 from framekit.run.own_memory import AnyAddresses, addresses_of, fixed_bytes, takes_bytes
 from framekit.run.own_memory import parts_of as parts_of_fields
@@ -48,7 +48,7 @@ from framekit.runfile.job_profiles import load_job_profile, read_scan
 from framekit.runfile.transfers import read_place
 
 
-def load_run(path: Path) -> Run:
+def load_run(path: Path) -> RunModel:
     """The run in a file. Raises DefinitionError with everything that is wrong."""
     reading = read_run(path)
     if reading.run is None:
@@ -59,7 +59,7 @@ def load_run(path: Path) -> Run:
 class RunReading(NamedTuple):
     """What a file says: the run, if nothing is wrong; the channels that are all right; and every problem."""
 
-    run: Run | None
+    run: RunModel | None
     channels: tuple[Channel, ...]
     problems: list[Problem]
 
@@ -88,7 +88,7 @@ class RunLoader:
         self.channels = ChannelLoader(reader, path.parent, root)
         self.read_channels: tuple[Channel, ...] = ()
 
-    def load(self) -> Run:
+    def load(self) -> RunModel:
         """The run. Raises Broken when its memory is none; everything else is read before that."""
         channels: dict[int, Channel] = {}
         for entry in self.reader.entries(self.root.get("channels")):
@@ -114,7 +114,7 @@ class RunLoader:
         if profile is None:
             raise Broken("memory")
         self._look_at(found, channels, profile, status)
-        return Run(
+        return RunModel(
             name=self._text("run"),
             about=self._text("about"),
             memory=profile,
@@ -189,7 +189,7 @@ class RunLoader:
             return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar, self.channels)
         return "wrong"
 
-    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[Place, tuple[int, ...]], ...]:
+    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[OwnPlace, tuple[int, ...]], ...]:
         memory = self.root.get("memory")
         entries = self.reader.entries(memory.get("set")) if isinstance(memory, Mapping) else ()
         entries += self.reader.entries(self.root.get("set"))
@@ -386,7 +386,7 @@ class _Stored:
     """`bits` bits from a place on, which a block stores."""
 
     block: Block
-    place: Place
+    place: OwnPlace
     first: int
     bits: int
 
@@ -463,7 +463,7 @@ def _stored(block: Block, channels: MappingOf[int, Channel]) -> Iterator[_Stored
         yield _Stored(block, place, place.address.first_bit, bits)
 
 
-def _pieces(block: Block, channels: MappingOf[int, Channel]) -> Iterator[tuple[Place, int]]:
+def _pieces(block: Block, channels: MappingOf[int, Channel]) -> Iterator[tuple[OwnPlace, int]]:
     """What a block stores: the place and how many bits; commands in memory say it only when they are given."""
     if block.instruction == "read":
         for place, unit in zip(block.places, block.units, strict=False):

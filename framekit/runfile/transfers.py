@@ -30,7 +30,7 @@ from framekit.link.services.planning import TYPES, checked
 from framekit.link.services.rows import wants_address
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
-from framekit.run.model import ArgumentPlace, Channel, Place, ResultPlace
+from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
 from framekit.run.own_memory import FramePart, may_overflow, misfit, no_number, parts_of
 from framekit.run.transfer import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
 from framekit.runfile.channels import raw_value
@@ -62,7 +62,7 @@ class TransferLoader:
 
     def __init__(
         self, reader: Reader, grammar: AddressGrammar, attempts: Attempts,
-        place: Callable[[Node], Place], written: Callable[[Node], Place],
+        place: Callable[[Node], OwnPlace], written: Callable[[Node], OwnPlace],
     ) -> None:  # fmt: skip
         self.reader = reader
         self.grammar = grammar
@@ -114,7 +114,7 @@ class TransferLoader:
             except PackingError as error:
                 self.reader.note(node.at, str(error), "correct it, or give another type")
 
-    def _room(self, node: Node | None, places: tuple[Place, ...], units: list[str], count: int) -> None:
+    def _room(self, node: Node | None, places: tuple[OwnPlace, ...], units: list[str], count: int) -> None:
         """Own places with room for everything that is moved."""
         for item, place, unit in zip(self.reader.items(node), places, units, strict=False):
             address = place.address
@@ -138,7 +138,7 @@ class TransferLoader:
 
     def _own_side(
         self, instruction: str, keys: Mapping, types: list[Address | None], targets: int, count: int
-    ) -> tuple[tuple[Place, ...], tuple[int, ...] | None]:
+    ) -> tuple[tuple[OwnPlace, ...], tuple[int, ...] | None]:
         """The own places, one for each address, or the constants to write."""
         reader = self.reader
         word, other, does = ("into", "from", "go") if instruction == "read" else ("from", "into", "come from")
@@ -177,7 +177,7 @@ class TransferLoader:
 class FrameBlockLoader:
     """Reads keys of blocks of single frames. `place` reads addresses of the own memory, `written` those to write."""
 
-    def __init__(self, reader: Reader, place: Callable[[Node], Place], written: Callable[[Node], Place]) -> None:
+    def __init__(self, reader: Reader, place: Callable[[Node], OwnPlace], written: Callable[[Node], OwnPlace]) -> None:
         self.reader = reader
         self.place = place
         self.written = written
@@ -223,7 +223,7 @@ class FrameBlockLoader:
         except Broken:
             self.spoilt = True
 
-    def _own_memory(self, fields: MappingOf[str, FramePart]) -> Iterator[tuple[str, Place]]:
+    def _own_memory(self, fields: MappingOf[str, FramePart]) -> Iterator[tuple[str, OwnPlace]]:
         """Places that the definition of a frame names itself."""
         for name, part in fields.items():
             memory = getattr(part, "memory", None)
@@ -231,7 +231,7 @@ class FrameBlockLoader:
                 with self._going_on():
                     yield name, self.place(Scalar(memory, part.at, False))
 
-    def _fits(self, part: FramePart, place: Place, instruction: str, node: Node) -> None:
+    def _fits(self, part: FramePart, place: OwnPlace, instruction: str, node: Node) -> None:
         """A place that can hold the values of a field."""
         wrong = misfit(part, place)
         if wrong is not None:
@@ -334,7 +334,8 @@ class CallLoader:
     """
 
     def __init__(
-        self, reader: Reader, attempts: Attempts, place: Callable[[Node], Place], written: Callable[[Node], Place],
+        self, reader: Reader, attempts: Attempts,
+        place: Callable[[Node], OwnPlace], written: Callable[[Node], OwnPlace],
         room: Callable[[Node, Address, int], None],
     ) -> None:  # fmt: skip
         self.reader = reader
@@ -555,7 +556,7 @@ def address_at(
     return address
 
 
-def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int, *, written: bool = False) -> Place:
+def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int, *, written: bool = False) -> OwnPlace:
     """A place of the own memory with room for so many bits from there on; `written` by the run. Raises Broken."""
     text = reader.text(node)
     try:
@@ -564,13 +565,13 @@ def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int, *
     except AddressError as error:
         what, _, todo = str(error).partition(" – ")
         raise reader.broken(node.at, what, todo) from None
-    place = Place(address=address, text=text)
+    place = OwnPlace(address=address, text=text)
     if written:
         check_written(reader, grammar, node, place)
     return place
 
 
-def check_written(reader: Reader, grammar: AddressGrammar, node: Node, place: Place) -> None:
+def check_written(reader: Reader, grammar: AddressGrammar, node: Node, place: OwnPlace) -> None:
     """Notes a place that the run is to write, in an area that can only be read."""
     area = grammar.areas.get(place.address.area)
     if area is not None and area.access == "read":

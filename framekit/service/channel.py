@@ -17,7 +17,7 @@ from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
 from framekit.run.block_state import Failure
-from framekit.run.model import STATIONED, Block, Channel, Run
+from framekit.run.model import STATIONED, Block, Channel, RunModel
 from framekit.run.transfer import BlockTransfers, Ended, Read
 from framekit.service.device import DeviceService
 from framekit.service.driver import Driver, Moment
@@ -270,7 +270,7 @@ class RunChannels:
         self.channels = channels
         self.devices: dict[int, list[DeviceService]] = {}
 
-    def of_run(self, run: Run, number: int) -> Made:
+    def of_run(self, run: RunModel, number: int) -> Made:
         """A channel of a run, as `make` gives it."""
         return self.make(run.channels[number], receiving(run, number), run.folder)
 
@@ -309,7 +309,7 @@ class RunChannels:
         """A channel is no more."""
         del self.channels[number], self.devices[number]
 
-    def receive_for(self, run: Run, keep: Collection[int]) -> None:
+    def receive_for(self, run: RunModel, keep: Collection[int]) -> None:
         """Frames go to the blocks of this run; channels that it does not have are no more, but for those to `keep`."""
         for number in list(self.channels):
             if number in run.channels:
@@ -330,7 +330,7 @@ class RunChannels:
             device.stop()
 
 
-def receiving(run: Run, channel: int) -> list[Block]:
+def receiving(run: RunModel, channel: int) -> list[Block]:
     """The RECEIVE blocks of a channel."""
     return [block for block in run.blocks if block.channel == channel and block.instruction == "receive"]
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from framekit.definition.problems import DefinitionError
-from framekit.run.model import Run
+from framekit.run.model import RunModel
 from framekit.runfile.run_file import load_run
 
 INTERVAL = 1.0
@@ -26,7 +26,11 @@ class FileWatch:
     """
 
     def __init__(
-        self, path: Path, known: bytes | None, changed: Callable[[Run], None], refused: Callable[[ValueError], None]
+        self,
+        path: Path,
+        known: bytes | None,
+        changed: Callable[[RunModel], None],
+        refused: Callable[[ValueError], None],
     ) -> None:
         self.path = path
         self.changed = changed

@@ -42,7 +42,7 @@ from framekit.run.model import (
     JobsSection,
     Opening,
     Order,
-    Place,
+    OwnPlace,
     channel_to,
     is_address,
 )
@@ -456,7 +456,7 @@ class JobService:
 
     # ---- words and bits -----------------------------------------------------------------------------------
 
-    def write_words(self, place: Place, words: tuple[int, ...]) -> bool:
+    def write_words(self, place: OwnPlace, words: tuple[int, ...]) -> bool:
         """Puts words into the own memory; whether they could be."""
         data = b"".join(word.to_bytes(2, "little") for word in words)
         try:

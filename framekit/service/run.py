@@ -19,7 +19,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, BlockStatus, Failure, Prompt
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
-from framekit.run.model import Block, Channel, Run
+from framekit.run.model import Block, Channel, RunModel
 from framekit.run.own_memory import addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import Resolve, awaited_bits
@@ -101,7 +101,7 @@ LONGEST_SHUTDOWN = 5_000_000_000
 """A run ends after this (ns) even if a session could not be closed."""
 
 
-class Shutdown:
+class RunShutdown:
     """Closes the sessions of channels; `end` is called once, when all are closed or `within` ns have passed.
 
     Where no channel has a session it is called at once.
@@ -146,7 +146,8 @@ class RunBlocks:
     """
 
     def __init__(
-        self, run: Run, clock: Clock, memory: DeviceMemory, resolve: Resolve, channels: Mapping[int, ChannelService],
+        self, run: RunModel, clock: Clock, memory: DeviceMemory, resolve: Resolve,
+        channels: Mapping[int, ChannelService],
         wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None,
         is_prompt: Callable[[Block], bool],
     ) -> None:  # fmt: skip
@@ -246,7 +247,7 @@ class RunBlocks:
         self.scheduler.arrived(block, failure, self._clock.now())
 
 
-def protocol_of(run: Run, block: Block) -> Protocol | None:
+def protocol_of(run: RunModel, block: Block) -> Protocol | None:
     """What is spoken on the channel of a block; None for one that has none."""
     return None if block.job is not None else run.channels[block.channel].protocol
 
@@ -275,7 +276,7 @@ class RunService:
 
     def __init__(
         self,
-        run: Run,
+        run: RunModel,
         clock: Clock,
         monitor: RunMonitor | None = None,
         on_end: OnEnd | None = None,
@@ -387,7 +388,7 @@ class RunService:
                 self.stop()
             done()
 
-        Shutdown(self.channels.values(), self.clock, within, end)
+        RunShutdown(self.channels.values(), self.clock, within, end)
 
     def _stop_jobs(self) -> None:
         if self.jobs is not None:
@@ -417,7 +418,7 @@ class RunService:
 
     # ---- change -------------------------------------------------------------------------------------------
 
-    def edit(self, run: Run, applied: Applied = lambda edit: None) -> None:
+    def edit(self, run: RunModel, applied: Applied = lambda edit: None) -> None:
         """Applies an edited run once no exchange runs on the channels it touches; `applied` is called then.
 
         Raises DefinitionError with the reasons when it cannot be, ValueError for a port of no known kind: then nothing
@@ -529,7 +530,7 @@ class RunEditor:
         self.service = service
         self._waiting: _Prepared | None = None
 
-    def request(self, run: Run, applied: Applied) -> None:
+    def request(self, run: RunModel, applied: Applied) -> None:
         """Applies an edited run as soon as it can be; `applied` is called then. One that still waits is forgotten.
 
         Raises DefinitionError with the reasons when it cannot be applied, ValueError for a port of no known kind; the

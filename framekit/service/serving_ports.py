@@ -14,7 +14,7 @@ from framekit.transport.schemes import open_port, scheme_of
 
 
 @dataclass(frozen=True, slots=True)
-class Served:
+class ServedAt:
     """Where it is served: `port`, as others have to name it, and `about`, for people, with the line's settings."""
 
     port: str
@@ -47,7 +47,7 @@ def line_of(device: Device, speed: int | None, format: str | None) -> LineFormat
 
 async def begin_serving(
     url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: ExitStack
-) -> Served:
+) -> ServedAt:
     """Opens the port, or begins to listen. `first_state` is what the serving tells first of its port.
 
     What has to be closed at the end goes on the stack. Raises ValueError for what is no port, OSError.
@@ -56,11 +56,11 @@ async def begin_serving(
     kind = scheme_of(url)
     if kind is not None and kind.listen is not None:
         listener = await serving.listen(url)
-        return Served(listener.reached, listener.reached)
+        return ServedAt(listener.reached, listener.reached)
     port = open_port(url, serving.line, clock, serves=True)
     stack.callback(port.release)
     serving.serve(port)
     reached = await first_state
     if reached != "open":
         raise OSError(reached if url in reached else f"{url}: {reached}")
-    return Served(port.name, port.describes())
+    return ServedAt(port.name, port.describes())

@@ -15,7 +15,7 @@ from framekit.codec.samples import Sampler
 from framekit.link.scope import Scope
 from framekit.run.block_state import Failure
 from framekit.run.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
-from framekit.run.model import Block, Channel, Run
+from framekit.run.model import Block, Channel, RunModel
 from framekit.run.own_memory import addresses_of
 from framekit.runfile.devices import Device, memory_of, put_values
 from framekit.service.channel import ChannelService
@@ -30,12 +30,12 @@ LONGEST = 3_600_000_000_000
 OWN = "own"
 
 
-def loads_of(run: Run) -> tuple[ChannelLoad, ...]:
+def loads_of(run: RunModel) -> tuple[ChannelLoad, ...]:
     """The load of each channel of a run, rehearsed."""
     return channel_loads(run, rehearse(run))
 
 
-def rehearse(run: Run) -> dict[BlockKey, Cost]:
+def rehearse(run: RunModel) -> dict[BlockKey, Cost]:
     """What an exchange of each block costs, by set and number."""
     found: dict[BlockKey, Cost] = {}
     for channel in run.channels.values():
@@ -67,7 +67,7 @@ def arriving(channel: Channel, block: Block) -> Cost:
 class Rehearsal:
     """One channel with servers for the stations that its blocks talk to, on a clock of its own."""
 
-    def __init__(self, run: Run, channel: Channel, blocks: Iterable[Block]) -> None:
+    def __init__(self, run: RunModel, channel: Channel, blocks: Iterable[Block]) -> None:
         self.channel = channel
         self.clock = VirtualClock()
         self.line = SimulatedLine(self.clock, channel.line, fault=self._answer_time)

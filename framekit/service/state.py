@@ -73,7 +73,7 @@ class KeptBlock:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class KeptRun:
     """What a state file holds: the bytes of areas, and blocks."""
 
     areas: Mapping[str, bytes] = field(default_factory=dict)
@@ -177,13 +177,13 @@ class StateFile:
 
     # ---- reading ------------------------------------------------------------------------------------------
 
-    def _load(self) -> Kept:
+    def _load(self) -> KeptRun:
         there = {name for (name,) in self._base.execute("SELECT name FROM areas")}
         areas = {name: self._area(name, size) for name, size in self._sizes().items() if name in there}
         rows = self._base.execute(f"SELECT {_COLUMNS} FROM blocks")
         blocks = {(row[0], row[1]): self._block(row) for row in rows}
         self._written = dict(areas)
-        return Kept(areas, blocks)
+        return KeptRun(areas, blocks)
 
     def _sizes(self) -> dict[str, int]:
         return {name: (size * unit_bits(unit) + 7) // 8 for name, unit, size in self.shape}
@@ -208,7 +208,7 @@ class StateFile:
 
     # ---- writing ------------------------------------------------------------------------------------------
 
-    def save(self, kept: Kept) -> int:
+    def save(self, kept: KeptRun) -> int:
         """Writes what has changed since the last time, all or nothing; how many pages that were."""
         pages = [
             (name, at // PAGE, content[at : at + PAGE])
@@ -262,7 +262,7 @@ class StateKeeper:
         self.every = every
         self.problem = ""
         self._contents: dict[int, tuple[object, str]] = {}
-        self._last = Kept()
+        self._last = KeptRun()
         self._writing: Future[int] | None = None
         self._writer = ThreadPoolExecutor(1, "framekit-state")
         self._timer: Handle | None = None
@@ -333,7 +333,7 @@ class StateKeeper:
         try:
             writing.result()
         except StateError as error:
-            self._last = Kept()
+            self._last = KeptRun()
             if str(error) != self.problem:
                 log.error("%s", error)
             self.problem = str(error)
@@ -347,11 +347,11 @@ class StateKeeper:
             self._last = kept
             self._writing = self._writer.submit(self.file.save, kept)
 
-    def kept(self) -> Kept:
+    def kept(self) -> KeptRun:
         """What there is to keep now."""
         areas = {name: self.memory.read_bytes(name, 0, self.memory.area(name).size_bytes) for name in self.names()}
         blocks = [kept_of(state, self._content(state)) for state in self.states()]
-        return Kept(areas, {(block.set, block.number): block for block in blocks})
+        return KeptRun(areas, {(block.set, block.number): block for block in blocks})
 
     def names(self) -> list[str]:
         """The areas that are kept."""

@@ -8,7 +8,7 @@ import pytest
 from job_world import MS, SECOND, JobWorld, place, profile_with
 
 from framekit.run.block_state import Failure
-from framekit.run.job_status import State
+from framekit.run.job_status import JobState
 
 READY = (13, 16)
 
@@ -93,7 +93,7 @@ def test_a_period_that_is_over_is_told_and_the_transfer_stays_pending() -> None:
     world = JobWorld()
     world.job(1, period=100 * MS)
     world.run(100 * MS)
-    assert slot_of(world).details == (0x0290, 1) and slot_of(world).state is State.TRANSFERRING
+    assert slot_of(world).details == (0x0290, 1) and slot_of(world).state is JobState.TRANSFERRING
     assert len(world.starts) == 1, "never more than one transfer of a job"
     world.run(120 * MS)
     assert world.bits() == (9, 13, 16, 18)
@@ -171,7 +171,7 @@ def test_time_outs_include_the_connection() -> None:
     world.connects = False
     world.job(1, late=500 * MS)
     world.run(500 * MS)
-    assert world.words("D1") == [0x0190] and slot_of(world).state is State.CONNECTING
+    assert world.words("D1") == [0x0190] and slot_of(world).state is JobState.CONNECTING
     world.table.connected(world.connecting[0], world.now)
     world.end(1)
     assert world.words("D1") == [0x0190], "the word is written once (A10)"
@@ -354,7 +354,7 @@ def test_a_connection_that_takes_too_long() -> None:
     world.run(90 * SECOND - 1)
     assert world.words("D1") == []
     world.run(90 * SECOND)
-    assert world.words("D1") == [0x9790] and slot_of(world).state is State.IDLE
+    assert world.words("D1") == [0x9790] and slot_of(world).state is JobState.IDLE
 
 
 # ---- commands ---------------------------------------------------------------------------------------------
@@ -519,4 +519,4 @@ def test_a_job_without_a_connection_never_starts_whatever_the_class_of_its_words
     world.connects, world.refuse_words = False, True
     world.job(1, late=100 * MS, period=SECOND)
     world.run(5 * SECOND)
-    assert world.starts == [] and world.table.slots[1].state is State.IDLE
+    assert world.starts == [] and world.table.slots[1].state is JobState.IDLE

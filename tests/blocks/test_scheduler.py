@@ -14,7 +14,7 @@ from framekit.memory.memory import Area, DeviceMemory
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.model import Block
 from framekit.run.scheduler import Scheduler
-from framekit.run.triggers import After, BlockEnd, Changed, Every, Rising, Trigger, While
+from framekit.run.triggers import AfterStart, BlockEnd, Changed, Every, Rising, Trigger, While
 
 MS = 1_000_000
 
@@ -143,10 +143,10 @@ def test_blocks_follow_the_end_of_others() -> None:
 
 def test_one_exchange_at_a_time_by_due_time_priority_and_number() -> None:
     bench = Bench(
-        block(0, After(delay=0)),
-        block(3, After(delay=2 * MS)),
-        block(2, After(delay=2 * MS)),
-        block(1, After(delay=2 * MS), priority=5),
+        block(0, AfterStart(delay=0)),
+        block(3, AfterStart(delay=2 * MS)),
+        block(2, AfterStart(delay=2 * MS)),
+        block(1, AfterStart(delay=2 * MS), priority=5),
         duration=10 * MS,
         pause=5 * MS,
     )
@@ -155,14 +155,14 @@ def test_one_exchange_at_a_time_by_due_time_priority_and_number() -> None:
 
 
 def test_channels_do_not_wait_for_each_other() -> None:
-    bench = Bench(block(0, After(delay=0)), block(1, After(delay=0), channel=2), duration=50 * MS)
+    bench = Bench(block(0, AfterStart(delay=0)), block(1, AfterStart(delay=0), channel=2), duration=50 * MS)
     bench.run_until(10)
     assert bench.starts == [(0, 0), (0, 1)]
 
 
 def test_due_again_while_waiting_is_an_overrun_and_runs_once() -> None:
     bench = Bench(
-        block(0, Rising(condition=parse_expression("M1", NOWHERE))), block(1, After(delay=0)), duration=50 * MS
+        block(0, Rising(condition=parse_expression("M1", NOWHERE))), block(1, AfterStart(delay=0)), duration=50 * MS
     )
     for value in (1, 0, 1, 0, 1):
         bench.memory.write("M", "word", 1, [value])
@@ -204,7 +204,9 @@ def test_a_block_fired_by_hand() -> None:
 @pytest.mark.parametrize("took", [0, 70_000, MS - 1])
 def test_blocks_that_fail_at_once_and_start_each_other_hold_their_channel(took: int) -> None:
     bench = Bench(
-        block(0, After(delay=MS), BlockEnd(block=1, ok=False)), block(1, BlockEnd(block=0, ok=False)), duration=took
+        block(0, AfterStart(delay=MS), BlockEnd(block=1, ok=False)),
+        block(1, BlockEnd(block=0, ok=False)),
+        duration=took,
     )
     bench.bad = {0, 1}
     bench.run_until(100)
@@ -213,7 +215,7 @@ def test_blocks_that_fail_at_once_and_start_each_other_hold_their_channel(took: 
 
 
 def test_exchanges_that_end_well_within_a_millisecond_wait_for_nothing() -> None:
-    bench = Bench(block(0, After(delay=MS), BlockEnd(block=1, ok=True)), block(1, BlockEnd(block=0, ok=True)))
+    bench = Bench(block(0, AfterStart(delay=MS), BlockEnd(block=1, ok=True)), block(1, BlockEnd(block=0, ok=True)))
     bench.duration = MS // 10
     bench.run_until(100)
     assert len(bench.starts) > 900

@@ -21,7 +21,7 @@ from framekit.run.block_words import (
     settings_sections,
     status_sections,
 )
-from framekit.run.model import Run
+from framekit.run.model import RunModel
 from framekit.runfile.run_file import load_run
 
 SCAN = 10_000_000
@@ -153,13 +153,13 @@ blocks:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunModel:
     path = tmp_path_factory.mktemp("settings") / "settings.run.yaml"
     path.write_text(RUN, encoding="utf-8")
     return load_run(path)
 
 
-def settings_of(run: Run) -> tuple[DeviceMemory, BlockSettings]:
+def settings_of(run: RunModel) -> tuple[DeviceMemory, BlockSettings]:
     memory = run.memory.create()
     settings = BlockSettings(memory, settings_sections(run.memory.flags.values()))
     for block in run.blocks:
@@ -171,7 +171,7 @@ def text(words: list[int]) -> str:
     return b"".join(word.to_bytes(2, "little") for word in words).decode().rstrip("\0")
 
 
-def test_settings_are_shown(run: Run) -> None:
+def test_settings_are_shown(run: RunModel) -> None:
     memory, settings = settings_of(run)
     assert memory.read("N", "word", 0) == [2] and memory.read("N", "word", 41) == [4]
     assert text(memory.read("N", "word", 1, 4)) == "M0100" and memory.read("N", "word", 5) == [10]
@@ -182,7 +182,7 @@ def test_settings_are_shown(run: Run) -> None:
     assert all(settings.effective(block) is block for block in run.blocks), "nothing was changed"
 
 
-def test_a_changed_station_word_redirects_the_next_exchange(run: Run) -> None:
+def test_a_changed_station_word_redirects_the_next_exchange(run: RunModel) -> None:
     memory, settings = settings_of(run)
     memory.write("N", "word", 0, [7])
     assert settings.effective(run.blocks[0]).station == 7
@@ -195,7 +195,7 @@ def test_a_changed_station_word_redirects_the_next_exchange(run: Run) -> None:
         settings.effective(run.blocks[0])
 
 
-def test_a_changed_size_counts_where_it_can(run: Run) -> None:
+def test_a_changed_size_counts_where_it_can(run: RunModel) -> None:
     memory, settings = settings_of(run)
     memory.write("N", "word", 5, [60])
     assert settings.effective(run.blocks[0]).count == 60
@@ -214,7 +214,7 @@ def test_a_changed_size_counts_where_it_can(run: Run) -> None:
     assert settings.effective(run.blocks[0]).targets == ("M0100",), "places are only shown"
 
 
-def test_a_station_from_elsewhere_is_shown(run: Run) -> None:
+def test_a_station_from_elsewhere_is_shown(run: RunModel) -> None:
     memory, settings = settings_of(run)
     memory.write("M", "word", 5, [11])
     assert settings.effective(run.blocks[2]) is run.blocks[2]
@@ -224,7 +224,7 @@ def test_a_station_from_elsewhere_is_shown(run: Run) -> None:
     assert memory.read("N", "word", 2 * 41) == [11], "it comes from M5"
 
 
-def test_a_block_that_is_no_more_leaves_free_memory(run: Run) -> None:
+def test_a_block_that_is_no_more_leaves_free_memory(run: RunModel) -> None:
     memory, settings = settings_of(run)
     settings.forget((1, 0))
     assert memory.read("N", "word", 0, 41) == [0] * 41

@@ -13,7 +13,7 @@ import pytest
 from framekit.cli.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
 from framekit.cli.main import build_parser
 from framekit.definition.load import load_protocol
-from framekit.run.job_status import Slot, status_of
+from framekit.run.job_status import JobSlot, status_of
 
 
 class Output:
@@ -46,7 +46,7 @@ def test_a_transfer_beside_the_answer_of_another_command(capsys: pytest.CaptureF
         )
         output: Any = Output()
         commands.line, commands.output = line, output
-        asyncio.get_running_loop().call_soon(commands._transferred, status_of(Slot(5), PROFILE), None)
+        asyncio.get_running_loop().call_soon(commands._transferred, status_of(JobSlot(5), PROFILE), None)
         return await commands._command(line, output, b"inspect")
 
     assert asyncio.run(at_work()) == 0

@@ -10,7 +10,7 @@ from weakref import ref
 
 import pytest
 
-from framekit.run.model import Run
+from framekit.run.model import RunModel
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -95,7 +95,7 @@ class Bench:
         self.service.start()
         self.clock.run_for(MS)
 
-    def loaded(self, run: str) -> Run:
+    def loaded(self, run: str) -> RunModel:
         self.path.write_text(run, encoding="utf-8")
         return load_run(self.path)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.service.state import PAGE, Kept, KeptBlock, StateError, StateFile
+from framekit.service.state import PAGE, KeptBlock, KeptRun, StateError, StateFile
 
 SHAPE = (("M", "word", 4096), ("bits", "bit", 13))
 
@@ -24,16 +24,16 @@ def block(done: int, failed: int = 0, number: int = 0, running: int = 0) -> Kept
     )  # fmt: skip
 
 
-def kept(word: int, *blocks: KeptBlock) -> Kept:
+def kept(word: int, *blocks: KeptBlock) -> KeptRun:
     memory = bytearray(8192)
     memory[2 * 3000 : 2 * 3000 + 2] = word.to_bytes(2, "little")
-    return Kept({"M": bytes(memory), "bits": b"\x01\x10"}, {(one.set, one.number): one for one in blocks})
+    return KeptRun({"M": bytes(memory), "bits": b"\x01\x10"}, {(one.set, one.number): one for one in blocks})
 
 
 def test_what_is_kept_comes_back(tmp_path: Path) -> None:
     path = tmp_path / "plant.state"
     with closing(StateFile(path, "plant", SHAPE)) as file:
-        assert file.kept == Kept()
+        assert file.kept == KeptRun()
         assert file.save(kept(77, block(3), block(1, 1, 5, 1))) == 2, "pages of zeros are not written"
         assert file.save(kept(77, block(4))) == 0
         assert file.save(kept(78, block(4))) == 1
@@ -48,9 +48,9 @@ def test_what_is_kept_comes_back(tmp_path: Path) -> None:
 def test_other_areas_may_be_kept_later(tmp_path: Path) -> None:
     path = tmp_path / "s"
     with closing(StateFile(path, "plant", SHAPE[:1])) as file:
-        file.save(Kept({"M": kept(5).areas["M"]}))
+        file.save(KeptRun({"M": kept(5).areas["M"]}))
     with closing(StateFile(path, "plant", SHAPE)) as file:
-        assert file.kept == Kept({"M": kept(5).areas["M"]})
+        assert file.kept == KeptRun({"M": kept(5).areas["M"]})
 
 
 def refused(path: Path, run: str = "plant", shape: tuple[tuple[str, str, int], ...] = SHAPE) -> str:
@@ -103,7 +103,7 @@ def test_another_database(tmp_path: Path) -> None:
 def test_an_empty_file_is_a_new_one(tmp_path: Path) -> None:
     (tmp_path / "s").touch()
     with closing(StateFile(tmp_path / "s", "plant", SHAPE)) as file:
-        assert file.kept == Kept()
+        assert file.kept == KeptRun()
 
 
 @pytest.mark.parametrize("cut", [4096, 5000, 12288])

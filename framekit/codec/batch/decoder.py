@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.codec.batch.check_codes import codes_of
 from framekit.codec.batch.cut import Cut
-from framekit.codec.batch.plan import Column, NoPlanError, Plan, Planner
+from framekit.codec.batch.plan import BatchPlan, BatchPlanner, Column, NoPlanError
 from framekit.codec.batch.result import Batch, Group, Path
 from framekit.codec.codec import Context
 from framekit.codec.errors import FrameError
@@ -39,7 +39,7 @@ class BatchDecoder:
         self._frame = frame
         self._frames = codec.protocol.frames
         self._ctx = codec.defaults if ctx is None else ctx
-        self._planner = Planner(codec.protocol.frames)
+        self._planner = BatchPlanner(codec.protocol.frames)
 
     def decode(self, cut: Cut) -> Batch:
         """The values of all frames. A frame that is none is told by its FrameError in `Batch.singles`."""
@@ -105,7 +105,7 @@ class _OneLength:
             self._inside(plan, good)
         return self.rows[self.left]
 
-    def _check(self, plan: Plan) -> Any:
+    def _check(self, plan: BatchPlan) -> Any:
         """Where the check code is right; None where it cannot be worked out here."""
         if plan.check is None:
             return numpy.ones(len(self.rows), dtype=bool)
@@ -115,7 +115,7 @@ class _OneLength:
             return None
         return codes & (1 << 8 * size) - 1 == _numbers(self.table, Column((), offset, size, order))
 
-    def _fits(self, plan: Plan, table: Any) -> Any:
+    def _fits(self, plan: BatchPlan, table: Any) -> Any:
         """Where constants and limits are kept."""
         good = numpy.ones(len(table), dtype=bool)
         for offset, data in plan.constants:
@@ -128,7 +128,7 @@ class _OneLength:
                 good &= (numbers >= column.limits[0]) & (numbers <= column.limits[1])
         return good
 
-    def _inside(self, plan: Plan, good: Any) -> None:
+    def _inside(self, plan: BatchPlan, good: Any) -> None:
         """The frame inside: each row goes to the first candidate that no constant byte contradicts."""
         assert plan.inner is not None
         offset, size, path, frames = plan.inner

@@ -47,7 +47,7 @@ class Column:
 
 
 @dataclass(slots=True)
-class Plan:
+class BatchPlan:
     """`inner`: offset, size, path and candidates of the frame inside. `requires`: paths of what a condition reads."""
 
     columns: list[Column] = field(default_factory=list)
@@ -61,14 +61,14 @@ class NoPlanError(Exception):
     """A segment that these plans know nothing of, or a length the frame cannot have."""
 
 
-class Planner:
+class BatchPlanner:
     """Makes plans of a protocol's frames."""
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self._frames = frames
         self._shapes = StaticSizes(frames)
 
-    def plan(self, name: str, size: int, offset: int = 0, path: Path = ()) -> Plan:
+    def plan(self, name: str, size: int, offset: int = 0, path: Path = ()) -> BatchPlan:
         """The plan of a frame of `size` bytes from `offset` on. Raises NoPlanError."""
         frame = self._frames[name]
         if frame.most is not None and size > frame.most:
@@ -79,7 +79,7 @@ class Planner:
         room = size - sum(one for one in fixed if one is not None)
         if loose > 1 or room < 0 or (not loose and room):
             raise NoPlanError
-        plan = Plan()
+        plan = BatchPlan()
         sizes: dict[str, int] = {}
         whole = zip(segments, fixed, strict=True)
         for segment, known in [(segment, room if known is None else known) for segment, known in whole]:
@@ -96,7 +96,7 @@ class Planner:
         return plan
 
     def _add(
-        self, plan: Plan, segment: Segment, offset: int, size: int, path: Path, segments: tuple[Segment, ...]
+        self, plan: BatchPlan, segment: Segment, offset: int, size: int, path: Path, segments: tuple[Segment, ...]
     ) -> None:
         if segment.when is not None:
             raise NoPlanError
@@ -122,7 +122,7 @@ class Planner:
             case _:
                 raise NoPlanError
 
-    def _add_length(self, plan: Plan, length: Length, sizes: Mapping[str, int], path: Path) -> None:
+    def _add_length(self, plan: BatchPlan, length: Length, sizes: Mapping[str, int], path: Path) -> None:
         if len(length.of) != 1 or length.of[0] not in sizes or length.unit != 1 or length.plus:
             raise NoPlanError
         where = next(place for place, column in enumerate(plan.columns) if column.path == (*path, length.name))

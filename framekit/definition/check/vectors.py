@@ -30,7 +30,7 @@ def check_vectors(vectors: Vectors, protocol: Protocol) -> list[Problem]:
     return found
 
 
-class _Case:
+class _CaseCheck:
     """One case: where its keys stand, and which names of the protocol they may have."""
 
     def __init__(self, at: Position, places: Mapping[str, Position]) -> None:
@@ -55,7 +55,7 @@ class _Case:
 
 
 def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
-    case = _Case(vector.at, vector.places)
+    case = _CaseCheck(vector.at, vector.places)
     yield from case.unknown("params", vector.params, protocol.params, "parameter")
     yield from case.unknown("state", vector.state, protocol.state, "variable")
     yield from case.made("request", vector.request, protocol)
@@ -69,7 +69,7 @@ def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
 
 
 def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Problem]:
-    case = _Case(conversation.at, conversation.places)
+    case = _CaseCheck(conversation.at, conversation.places)
     yield from case.unknown("params", conversation.params, protocol.params, "parameter")
     yield from case.unknown("state", conversation.state, protocol.state, "variable")
     if conversation.role is not None:
@@ -84,7 +84,7 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
         yield from _asked(case, conversation.do, protocol)
 
 
-def _asked(case: _Case, do: Mapping[str, Any], protocol: Protocol) -> Iterator[Problem]:
+def _asked(case: _CaseCheck, do: Mapping[str, Any], protocol: Protocol) -> Iterator[Problem]:
     """What the tested side is to do."""
     for key in ("send", "exchange"):
         yield from case.made(f"do.{key}", do.get(key), protocol)

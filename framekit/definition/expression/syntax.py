@@ -179,7 +179,7 @@ def names_in(node: Node) -> set[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Function:
+class KnownFunction:
     """A function of the language: how many arguments it takes and what kind of value it gives."""
 
     fewest: int
@@ -188,32 +188,32 @@ class Function:
     needs_engine: bool = False
 
 
-FUNCTIONS: dict[str, Function] = {
-    "len": Function(1, 1, "number"),
-    "min": Function(1, 8, "same"),
-    "max": Function(1, 8, "same"),
-    "abs": Function(1, 1, "number"),
-    "sum": Function(1, 1, "number"),
-    "lower": Function(1, 1, "text"),
-    "upper": Function(1, 1, "text"),
-    "text": Function(1, 1, "text"),
-    "number": Function(1, 2, "number"),
-    "digits": Function(2, 3, "text"),
-    "bit": Function(2, 2, "number"),
-    "rotl8": Function(2, 2, "number"),
-    "same": Function(1, 1, "flag"),
-    "get": Function(3, 3, "any"),
-    "find": Function(2, 2, "any"),
-    "find_last": Function(2, 2, "any"),
-    "free": Function(1, 1, "number"),
-    "either": Function(2, 2, "any"),
-    "none": Function(0, 0, "any"),
-    "only": Function(2, 2, "flag"),
-    "span": Function(2, 2, "number"),
-    "ms": Function(1, 1, "time"),
-    "limit": Function(1, 1, "time"),
-    "empty": Function(1, 1, "flag", needs_engine=True),
-    "full": Function(1, 1, "flag", needs_engine=True),
-    "memory": Function(2, 2, "bytes", needs_engine=True),
-    "with_date": Function(3, 3, "any", needs_engine=True),
+FUNCTIONS: dict[str, KnownFunction] = {
+    "len": KnownFunction(1, 1, "number"),
+    "min": KnownFunction(1, 8, "same"),
+    "max": KnownFunction(1, 8, "same"),
+    "abs": KnownFunction(1, 1, "number"),
+    "sum": KnownFunction(1, 1, "number"),
+    "lower": KnownFunction(1, 1, "text"),
+    "upper": KnownFunction(1, 1, "text"),
+    "text": KnownFunction(1, 1, "text"),
+    "number": KnownFunction(1, 2, "number"),
+    "digits": KnownFunction(2, 3, "text"),
+    "bit": KnownFunction(2, 2, "number"),
+    "rotl8": KnownFunction(2, 2, "number"),
+    "same": KnownFunction(1, 1, "flag"),
+    "get": KnownFunction(3, 3, "any"),
+    "find": KnownFunction(2, 2, "any"),
+    "find_last": KnownFunction(2, 2, "any"),
+    "free": KnownFunction(1, 1, "number"),
+    "either": KnownFunction(2, 2, "any"),
+    "none": KnownFunction(0, 0, "any"),
+    "only": KnownFunction(2, 2, "flag"),
+    "span": KnownFunction(2, 2, "number"),
+    "ms": KnownFunction(1, 1, "time"),
+    "limit": KnownFunction(1, 1, "time"),
+    "empty": KnownFunction(1, 1, "flag", needs_engine=True),
+    "full": KnownFunction(1, 1, "flag", needs_engine=True),
+    "memory": KnownFunction(2, 2, "bytes", needs_engine=True),
+    "with_date": KnownFunction(3, 3, "any", needs_engine=True),
 }

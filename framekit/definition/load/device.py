@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from framekit.definition.load.documents import Documents, Source, merged
+from framekit.definition.load.documents import Documents, SourceText, merged
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Reader
@@ -47,7 +47,7 @@ def load_device_definition(reader: Reader, documents: Documents, name: str | Pat
     if plain is not None:
         return DeviceDefinition(reader.text(root.get("device")), plain, root, path, frozenset(), plain=True)
     base = documents.source(found)
-    whole = Source(merged(base.root, own), path, base.names, (str(path), *base.files), base.uses, base.application)
+    whole = SourceText(merged(base.root, own), path, base.names, (str(path), *base.files), base.uses, base.application)
     loader = ProtocolLoader(reader, documents, whole)
     protocol = loader.load()
     title = reader.text(root.get("device"))

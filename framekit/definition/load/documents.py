@@ -1,7 +1,7 @@
 """Definition files and how they are joined: `extends`, `application`, `uses`.
 
-A `Source` is a definition with its bases merged in, section by section, still as nodes. Files are looked for beside the
-definition and among the shipped ones only. What the sections mean is not known here.
+A `SourceText` is a definition with its bases merged in, section by section, still as nodes. Files are looked for
+beside the definition and among the shipped ones only. What the sections mean is not known here.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from framekit.definition.tree import unread
 
 
 @dataclass(slots=True)
-class Source:
+class SourceText:
     """A merged definition. `names`: its file's name and those of its bases, by which others refer to it."""
 
     root: Mapping
     path: Path
     names: tuple[str, ...]
     files: tuple[str, ...]
-    uses: MappingOf[str, Source] = field(default_factory=dict)
-    application: Source | None = None
+    uses: MappingOf[str, SourceText] = field(default_factory=dict)
+    application: SourceText | None = None
 
     @property
     def at(self) -> Position:
@@ -116,7 +116,7 @@ class Documents:
         known = {file.stem for folder in folders for file in folder.glob("*.yaml") if "." not in file.stem}
         return did_you_mean(text, known) or f"put {text}.yaml beside {beside.name}"
 
-    def source(self, path: Path, named: Position | None = None) -> Source:
+    def source(self, path: Path, named: Position | None = None) -> SourceText:
         """The definition in `path` with everything it extends and uses; `named`: where it was asked for.
 
         Raises Broken for cycles and missing files.
@@ -134,11 +134,11 @@ class Documents:
         finally:
             self.under_way.pop()
 
-    def _joined(self, root: Mapping, path: Path) -> Source:
+    def _joined(self, root: Mapping, path: Path) -> SourceText:
         names: tuple[str, ...] = (path.stem,)
         files: tuple[str, ...] = (str(path),)
-        uses: dict[str, Source] = {}
-        application: Source | None = None
+        uses: dict[str, SourceText] = {}
+        application: SourceText | None = None
         wanted = 0
         base = self._named(root.get("extends"), path)
         if base is not None:
@@ -156,9 +156,9 @@ class Documents:
         missing = (own.get("extends") is not None and base is None) or (carried is not None and application is None)
         if missing or len(uses) < wanted:
             raise Broken(str(path))  # without them nearly everything would be unknown
-        return Source(root, path, names, files, uses, application)
+        return SourceText(root, path, names, files, uses, application)
 
-    def _named(self, name: Node | None, path: Path) -> Source | None:
+    def _named(self, name: Node | None, path: Path) -> SourceText | None:
         """The definition that a node of `path` names; None for no node, and for a file that cannot be had."""
         if name is None:
             return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from framekit.definition.checks_catalogue import ready_methods
-from framekit.definition.load.documents import Source, scalar_of
+from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.tables import load_check, load_table
 from framekit.definition.model.checks import CheckMethod
@@ -19,7 +19,7 @@ class Owned:
     """An entry of a section and the source it stands in; `inner` when that is the application of a protocol."""
 
     entry: Entry
-    source: Source
+    source: SourceText
     inner: bool
 
 
@@ -30,7 +30,7 @@ class Namespace:
     told. `twice`: names of a protocol and of its application too, so that nobody knows which is meant.
     """
 
-    def __init__(self, reader: Reader, source: Source) -> None:
+    def __init__(self, reader: Reader, source: SourceText) -> None:
         self.reader = reader
         self.source = source
         self.uses = {name: Namespace(reader, used) for name, used in self._used()}
@@ -43,19 +43,19 @@ class Namespace:
         self._orders = {file: self._order_of(one) for one in self._sources() for file in one.files}
         self._turned = {file for one in self._sources() if self._is_turned(one) for file in one.files}
 
-    def _sources(self) -> list[Source]:
+    def _sources(self) -> list[SourceText]:
         application = self.source.application
         return [self.source, application] if application else [self.source]
 
-    def _used(self) -> list[tuple[str, Source]]:
+    def _used(self) -> list[tuple[str, SourceText]]:
         return [item for source in self._sources() for item in source.uses.items()]
 
     @staticmethod
-    def _order_of(source: Source) -> str:
+    def _order_of(source: SourceText) -> str:
         return "little" if scalar_of(source.root.get("order")) == "little" else "big"
 
     @staticmethod
-    def _is_turned(source: Source) -> bool:
+    def _is_turned(source: SourceText) -> bool:
         return scalar_of(source.root.get("conversions")) == "by_direction"
 
     def turns_conversions(self, file: str) -> bool:

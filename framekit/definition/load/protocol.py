@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from framekit.definition.load.addresses import load_address_forms
-from framekit.definition.load.documents import Documents, Source, scalar_of
+from framekit.definition.load.documents import Documents, SourceText, scalar_of
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.imports import names_mentioned, used_entries
 from framekit.definition.load.namespace import Namespace, Owned
@@ -41,7 +41,7 @@ T = TypeVar("T")
 class ProtocolLoader:
     """Reads one source. Problems go to the reader; what is broken is missing from the result."""
 
-    def __init__(self, reader: Reader, documents: Documents, source: Source) -> None:
+    def __init__(self, reader: Reader, documents: Documents, source: SourceText) -> None:
         self.reader = reader
         self.documents = documents
         self.source = source
