@@ -18,7 +18,6 @@ from framekit.codec.python.defaults import default_values
 from framekit.codec.python.diagnosis import write_examiner
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
-from framekit.codec.python.examination_state import ExaminationState
 from framekit.codec.python.flat import write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
@@ -232,7 +231,7 @@ class ModuleWriter:
 
     def _helpers(self) -> list[Source]:
         calls = "".join(part.text() for part in self.examine_part)
-        return helpers(self.module, used_methods((ExaminationState, Examination), calls))
+        return helpers(self.module, used_methods((Examination,), calls))
 
     def _tables(self) -> Source:
         out = Source()

@@ -12,7 +12,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.checks import source_of
-from framekit.codec.python import doubled, examination, examination_state, frame_choice, refusals, runtime
+from framekit.codec.python import doubled, examination, frame_choice, refusals, runtime
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
 from framekit.codec.python.names import Names
@@ -30,7 +30,7 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination_state, examination)
+_PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination)
 
 
 @cache
