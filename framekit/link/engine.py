@@ -89,6 +89,7 @@ class Engine:
         self.machine = machine = Machine(self.scope, table, program.sequences, self.output)
         machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
         machine.on_fault, machine.on_send = on_fault, on_send
+        machine.need_names = program.need_names
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]

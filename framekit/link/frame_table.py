@@ -118,15 +118,15 @@ class FrameTable:
         """The value has become these bytes: from now on it holds them, and every field as sent."""
         info = self.infos[value.frame]
         value.raw = data
-        value.pending = lambda: self.read_back(info, data, names)
+        value.pending = read = partial(self._read_back, info, data, names)
         for kind, name, _ in info.shape:
             inner = value.fields.get(name) if kind == "inner" else None
             if type(inner) is FrameValue and inner.raw is None:
-                inner.pending = partial(value.computed_inside, name)
+                inner.pending = partial(_read_inner, read, name)  # which does not lead back to `value`
         if info.announces:
             value.complete()
 
-    def read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
+    def _read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
         try:
             return self.received(info.name, info.decode(data, names), data, None).fields
         except EVALUATION_ERRORS:
@@ -180,6 +180,12 @@ class FrameTable:
                 if kind == "inner" and type(inner) is FrameValue and not self.fits_echo(inner, requests, names):
                     return False
         return True
+
+
+def _read_inner(read: Callable[[], dict[str, Any]], name: str) -> dict[str, Any]:
+    """The fields of a frame inside another, as they were sent."""
+    inner = read().get(name)
+    return inner.fields if type(inner) is FrameValue else {}
 
 
 def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, names: Names | None = None) -> Any:

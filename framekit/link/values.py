@@ -36,12 +36,6 @@ class FrameValue:
             self._computed = read()
         return self.fields if self._computed is None else {**self._computed, **self.fields}
 
-    def computed_inside(self, name: str) -> dict[str, Any]:
-        """The fields of the frame `name` inside this one, as they were sent."""
-        self.complete()
-        inner = (self._computed or {}).get(name)
-        return inner.fields if type(inner) is FrameValue else {}
-
     def field(self, name: str) -> Any:
         """A field by name. Raises KeyError."""
         if name in self.fields:

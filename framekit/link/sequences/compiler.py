@@ -21,7 +21,6 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.walk import parts_of
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import Codec, FrameTable
 from framekit.link.late import is_numbered
 from framekit.link.sequences import runtime
@@ -54,7 +53,7 @@ class Program:
         keeper = keeping.current
         make = partial(sequence_code, protocol, table)
         code = make() if keeper is None else keeper.code(protocol, "sequences", make)
-        self.sequences = load_sequences(code, protocol, table)
+        self.sequences, self.need_names = load_sequences(code, protocol, table)
 
 
 def program_of(protocol: Protocol, codec: Codec) -> Program:
@@ -78,17 +77,26 @@ def sequence_source(protocol: Protocol, table: FrameTable) -> str:
     held = _of_exchanges(protocol)
     for number, sequence in enumerate(protocol.sequences.values()):
         _SequenceWriter(module, frames, sequence, number, sequence.name in held).write()
+    own = {name for sequence in protocol.sequences.values() for name in own_variables(sequence, protocol)}
+    needing = tuple(name for name in protocol.frames if frames.reads(name) & (OF_EXCHANGE | own))
+    module.functions.add()
+    module.functions.add()
+    module.functions.add(f"NEED_NAMES.update({literal(needing)})")
     return module.text(f"The sequences of {protocol.name}.")
 
 
-def load_sequences(code: CodeType, protocol: Protocol, table: FrameTable) -> dict[str, CompiledSequence]:
-    """The sequences that compiled code makes."""
+def load_sequences(
+    code: CodeType, protocol: Protocol, table: FrameTable
+) -> tuple[dict[str, CompiledSequence], set[str]]:
+    """The sequences that compiled code makes, and the frames that are built on names of an exchange."""
     found: dict[str, CompiledSequence] = {}
+    need_names: set[str] = set()
     state = protocol.state.values()
     names: dict[str, Any] = {
         **_GLOBALS,
         "__builtins__": _BUILTINS,
         "SEQUENCES": found,
+        "NEED_NAMES": need_names,
         "TABLE": table,
         "INFOS": table.infos,
         "LAYOUTS": table.codec.layouts,
@@ -96,7 +104,7 @@ def load_sequences(code: CodeType, protocol: Protocol, table: FrameTable) -> dic
         "FITS": {one.name: fit_of(one.type, one.values, one.size) for one in state},
     }
     exec(code, names)
-    return found
+    return found, need_names
 
 
 def _of_exchanges(protocol: Protocol) -> set[str]:
@@ -367,16 +375,6 @@ def number_of(numbers: Mapping[str, int], value: Any) -> Any:
     return numbers.get(value, value) if type(value) is str else value
 
 
-def sent_as(value: FrameValue, data: bytes, names: Names, info: FrameInfo, table: FrameTable) -> None:
-    """A frame has become these bytes; all its fields are read from them when somebody asks."""
-    value.raw = data
-    value.pending = partial(table.read_back, info, data, names)
-    for kind, name, _ in info.shape:
-        inner = value.fields.get(name) if kind == "inner" else None
-        if type(inner) is FrameValue and inner.raw is None:
-            inner.pending = partial(value.computed_inside, name)
-
-
 def read_as(functions: Any, source: Any, names: Names) -> Any:
     """Bytes read as a layout, or a record written as one."""
     encode, decode = functions
@@ -409,7 +407,6 @@ _GLOBALS: dict[str, Any] = {
     "plain": plain,
     "plain_fields": plain_fields,
     "read_as": read_as,
-    "sent_as": sent_as,
     "support": support,
     "__name__": "framekit_sequences",
 }

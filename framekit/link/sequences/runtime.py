@@ -8,7 +8,7 @@ what cannot be worked out ends the sequence, and that is shown.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
@@ -86,7 +86,7 @@ class Machine:
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
     out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
-    `is_open`: the line is there.
+    `is_open`: the line is there. `need_names`: the frames that are built on names of the exchange.
     """
 
     def __init__(
@@ -111,6 +111,7 @@ class Machine:
         self.delivered: deque[FrameValue] = deque()
         self.callbacks: deque[Callable[[], None]] = deque()
         self.ended: deque[Run] = deque()
+        self.need_names: Collection[str] = table.infos
         self.is_open = False
         self.changed = True
         self.stirred = True
@@ -459,6 +460,7 @@ def finish(run: Run, outcome: Outcome) -> None:
     run.state = DONE
     run.deadline = NEVER
     run.outcome = outcome
+    run.top = None  # type: ignore[assignment] # nothing leads from one to the other when both are over
     machine = run.machine
     machine.changed = True
     machine.ended.append(run)
@@ -731,7 +733,7 @@ def send_value(a: CallFrame, value: Any) -> tuple[bytes, FrameValue] | None:
         return None
     if type(value) is not FrameValue:
         raise TypeError(f"{value!r} is no frame and cannot be sent")
-    return send_made(a, value, a.names())
+    return send_made(a, value, a.names() if value.frame in a.m.need_names else a.n)
 
 
 def send_made(a: CallFrame, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:

@@ -378,9 +378,8 @@ class StepWriter:
             self.add(f"data = {encode}({{**fields, {inner}: inner_plain(fields[{inner}])}}, {names})")
         else:
             self.add(f"data = {encode}(plain_fields(value.fields), {names})")
-        self.add(f"sent_as(value, data, {names}, {constant('info', f'INFOS[{quoted(frame)}]')}, TABLE)")
+        self.add(f"{constant('mark_sent', 'TABLE.mark_sent')}(value, data, {names})")
         if info.announces:
-            self.add("value.complete()")
             self.add(f"{self.local('m')}.announce(value)")
         self.add(f"{d}.last_sent = value")
         if repeats and self.repeats:
