@@ -1,0 +1,107 @@
+"""What one request costs a server, counted in calls of Python functions, and what it leaves to the collector."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import pytest
+from service.poll_world import ByHand
+
+from framekit.runfile.devices import load_devices
+from framekit.service.serving import Serving
+from framekit.transport.clock import VirtualClock
+from framekit.transport.port import Port, PortEvents
+
+READ = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
+
+
+class AtOnce(Port):
+    """A port that keeps what is sent; all of it leaves at once."""
+
+    name = "at once"
+    settings = None
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.sent: list[bytes] = []
+        self.events: PortEvents | None = None
+
+    def open(self, events: PortEvents) -> None:
+        self.events = events
+        self.clock.call_soon(lambda: events.opened(self.clock.now()))
+
+    def write(self, data: bytes) -> None:
+        raise AssertionError(data)
+
+    def write_through(self, data: bytes) -> bool:
+        self.sent.append(data)
+        return True
+
+    def close(self) -> None:
+        self.events = None
+
+    def send_break(self, duration: int) -> None:
+        raise AssertionError(duration)
+
+
+@pytest.fixture
+def served() -> AtOnce:
+    """A simulated Modbus device that has answered already."""
+    clock = VirtualClock()
+    port = AtOnce(clock)
+    Serving(load_devices("modbus-tcp", Path()), clock, None).serve(port)
+    clock.run_for(1_000_000_000)
+    for _ in range(3):
+        asks(port)
+    return port
+
+
+def asks(port: AtOnce) -> None:
+    assert port.events is not None
+    port.events.received(READ, port.clock.now())
+    assert len(port.sent.pop()) == 29 and not port.sent
+
+
+def test_a_served_read_takes_90_calls_at_most(served: AtOnce) -> None:
+    called: dict[CodeType, int] = {}
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        if event == "call":
+            called[frame.f_code] = called.get(frame.f_code, 0) + 1
+
+    sys.setprofile(note)
+    try:
+        asks(served)
+    finally:
+        sys.setprofile(None)
+    assert 20 < sum(called.values()) <= 90, sorted((count, code.co_qualname) for code, count in called.items())
+
+
+def test_a_served_read_leaves_nothing_to_the_collector(served: AtOnce) -> None:
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(20):
+            asks(served)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
+
+
+def test_a_poll_leaves_nothing_to_the_collector() -> None:
+    world = ByHand("modbus-tcp")
+    _, told = world.poll("40001", 4, station=1)
+    for _ in range(5):
+        world.answer()
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(20):
+            world.answer()
+        assert gc.collect() == 0 and len(told.values) == 25
+    finally:
+        gc.enable()
