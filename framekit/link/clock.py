@@ -47,7 +47,7 @@ def _datetime(parts: Mapping[str, int]) -> datetime:
     return datetime(year, parts["month"], parts["day"], parts["hour"], parts["minute"], parts["second"])
 
 
-class Clock:
+class DeviceClock:
     """A clock that stood at `start` when the engine's time was `now` (ns)."""
 
     __slots__ = ("_now", "_start")

@@ -13,7 +13,7 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.model import protocol as model
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.evaluate import Names, compile_expression
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.values import FrameValue, plain
 
 Compute = Callable[[Names], Any]
@@ -23,7 +23,9 @@ EACH = "(each)"
 """The name (no word of the language) under which names hold one mapping of names a variable, for `{each: {…}}`."""
 
 
-def compile_value(value: Value, protocol: model.Protocol, codec: Codec, table: FrameTable | None = None) -> Compute:
+def compile_value(
+    value: Value, protocol: model.Protocol, codec: ProtocolCodec, table: FrameTable | None = None
+) -> Compute:
     """A function of names that gives the value: a `FrameValue`, bytes, a dict, a list, or what an expression gives.
 
     `table` spares making a new one. Evaluating raises `EVALUATION_ERRORS`; what a codec refuses is a ValueError.
@@ -34,7 +36,7 @@ def compile_value(value: Value, protocol: model.Protocol, codec: Codec, table: F
 class ValueCompiler:
     """Compiles values; `make` makes the frame values of constructors."""
 
-    def __init__(self, codec: Codec, make: MakeFrame) -> None:
+    def __init__(self, codec: ProtocolCodec, make: MakeFrame) -> None:
         self.layouts = codec.layouts
         self.make = make
 

@@ -19,7 +19,7 @@ from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, compile_expression
 from framekit.link.events import Break, CharacterFault, Command, LineFault, Reopen, Send
 from framekit.link.exchange import Ask, MemoryAccess, Server
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.frame_vectors import default_line, result_agrees, set_state, state_value
 from framekit.link.observe import Monitor, Seen
 
@@ -47,7 +47,7 @@ class SideUnderTest:
     troubles: list[str] = field(default_factory=list)
 
 
-MakeSide = Callable[[Conversation, Protocol, Codec], SideUnderTest]
+MakeSide = Callable[[Conversation, Protocol, ProtocolCodec], SideUnderTest]
 
 
 @dataclass(slots=True)
@@ -71,7 +71,7 @@ class _Line:
 
 
 def run_conversation(
-    case: Conversation, protocol: Protocol, codec: Codec, make_side: MakeSide, line: LineFormat | None = None
+    case: Conversation, protocol: Protocol, codec: ProtocolCodec, make_side: MakeSide, line: LineFormat | None = None
 ) -> list[str]:
     """What does not agree, one sentence each with its place in the file; nothing when the case holds."""
     try:
@@ -82,7 +82,7 @@ def run_conversation(
 
 class _Player:
     def __init__(
-        self, case: Conversation, protocol: Protocol, codec: Codec, make_side: MakeSide, line: LineFormat | None
+        self, case: Conversation, protocol: Protocol, codec: ProtocolCodec, make_side: MakeSide, line: LineFormat | None
     ) -> None:
         self.case = case
         self.now = 0

@@ -5,7 +5,7 @@ Several engines play one device when it serves several connections at once; all 
 
 from __future__ import annotations
 
-from framekit.link.clock import Clock
+from framekit.link.clock import DeviceClock
 from framekit.link.evaluate import Names
 
 
@@ -20,4 +20,4 @@ class DeviceState(Names):
     def __init__(self) -> None:
         super().__init__()
         self.changes = 0
-        self.clock: Clock | None = None
+        self.clock: DeviceClock | None = None

@@ -22,11 +22,11 @@ from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_info import FrameInfo
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes, Shutdown
 from framekit.link.late import replies_of
 from framekit.link.observe import LinkCounters, Monitor
-from framekit.link.output import Item, Output
+from framekit.link.output import Output, OutputItem
 from framekit.link.receiver import Receiver
 from framekit.link.reception import Dispatcher, OnFrame, Reception
 from framekit.link.scope import Scope
@@ -54,7 +54,7 @@ class Engine:
     def __init__(
         self,
         protocol: Protocol,
-        codec: Codec,
+        codec: ProtocolCodec,
         role: str | None,
         *,
         params: Mapping[str, Any] | None = None,
@@ -243,17 +243,17 @@ class Engine:
         if machine.monitor is not None:
             machine.show("frame", "out", data, frame.frame, frame.complete())
         self.counters.sent += 1
-        self._put(Item(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
+        self._put(OutputItem(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
         return self._finish()
 
     def put_frame(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> list[Command]:
         """Sends the bytes of a frame that announces nothing: nobody here has anything to do because of it."""
         self.scope.now = max(self.scope.now, now)
         self.counters.sent += 1
-        self._put(Item(None, data, 0, info, on_sent))
+        self._put(OutputItem(None, data, 0, info, on_sent))
         return self._finish() if self.machine.changed or self.machine.stirred else self._given()
 
-    def _put(self, item: Item) -> None:
+    def _put(self, item: OutputItem) -> None:
         """Sends it, or keeps it as long as replies are due."""
         late = self.machine.late
         if late.until > self.scope.now:
@@ -280,7 +280,7 @@ class Engine:
         """As `put_frame` while it is quiet, for bytes that have been given to the port already."""
         self.scope.now = max(self.scope.now, now)
         self.counters.sent += 1
-        self.output.outgoing = Item(None, data, 0, info, on_sent)
+        self.output.outgoing = OutputItem(None, data, 0, info, on_sent)
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""

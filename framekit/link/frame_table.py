@@ -21,7 +21,7 @@ from framekit.link.values import FrameValue, plain
 Context = Mapping[str, Any]
 
 
-class Codec(Protocol):
+class ProtocolCodec(Protocol):
     """A compiled protocol. `QUIET` and `LOST` are the special results of `measure`; both below every other result."""
 
     @property
@@ -40,7 +40,7 @@ class FrameTable:
     A frame that stands in others (`inner`) never is.
     """
 
-    def __init__(self, protocol: model.Protocol, codec: Codec) -> None:
+    def __init__(self, protocol: model.Protocol, codec: ProtocolCodec) -> None:
         self.codec = codec
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))

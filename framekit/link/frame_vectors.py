@@ -16,13 +16,13 @@ from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue
 
 
-def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: Codec) -> list[str]:
+def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> list[str]:
     """What does not agree, one sentence each; nothing when the case holds."""
     try:
         return _Case(vector, protocol, codec).run()
@@ -40,7 +40,7 @@ def default_line(protocol: Protocol) -> LineFormat | None:
 
 
 class _Case:
-    def __init__(self, vector: FrameVector, protocol: Protocol, codec: Codec) -> None:
+    def __init__(self, vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.vector = vector
         self.protocol = protocol
         self.codec = codec

@@ -16,7 +16,7 @@ from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
 from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.observe import Kind, LinkCounters, Monitor, Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
@@ -50,7 +50,7 @@ class Listener:
     def __init__(
         self,
         protocol: Protocol,
-        codec: Codec,
+        codec: ProtocolCodec,
         monitor: Monitor,
         *,
         params: Mapping[str, Any] | None = None,

@@ -19,7 +19,7 @@ from framekit.link.scope import Scope
 
 
 @dataclass(slots=True, eq=False)
-class Item:
+class OutputItem:
     """Bytes to send, or a break of `duration` ns, of a run or of none. `on_sent` is told when the last bit has left."""
 
     run: Any
@@ -38,8 +38,8 @@ class Output:
     def __init__(self, line: Line, scope: Scope, commands: list[Command]) -> None:
         self.scope = scope
         self.commands = commands
-        self.pending: deque[Item] = deque()
-        self.outgoing: Item | None = None
+        self.pending: deque[OutputItem] = deque()
+        self.outgoing: OutputItem | None = None
         self.last_sent = self.last_received = scope.now - (1 << 62)
         self.clear_to_send = True
         self.is_open = False
@@ -48,7 +48,7 @@ class Output:
         self._key_delay = _maybe(line.key_delay)
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
-    def put(self, item: Item) -> bool:
+    def put(self, item: OutputItem) -> bool:
         """Queues something. False: it goes into the frame that is leaving, and nothing will be told of it."""
         outgoing = self.outgoing
         if outgoing is not None and self._fits_inside(outgoing, item):
@@ -63,7 +63,7 @@ class Output:
         self.poll()
         return True
 
-    def _fits_inside(self, outgoing: Item, item: Item) -> bool:
+    def _fits_inside(self, outgoing: OutputItem, item: OutputItem) -> bool:
         info = outgoing.info
         if info is None or item.info is None or info.insert is None or item.info.name not in info.carries:
             return False
@@ -93,7 +93,7 @@ class Output:
             not_before = max(not_before, scope.now + int(self._key_delay(scope)))
         return not_before if not_before > scope.now else 0
 
-    def left(self) -> Item | None:
+    def left(self) -> OutputItem | None:
         """The last bit of what was given to the line has left it."""
         item, self.outgoing = self.outgoing, None
         self.last_sent = self.scope.now

@@ -19,7 +19,7 @@ from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.expected import ExpectedFrames, Left
 from framekit.link.frame_info import FrameInfo
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 
@@ -58,7 +58,7 @@ class Receiver:
 
     def __init__(
         self,
-        codec: Codec,
+        codec: ProtocolCodec,
         protocol: Protocol,
         names: Names,
         table: FrameTable | None = None,

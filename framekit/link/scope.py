@@ -14,7 +14,7 @@ from weakref import ref
 from framekit.definition.expression.syntax import Call, Expression, names_in, walk
 from framekit.definition.model.protocol import Protocol, StateVariable
 from framekit.definition.times import LineFormat
-from framekit.link.clock import DEFAULT_START, Clock
+from framekit.link.clock import DEFAULT_START, DeviceClock
 from framekit.link.device_state import DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression
 from framekit.link.line_times import LineTimes
@@ -72,7 +72,7 @@ class Scope(Names):
         self._overrides: list[dict[str, Any]] = []
         self._beneath: dict[str, Any] = {}
         if self.device.clock is None:
-            self.device.clock = Clock(now, clock_start)
+            self.device.clock = DeviceClock(now, clock_start)
         self.clock = self.device.clock
         self.line = LineTimes(line)
         self._cache: dict[str, tuple[int, Any]] = {}

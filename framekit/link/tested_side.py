@@ -15,14 +15,14 @@ from framekit.link.conversation import Asked, station_of
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.services.client import Client, TransferResult
 
 
 class Starter:
     """Begins what a case asks for: `read`, `write`, another service, or `send: {FRAME: {…}}` for a frame by itself."""
 
-    def __init__(self, protocol: Protocol, codec: Codec) -> None:
+    def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
         self.codec = codec
 

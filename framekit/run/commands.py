@@ -27,14 +27,14 @@ from framekit.link.construct_values import ValueCompiler
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command as LinkCommand
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, values_of
 from framekit.link.parameters import ParameterError
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
 from framekit.link.services.client import Client, TransferResult
-from framekit.link.services.matching import RefusedError
+from framekit.link.services.matching import RefusedMatchError
 from framekit.link.services.server import MemoryServer
 from framekit.link.services.work import (
     CompiledAfter,
@@ -81,7 +81,7 @@ class CommandFrame:
 class CommandWords:
     """Reads and makes the command blocks of one application. Raises ValueError when it has none."""
 
-    def __init__(self, application: Protocol, codec: Codec, table: FrameTable, names: Names) -> None:
+    def __init__(self, application: Protocol, codec: ProtocolCodec, table: FrameTable, names: Names) -> None:
         self.application = application
         self.rules = rules_of(application)
         self._codec = codec
@@ -442,7 +442,7 @@ class CommandBlocks:
     def __init__(
         self,
         application: Protocol,
-        codec: Codec,
+        codec: ProtocolCodec,
         memory: DeviceMemory,
         *,
         channel: Scope,
@@ -642,7 +642,7 @@ def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, 
     try:
         block, names = blocks.server.asked(command.request, blocks.names_of(command))
         does = [] if block is None else list(speaks.lines(block, names))
-    except (RefusedError, DeviceMemoryError, *EVALUATION_ERRORS):
+    except (RefusedMatchError, DeviceMemoryError, *EVALUATION_ERRORS):
         does = []
     refused = blocks.plan(command)[0] if judge else 0
     return Meaning(

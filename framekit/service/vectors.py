@@ -19,7 +19,7 @@ from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.link.conversation import SideUnderTest, run_conversation
 from framekit.link.engine import Engine
 from framekit.link.exchange import Ask
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.frame_vectors import run_frame_vector
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
@@ -112,7 +112,7 @@ def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseRe
     return results
 
 
-def make_side(case: Conversation, protocol: Protocol, codec: Codec) -> SideUnderTest:
+def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> SideUnderTest:
     """A client with its services, or a device with a memory as the case describes it."""
     areas, grammar = memory_of(protocol)
     memory = DeviceMemory(areas)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.codec.batch.check_codes import codes_of
 from framekit.codec.batch.cut import Cut
 from framekit.codec.batch.plan import BatchPlan, BatchPlanner, Column, NoPlanError
-from framekit.codec.batch.result import Batch, Group, Path
+from framekit.codec.batch.result import Batch, BatchGroup, Path
 from framekit.codec.codec import Context
 from framekit.codec.errors import FrameError
 from framekit.codec.python.choices import fixed_bytes
@@ -43,7 +43,7 @@ class BatchDecoder:
 
     def decode(self, cut: Cut) -> Batch:
         """The values of all frames. A frame that is none is told by its FrameError in `Batch.singles`."""
-        groups: list[Group] = []
+        groups: list[BatchGroup] = []
         left: list[int] = []
         if numpy is None:
             left = list(range(len(cut)))
@@ -60,7 +60,7 @@ class BatchDecoder:
 
     # ---- columns ------------------------------------------------------------------------------------------
 
-    def _in_columns(self, cut: Cut, groups: list[Group], left: list[int]) -> None:
+    def _in_columns(self, cut: Cut, groups: list[BatchGroup], left: list[int]) -> None:
         buffer = numpy.frombuffer(cut.data, dtype=numpy.uint8)
         starts = numpy.frombuffer(cut.starts, dtype=numpy.int64)
         lengths = numpy.frombuffer(cut.lengths, dtype=numpy.int64)
@@ -71,7 +71,7 @@ class BatchDecoder:
                 table = buffer[starts[some][:, None] + numpy.arange(size)]
                 left += _OneLength(self, table, some, cut, groups).take().tolist()
 
-    def agrees(self, group: Group, cut: Cut) -> bool:
+    def agrees(self, group: BatchGroup, cut: Cut) -> bool:
         """Whether the group's first frame has the values that `decode` gives."""
         return self._single(cut[int(group.rows[0])]) == group.values(0)
 
@@ -79,7 +79,7 @@ class BatchDecoder:
 class _OneLength:
     """Frames of one length: `table` holds a row of bytes for each, `rows` their numbers."""
 
-    def __init__(self, decoder: BatchDecoder, table: Any, rows: Any, cut: Cut, groups: list[Group]) -> None:
+    def __init__(self, decoder: BatchDecoder, table: Any, rows: Any, cut: Cut, groups: list[BatchGroup]) -> None:
         self.decoder = decoder
         self.table = table
         self.rows = rows
@@ -168,7 +168,7 @@ class _OneLength:
             self.left[places[~held]] = True
             places = places[held]
             found = {path: column[held] for path, column in found.items()}
-        group = Group(self.rows[places], found)
+        group = BatchGroup(self.rows[places], found)
         if len(places) and self.decoder.agrees(group, self.cut):
             self.groups.append(group)
         else:

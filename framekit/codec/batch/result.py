@@ -12,7 +12,7 @@ Path = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class BatchGroup:
     """Good frames with the same fields at the same places.
 
     `rows`: their numbers, ascending. `columns`: by the path of a field one array of numbers, or of bytes with a row of
@@ -39,7 +39,7 @@ class Batch:
     `groups` hold most of them; `singles` those that had to be read one by one.
     """
 
-    def __init__(self, size: int, groups: list[Group], singles: dict[int, dict[str, Any] | FrameError]) -> None:
+    def __init__(self, size: int, groups: list[BatchGroup], singles: dict[int, dict[str, Any] | FrameError]) -> None:
         self.groups = groups
         self.singles = singles
         self._size = size

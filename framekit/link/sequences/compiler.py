@@ -21,7 +21,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.walk import parts_of
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.late import is_numbered
 from framekit.link.sequences import runtime
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledSequence, CompiledStep, Rows, State, begin_clock
@@ -47,7 +47,7 @@ DEFAULTS = {"on_timeout": '"timeout"', "on_exhausted": '"exhausted"', "on_fail":
 class Program:
     """The frames and sequences of a protocol, ready for engines; those of one codec share it."""
 
-    def __init__(self, protocol: Protocol, codec: Codec) -> None:
+    def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
         self.table = table = FrameTable(protocol, codec)
         keeper = keeping.current
@@ -56,7 +56,7 @@ class Program:
         self.sequences, self.need_names = load_sequences(code, protocol, table)
 
 
-def program_of(protocol: Protocol, codec: Codec) -> Program:
+def program_of(protocol: Protocol, codec: ProtocolCodec) -> Program:
     """The program of a protocol, made once for a codec."""
     kept: dict[Any, Any] = getattr(codec, "kept", {})
     found: Program | None = kept.get(Program)

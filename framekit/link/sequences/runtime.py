@@ -22,7 +22,7 @@ from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
 from framekit.link.observe import Monitor, Seen
-from framekit.link.output import Item, Output
+from framekit.link.output import Output, OutputItem
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import (
     MOST_STEPS,
@@ -206,7 +206,7 @@ class Machine:
             self.on_send()
         if self.monitor is not None:
             self.show("frame", "out", data, value.frame, value.complete(), repeated=repeated)
-        if self.output.put(Item(run, data, 0, self.table.infos[value.frame])):
+        if self.output.put(OutputItem(run, data, 0, self.table.infos[value.frame])):
             run.unsent += 1
 
     def left(self, run: Run) -> None:
@@ -685,7 +685,7 @@ def has_more(a: CallFrame) -> bool:
 
 def hold_break(a: CallFrame, duration: int) -> None:
     machine, run = a.m, a.run
-    if duration > 0 and machine.output.put(Item(run, duration=duration)):
+    if duration > 0 and machine.output.put(OutputItem(run, duration=duration)):
         run.unsent += 1
         if machine.monitor is not None:
             machine.show("break", "out")

@@ -15,7 +15,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import Names
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory
 from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, UnknownAreaError, unit_bits
 from framekit.memory.memory import Area as MemoryArea
@@ -128,7 +128,7 @@ class DeviceAreas:
     def __init__(
         self,
         protocol: Protocol,
-        codec: Codec,
+        codec: ProtocolCodec,
         memory: DeviceMemory,
         mapping: Mapping[str, tuple[str, int]] | None = None,
     ) -> None:

@@ -21,7 +21,7 @@ from framekit.link.construct_values import EACH, Compute, compile_value
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.planning import Piece, Plan, Planner, ServiceError, arguments_of
@@ -369,7 +369,7 @@ class Client:
     `params` are names for this transfer alone, its rows and its sequences; they go before the protocol's parameters.
     """
 
-    def __init__(self, protocol: model.Protocol, codec: Codec, engine: Starts) -> None:
+    def __init__(self, protocol: model.Protocol, codec: ProtocolCodec, engine: Starts) -> None:
         self.engine = engine
         self.shared = ServiceRows(protocol, codec)
         self.grammar = self.shared.grammar

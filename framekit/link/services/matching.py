@@ -1,8 +1,9 @@
 """Request matching: a service row as a function of the request, from its fields to the place and data it asks for.
 
 Each row becomes one Python function, written when its frame is first served: fields are compared, names are local
-variables, what can be resolved is resolved. What names no place of its own, or works on state, goes on with `Reading`.
-What cannot be read backwards is passed over; `station` and `own` are not compared. Language reference, section 11.
+variables, what can be resolved is resolved. What names no place of its own, or works on state, goes on with a
+`MatchedRow`. What cannot be read backwards is passed over;
+`station` and `own` are not compared. Language reference, section 11.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from framekit.link.invert import bare_name, inverse_of, is_constant, quotient
 from framekit.link.packing import PackingError, memory_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names
-from framekit.link.services.writing import Level, ValueWriter, Written, code_of_source
+from framekit.link.services.writing import ValueWriter, WriterLevel, Written, code_of_source
 from framekit.link.values import FrameValue, attribute
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
@@ -54,7 +55,7 @@ class DamagedBufferError(Exception):
         self.refuse: int | None = getattr(cause, "refuse", None)
 
 
-class RefusedError(Exception):
+class RefusedMatchError(Exception):
     """The request is refused with `code`."""
 
     def __init__(self, code: int) -> None:
@@ -63,7 +64,7 @@ class RefusedError(Exception):
 
 
 @dataclass(slots=True)
-class Target:
+class MatchTarget:
     """Elements that a request asks for, and the data it brings for them, in memory's form. The names are its own."""
 
     unit: AreaUnit
@@ -74,19 +75,19 @@ class Target:
 
 
 @dataclass(slots=True)
-class Reading:
+class MatchedRow:
     """A row that fits a request. `problem` is what is wrong with the places it names, to be told in its turn."""
 
     names: Names
-    targets: list[Target] = field(default_factory=list)
+    targets: list[MatchTarget] = field(default_factory=list)
     problem: DeviceMemoryError | None = None
 
 
-Match = Callable[[FrameValue, bytes, Any, Names], "Reading | None"]
+Match = Callable[[FrameValue, bytes, Any, Names], "MatchedRow | None"]
 """What a request means by a row; None: the row does not fit. Raises ElsewhereError and DamagedBufferError."""
 Serve = Callable[[FrameValue, bytes, Any, Names], "Served | None"]
 """Does what a request asks for; None: the row does not fit."""
-GoOn = Callable[[FrameValue, Reading], Served]
+GoOn = Callable[[FrameValue, MatchedRow], Served]
 
 
 class Matching:
@@ -106,7 +107,9 @@ class Matching:
         """Whether one function does everything: one place at most, and no work but the transfer."""
         self._read: dict[bool, Match] = {}
 
-    def read(self, request: FrameValue, buffer: bytes, station: Any, names: Names, with_buffer: bool) -> Reading | None:
+    def read(
+        self, request: FrameValue, buffer: bytes, station: Any, names: Names, with_buffer: bool
+    ) -> MatchedRow | None:
         """What a request means; None: the row does not fit. Without the buffer: what is beside it is not here yet.
 
         Raises MismatchError as well where it does not fit, ElsewhereError and DamagedBufferError.
@@ -121,7 +124,7 @@ class Matching:
         serve: Serve = RowWriter(self, True, True).function()
         return serve
 
-    def holds(self, reading: Reading) -> bool:
+    def holds(self, reading: MatchedRow) -> bool:
         """Whether the row's condition holds; what cannot be told because the place is wrong is no objection."""
         if self._holds is None:
             return True
@@ -154,7 +157,7 @@ class Matching:
 
 
 class RowWriter:
-    """Writes one function of a row: `whole` up to the reply, else up to a `Reading`."""
+    """Writes one function of a row: `whole` up to the reply, else up to a `MatchedRow`."""
 
     def __init__(self, matching: Matching, with_buffer: bool, whole: bool) -> None:
         self.matching, self.facts, self.row = matching, matching.facts, matching.facts.row
@@ -163,8 +166,8 @@ class RowWriter:
         self.with_buffer, self.whole = with_buffer, whole
         self.inline = whole and matching.is_whole
         self.out = Source(1)
-        self.level = Level()
-        self.items_found: tuple[str, Level] | None = None
+        self.level = WriterLevel()
+        self.items_found: tuple[str, WriterLevel] | None = None
         """The variable with what the items of lists hold, and the names it has in every round."""
         self.back = {**self.row.back, **self.row.back_each}
         self.arguments = {argument.name for argument in self.row.takes}
@@ -207,7 +210,7 @@ class RowWriter:
         self._variables += 1
         return f"v{self._variables}"
 
-    def let(self, level: Level, name: str, text: str) -> str:
+    def let(self, level: WriterLevel, name: str, text: str) -> str:
         """A name gets a value."""
         variable = self.variable()
         self.out.add(f"{variable} = {text}")
@@ -265,7 +268,12 @@ class RowWriter:
     # ---- comparing ----------------------------------------------------------------------------------------
 
     def _match(
-        self, value: Value, actual: str, level: Level, numbers: Mapping[str, int] | None = None, padded: bool = False
+        self,
+        value: Value,
+        actual: str,
+        level: WriterLevel,
+        numbers: Mapping[str, int] | None = None,
+        padded: bool = False,
     ) -> None:
         """Writes the comparison of a value with what is there."""
         match value:
@@ -295,7 +303,7 @@ class RowWriter:
                 self._each(fields, actual)
 
     def _fields(
-        self, fields: Mapping[str, Value], actual: str, inside: str | None, level: Level,
+        self, fields: Mapping[str, Value], actual: str, inside: str | None, level: WriterLevel,
         numbers: Mapping[str, Mapping[str, int]], padding: frozenset[str],
     ) -> None:  # fmt: skip
         for name, value in fields.items():
@@ -312,7 +320,7 @@ class RowWriter:
             self._match(value, part, level, numbers.get(name), name in padding)
 
     def _leaf(
-        self, expression: Expression, actual: str, level: Level, numbers: Mapping[str, int], padded: bool
+        self, expression: Expression, actual: str, level: WriterLevel, numbers: Mapping[str, int], padded: bool
     ) -> None:
         if _is_passed_over(expression):
             return
@@ -345,7 +353,7 @@ class RowWriter:
         part, found = self.variable(), self.variable()
         header = f"for {part} in {actual}:"
         before = self.items_found
-        level = before[1] if before is not None else Level()
+        level = before[1] if before is not None else WriterLevel()
         if before is not None:  # several lists speak of the same variables
             self.unfit_if(f"len({actual}) != len({before[0]})")
             header = f"for {part}, ({level.held}) in zip({actual}, {before[0]}):"
@@ -382,11 +390,11 @@ class RowWriter:
         out.add("name_targets(reading)")
         return None
 
-    def _note_target(self, level: Level, place: str, names: str) -> None:
+    def _note_target(self, level: WriterLevel, place: str, names: str) -> None:
         start, count = level.values["start"], level.values["count"]
         self.out.add(f"reading.targets.append(Target({place}, {start}, {count}, {level.memory}, {names}))")
 
-    def _target(self, level: Level) -> str | None:
+    def _target(self, level: WriterLevel) -> str | None:
         """Writes what place the names of a level mean: the variable with its `AreaUnit`, None if they mean none."""
         back = self.back
         area, unit, fixed = self._area(level)
@@ -413,7 +421,7 @@ class RowWriter:
         self._complete(level, place)
         return place
 
-    def _word(self, name: str, level: Level) -> str:
+    def _word(self, name: str, level: WriterLevel) -> str:
         """A value of `back`; a bare word that is a unit or an area stands for itself."""
         value = self.back[name]
         word = bare_name(value)
@@ -421,7 +429,7 @@ class RowWriter:
             return repr(word)
         return emit(value.root, Written(level, name in self.row.back_each))
 
-    def _area(self, level: Level) -> tuple[str | None, str | None, AreaUnit | None]:
+    def _area(self, level: WriterLevel) -> tuple[str | None, str | None, AreaUnit | None]:
         """Area and unit that the request names: by text, `back`, code, or because the row is for one area.
 
         Where they are certain before a request comes: the area in its unit as well.
@@ -442,7 +450,7 @@ class RowWriter:
             return area, repr(unit), self.areas.unit(row.areas[0], unit)
         return None, None, None
 
-    def _by_text(self, level: Level) -> tuple[str, str, None]:
+    def _by_text(self, level: WriterLevel) -> tuple[str, str, None]:
         address = self.variable()
         self.out.add(f"{address} = address_named(str({level.values['text']}))")
         level.parts = self.variable()
@@ -455,7 +463,7 @@ class RowWriter:
             self.let(level, "unit", f"{address}.unit")
         return self.let(level, "area", f"views[{address}.area]"), f"{address}.unit", None
 
-    def _by_code(self, level: Level) -> tuple[str, str, None]:
+    def _by_code(self, level: WriterLevel) -> tuple[str, str, None]:
         found: dict[Any, tuple[Any, str]] = {}
         for code, pairs in self.matching.codes.items():
             for area, unit in pairs:
@@ -475,7 +483,7 @@ class RowWriter:
             return unit
         return next((own for own in units if code_of(self.grammar.areas[area], own) == code), unit)
 
-    def _solve(self, level: Level) -> None:
+    def _solve(self, level: WriterLevel) -> None:
         """The names whose values follow from what area it is; `back` goes before them."""
         for inverse, actual in level.pending:
             if inverse.name in self.back:
@@ -486,7 +494,7 @@ class RowWriter:
             else:
                 level.put(inverse.name, value)
 
-    def _complete(self, level: Level, place: str) -> None:
+    def _complete(self, level: WriterLevel, place: str) -> None:
         """Writes start, count, sizes and data of a place."""
         values, fixed = level.values, self.given.get(place)
         self.let(level, "start", f"int({values['start']})" if "start" in values else "0")
@@ -657,12 +665,12 @@ def wrong_place(
     history: tuple[tuple[str, str], ...],
     variables: Mapping[str, Any],
     parts: str | None,
-) -> Reading:
+) -> MatchedRow:
     """A request whose place is wrong: what is known of it by now, and what is wrong."""
     known = dict(variables.get(parts) or {}) if parts is not None else {}
     known.update((name, variables[variable]) for name, variable in history if variable in variables)
     problem = error if isinstance(error, DeviceMemoryError) else MemoryRangeError(str(error))
-    return Reading(Names(known, names), [], problem)
+    return MatchedRow(Names(known, names), [], problem)
 
 
 def set_missing(names: Names, values: Mapping[str, Any]) -> None:
@@ -671,7 +679,7 @@ def set_missing(names: Names, values: Mapping[str, Any]) -> None:
         names.setdefault(name, value)
 
 
-def name_targets(reading: Reading) -> None:
+def name_targets(reading: MatchedRow) -> None:
     """What is said of the first place holds for the request as a whole; all places stand in a list."""
     names, targets = reading.names, reading.targets
     if targets:
@@ -686,10 +694,10 @@ def name_targets(reading: Reading) -> None:
 _RUNTIME: dict[str, Any] = {
     "DamagedBufferError": DamagedBufferError,
     "EVALUATION_ERRORS": EVALUATION_ERRORS,
-    "Reading": Reading,
-    "RefusedError": RefusedError,
+    "Reading": MatchedRow,
+    "RefusedError": RefusedMatchError,
     "Served": Served,
-    "Target": Target,
+    "Target": MatchTarget,
     "WRONG_PLACE": WRONG_PLACE,
     "cannot_be": cannot_be,
     "item_of": item_of,

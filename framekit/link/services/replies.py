@@ -34,7 +34,7 @@ class UnfitReplyError(ValueError):
     """A reply that does not fit what was asked; the message says where."""
 
 
-class Refusal(NamedTuple):
+class ReplyRefusal(NamedTuple):
     """`outcome`: what an exchange is that ended so and has no other word for it."""
 
     code: int
@@ -64,7 +64,7 @@ class ErrorReader:
             self.detail = None if errors.detail is None else compile_expression(errors.detail)
             self.unanswered = None if errors.unanswered is None else compile_expression(errors.unanswered)
 
-    def refusal(self, reply: FrameValue, names: Names) -> Refusal | None:
+    def refusal(self, reply: FrameValue, names: Names) -> ReplyRefusal | None:
         """What the reply says when it is an error frame. Raises EVALUATION_ERRORS."""
         if reply.frame not in self.frames:
             return None
@@ -74,7 +74,7 @@ class ErrorReader:
         code = 0 if self.code is None else int(self.code(fields))
         known = Names({"code": code}, fields)
         unanswered = self.unanswered is not None and bool(self.unanswered(known))
-        return Refusal(code, self.meaning(code, known), "no_reply" if unanswered else "refused")
+        return ReplyRefusal(code, self.meaning(code, known), "no_reply" if unanswered else "refused")
 
     def meaning(self, code: int, names: Names) -> str:
         """The name of a code, '' if the protocol has none for it, with its detail. Raises EVALUATION_ERRORS."""

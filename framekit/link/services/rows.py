@@ -16,7 +16,7 @@ from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.walk import everything, expressions_of, parts_of
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import Evaluate, compile_expression
-from framekit.link.frame_table import Codec, FrameTable
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.invert import bare_name
 from framekit.link.packing import Packer
 
@@ -30,7 +30,7 @@ COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
 class ServiceRows:
     """Everything the services of one protocol share; `rows` ask, `served` are answered, in the order of the file."""
 
-    def __init__(self, protocol: Protocol, codec: Codec, table: FrameTable | None = None) -> None:
+    def __init__(self, protocol: Protocol, codec: ProtocolCodec, table: FrameTable | None = None) -> None:
         self.protocol = protocol
         self.codec = codec
         self.table = table or FrameTable(protocol, codec)

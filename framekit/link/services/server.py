@@ -22,15 +22,15 @@ from framekit.definition.model.values import Value
 from framekit.link.construct_values import EACH, compile_value
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.exchange import Served
-from framekit.link.frame_table import Codec
+from framekit.link.frame_table import ProtocolCodec
 from framekit.link.services.areas import Codes, DeviceAreas, codes_of
 from framekit.link.services.matching import (
     DamagedBufferError,
     ElsewhereError,
+    MatchedRow,
     Matching,
     MismatchError,
-    Reading,
-    RefusedError,
+    RefusedMatchError,
     Serve,
 )
 from framekit.link.services.rows import RowFacts, ServiceRows
@@ -115,7 +115,7 @@ class ServedRow:
         reading = self.matching.read(request, buffer, station, names, True)
         return None if reading is None else (None if self.work is None else self.work.block, reading.names)
 
-    def go_on(self, request: FrameValue, reading: Reading, *, check_only: bool) -> Served:
+    def go_on(self, request: FrameValue, reading: MatchedRow, *, check_only: bool) -> Served:
         """Serves what a request means, where the row's function does not do everything."""
         validate(self.refuse, reading.names, check_only)
         if reading.problem is not None:
@@ -124,7 +124,7 @@ class ServedRow:
             target.unit.check(target.start, target.count, self.service == "write")
         return Served(None) if check_only else self._reply(request, reading, self._do(reading))
 
-    def _do(self, reading: Reading) -> list[bytes] | None:
+    def _do(self, reading: MatchedRow) -> list[bytes] | None:
         """The row's work; the data for the reply as they stand in the frame, None if there are none."""
         data = None if self.work is None else self.work.do(reading, self.start_block)
         if not self.transfers:
@@ -141,7 +141,7 @@ class ServedRow:
             found.append(self.facts.packer(target.unit.unit).to_data(memory, target.start, target.count))
         return found
 
-    def _reply(self, request: FrameValue, reading: Reading, data: Sequence[bytes] | None) -> Served:
+    def _reply(self, request: FrameValue, reading: MatchedRow, data: Sequence[bytes] | None) -> Served:
         names = reading.names
         if data is not None:
             names["data"] = b"".join(data)
@@ -169,7 +169,7 @@ class MemoryServer:
     def __init__(
         self,
         protocol: model.Protocol,
-        codec: Codec,
+        codec: ProtocolCodec,
         memory: DeviceMemory,
         *,
         mapping: Mapping[str, tuple[str, int]] | None = None,
@@ -209,7 +209,7 @@ class MemoryServer:
         else:
             try:
                 served = self._serve(request, buffer, station, check_only, names)
-            except (RefusedError, DeviceMemoryError, BlockRefusedError, *EVALUATION_ERRORS) as error:
+            except (RefusedMatchError, DeviceMemoryError, BlockRefusedError, *EVALUATION_ERRORS) as error:
                 known = Names({"request": request, "buffer": buffer, "station": station}, names)
                 served = self._failed(request, error, known)
         if served.refusal:
@@ -233,7 +233,7 @@ class MemoryServer:
 
     def _serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
         if request.refusal is not None:
-            raise RefusedError(request.refusal)
+            raise RefusedMatchError(request.refusal)
         if self._refuse:
             validate(self._refuse, Names({"request": request, "buffer": buffer, "station": station}, names), check_only)
         if check_only:
@@ -272,8 +272,8 @@ class MemoryServer:
                 return found
         known = Names({"request": request, "buffer": buffer, "station": station}, names)
         if damaged is not None:
-            raise RefusedError(self._code_or(damaged.refuse, "range", known))
-        raise RefusedError(self._memory_code(reason, known))
+            raise RefusedMatchError(self._code_or(damaged.refuse, "range", known))
+        raise RefusedMatchError(self._memory_code(reason, known))
 
     def _start_block(self, block: CompiledBlock, names: Names) -> None:
         code = None if self.on_block is None else self.on_block(block, names)
@@ -284,7 +284,7 @@ class MemoryServer:
 
     def _failed(self, request: FrameValue, error: Exception, names: Names) -> Served:
         """A request that cannot be done."""
-        if isinstance(error, RefusedError):
+        if isinstance(error, RefusedMatchError):
             return self._refused(request, error.code, names)
         if isinstance(error, DeviceMemoryError):
             return self._refused(request, self._memory_code(kind_of(error), names), names)
@@ -325,7 +325,7 @@ def validate(refuse: Sequence[Rule], names: Names, check_only: bool) -> None:
     """Raises RefusedError for the first rule whose condition holds."""
     for when, code, needs_buffer in refuse:
         if not (check_only and needs_buffer) and when(names):
-            raise RefusedError(int(code(names)))
+            raise RefusedMatchError(int(code(names)))
 
 
 def kind_of(error: DeviceMemoryError) -> str:

@@ -22,7 +22,7 @@ from framekit.link.invert import bare_name
 from framekit.link.packing import memory_of, values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of
-from framekit.link.services.matching import Reading
+from framekit.link.services.matching import MatchedRow
 from framekit.link.services.rows import RowFacts
 from framekit.memory.memory import unit_bits
 
@@ -202,7 +202,7 @@ class Work:
 
     # ---- doing it -----------------------------------------------------------------------------------------
 
-    def do(self, reading: Reading, start_block: Callable[[CompiledBlock, Names], None]) -> list[bytes] | None:
+    def do(self, reading: MatchedRow, start_block: Callable[[CompiledBlock, Names], None]) -> list[bytes] | None:
         """Does everything; the data that were read, as they stand in the frame, None if nothing was to be read.
 
         Raises DeviceMemoryError, BlockRefusedError, and EVALUATION_ERRORS for what cannot be worked out.
@@ -234,7 +234,7 @@ class Work:
         data = fields["data"](names)
         self.areas.write(span, self.facts.packer(span.unit).to_memory(data, span.start, span.count))
 
-    def _do_update(self, update: Evaluate, reading: Reading) -> None:
+    def _do_update(self, update: Evaluate, reading: MatchedRow) -> None:
         """Reads, changes and writes element by element; all places are judged before the first is written."""
         todo: list[tuple[Span, Names]] = []
         for names in _levels(self._each, self._each_as, reading.names):

@@ -25,7 +25,7 @@ OF_REQUESTS = ("request", "buffer", "station")
 """Parameters of the function of a served row."""
 
 
-class Level:
+class WriterLevel:
     """What is known of names while a function is written: the variable of each, and what is still to be solved.
 
     `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
@@ -60,7 +60,7 @@ class Written:
     `of_item`: the fields of a list's item are names here, before all others.
     """
 
-    def __init__(self, level: Level, of_item: bool = False) -> None:
+    def __init__(self, level: WriterLevel, of_item: bool = False) -> None:
         self.level = level
         self.item = level.item if of_item else "None"
 
@@ -119,22 +119,22 @@ class ValueWriter:
         self.given[name] = value
         return name
 
-    def expression(self, expression: Expression, level: Level) -> str:
+    def expression(self, expression: Expression, level: WriterLevel) -> str:
         """An expression on the names that are known at this point."""
         return emit(expression.root, Written(level))
 
-    def names(self, level: Level) -> str:
+    def names(self, level: WriterLevel) -> str:
         """A new level of names with everything that is known, for what looks names up by itself."""
         return f"Names({self.items(level)}, {self.known})"
 
-    def items(self, level: Level) -> str:
+    def items(self, level: WriterLevel) -> str:
         """All names that are known, as a dictionary."""
         parts = f"**{level.parts}, " if level.parts else ""
         return f"{{{parts}{', '.join(f'{name!r}: {value}' for name, value in level.values.items())}}}"
 
     # ---- values -------------------------------------------------------------------------------------------
 
-    def value(self, value: Value, level: Level) -> str:
+    def value(self, value: Value, level: WriterLevel) -> str:
         """Source of a value of the definition."""
         match value:
             case Expression():
@@ -153,10 +153,10 @@ class ValueWriter:
                 return f"read_as({codec}, {self.value(source, level)}, {self.names(level)})"
         raise TypeError(f"no value of one request: {value!r}")
 
-    def _record(self, fields: Mapping[str, Value], level: Level) -> str:
+    def _record(self, fields: Mapping[str, Value], level: WriterLevel) -> str:
         return f"{{{', '.join(f'{name!r}: {self.value(value, level)}' for name, value in fields.items())}}}"
 
-    def _frame(self, frame: FrameOf, level: Level) -> str:
+    def _frame(self, frame: FrameOf, level: WriterLevel) -> str:
         info = self.shared.table.infos[frame.frame]
         settled = {name: evaluate(Names()) for name, evaluate in info.computed if _is_settled(evaluate)}
         is_settled = all(name in settled or name in frame.fields for name, _ in info.computed)
