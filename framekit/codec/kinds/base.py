@@ -11,6 +11,7 @@ from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Item, Reader, Slot
 from framekit.codec.python.registry import KINDS
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.definition.model.segments import Segment
 
 S = TypeVar("S", bound=Segment)
@@ -20,6 +21,10 @@ class SegmentKind(Generic[S]):
     """One kind. The writers of generated functions ask it for what they write of such a segment."""
 
     model: type[S]
+
+    def describe(self, segment: S) -> str:
+        """A segment in words, for docstrings; empty if there is nothing to say."""
+        return ""
 
     # ---- decoding -----------------------------------------------------------------------------------------
 
@@ -62,6 +67,13 @@ class SegmentKind(Generic[S]):
     def room_waits(self, w: EncodeWriter, segment: S) -> set[str]:
         """What has to be there before `room` can be told."""
         return {f"bytes of {segment.name}"}
+
+    def rules(self, w: RuleWriter, segment: S, always: bool, lengths: Lengths) -> Rules:
+        """The rules that values of these names obey, as text, by name.
+
+        `always`: it is there in every frame. `lengths`: how long values may be by the length that counts them.
+        """
+        return ()
 
     # ---- diagnosis ----------------------------------------------------------------------------------------
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
+from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Argument, EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope, constant_of
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import ANY_WIDTH, Item, Reader, Slot, shown_name
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import AND, PRODUCT
 from framekit.definition.expression.syntax import Expression, Number
@@ -80,6 +82,20 @@ class BitsKind(SegmentKind[Bits]):
 
     def measure(self, m: MeasureWriter, segment: Bits, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+    def describe(self, segment: Bits) -> str:
+        names = ", ".join(f"{part.name} {_places(part.low, part.high)}" for part in segment.parts)
+        return f"bits {type_text(segment.type)} ({names})"
+
+    def rules(self, w: RuleWriter, segment: Bits, always: bool, lengths: Lengths) -> Rules:
+        for part in segment.parts:
+            names = "" if part.values is None else w.module.numbers(part.values, f"{w.title} {part.name}")
+            most = (1 << part.high - part.low + 1) - 1
+            yield part.name, w.rule("number", forms.Range(0, most), False, names)
+
+
+def _places(low: int, high: int) -> str:
+    return str(low) if low == high else f"{low}-{high}"
 
 
 def _part_task(w: EncodeWriter, part: BitsPart, when: Expression | None, scope: Scope, given: Given) -> Task:

@@ -56,6 +56,9 @@ class CheckKind(SegmentKind[Check]):
         else:
             d.out.add(f"n.check({d.named(segment)}, {segment.size}, lambda n: {code}{options})")
 
+    def describe(self, segment: Check) -> str:
+        return f"check {segment.method.name}" + ("" if segment.form == "raw" else f" as {segment.form}")
+
 
 def _in_one_buffer(check: Check, segments: Segments) -> bool:
     """Whether a check stands in the same buffer as everything it covers."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.expressions import Scope, numbers_of
@@ -93,6 +94,10 @@ class ChooseKind(SegmentKind[Choose]):
                 finished.append(m.branch(m.pairs(segment.otherwise, scope), after))
         if all(finished):
             raise Finished
+
+    def describe(self, segment: Choose) -> str:
+        shown = "; ".join(f"{', '.join(str(key) for key in keys)}: {summary(of)}" for keys, of in segment.cases)
+        return f"by {segment.on} ({shown})"
 
 
 def _diagnose_case(d: DiagnosisWriter, segment: Choose, case: Segments, scope: Scope, behind: Behind) -> None:

@@ -6,7 +6,7 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Argument, EncodeWriter
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.source import bytes_literal
+from framekit.codec.python.source import bytes_literal, literal
 from framekit.definition.model.segments import (
     Const,
 )
@@ -20,3 +20,7 @@ class ConstKind(SegmentKind[Const]):
 
     def diagnose(self, d: DiagnosisWriter, segment: Const, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.const({d.named(segment)}, {bytes_literal(segment.data)}{d.refuse(segment)})")
+
+    def describe(self, segment: Const) -> str:
+        data = segment.data
+        return f"{data.hex(' ').upper()}" if not data.isalnum() else literal(data.decode("latin-1"))

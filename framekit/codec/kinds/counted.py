@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
+from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Argument, EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Item, Reader, Slot, not_possible
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import (
     is_always_there,
     is_followed,
@@ -74,6 +76,13 @@ class LengthKind(SegmentKind[Length]):
 
     def measure(self, m: MeasureWriter, segment: Length, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+    def describe(self, segment: Length) -> str:
+        counted = ", ".join(name for name in segment.of if not name.startswith("_")) or "what follows"
+        return f"{segment.name} {type_text(segment.type)} = length of {counted}"
+
+    def rules(self, w: RuleWriter, segment: Length, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, w.rule("number", forms.value_range(segment), False)
 
 
 def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> None:
@@ -150,6 +159,12 @@ class CountKind(SegmentKind[Count]):
 
     def measure(self, m: MeasureWriter, segment: Count, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+    def describe(self, segment: Count) -> str:
+        return f"{segment.name} {type_text(segment.type)} = number of {segment.of}"
+
+    def rules(self, w: RuleWriter, segment: Count, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, w.rule("number", forms.value_range(segment), False)
 
 
 def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> None:

@@ -11,6 +11,7 @@ from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression.emit import AND, OR, PRODUCT
 from framekit.definition.expression.syntax import Expression
@@ -104,6 +105,21 @@ class DataKind(SegmentKind[Data]):
         m.may_fail = m.may_fail or segment.convert is not None
         m.set_value(segment.name, scope, forms.memory_text(m.module, segment, "data[at:stop]"))
         m.advance("stop")
+
+    def describe(self, segment: Data) -> str:
+        how = "" if segment.convert is None else f" {segment.convert}"
+        return f"{segment.name} bytes[{segment.size}]{how}"
+
+    def rules(self, w: RuleWriter, segment: Data, always: bool, lengths: Lengths) -> Rules:
+        kind = "digits" if segment.convert == "ascii_to_hex" else "bytes"
+        yield segment.name, w.rule(kind, _range_of(segment, lengths), always and segment.pad is None)
+
+
+def _range_of(data: Data, lengths: Lengths) -> forms.Range:
+    if isinstance(data.size, int):
+        return forms.Range(data.least if data.pad is not None else data.size, data.size)
+    limits = lengths.get(data.name, forms.Range(None, None)) if data.convert is None else forms.Range(None, None)
+    return forms.Range(max(data.least, limits.least or 0) or None, limits.most)
 
 
 def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
+from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Argument, EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope, constant_of, default_text
@@ -11,6 +12,7 @@ from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
 from framekit.definition.expression.emit import AND, OR, PRODUCT
@@ -122,6 +124,39 @@ class FieldKind(SegmentKind[Field]):
 
     def measure(self, m: MeasureWriter, segment: Field, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+    def describe(self, segment: Field) -> str:
+        text = f"{segment.name} {type_text(segment.type)}"
+        if segment.constants is not None:
+            return f"{text} = {' or '.join(_constant(value) for value in segment.constants)}"
+        if segment.is_ is not None:
+            return f"{text} = {segment.is_}"
+        return text
+
+    def rules(self, w: RuleWriter, segment: Field, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, _rule(w, segment, always, lengths)
+
+
+def _rule(w: RuleWriter, field: Field, always: bool, lengths: Lengths) -> str:
+    kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(field.type.kind, "number")
+    needed = always and field.build is None and field.default is None and field.is_ is None and field.constants is None
+    names = "" if field.values is None else w.module.numbers(field.values, f"{w.title} {field.name}")
+    if kind in ("text", "bytes"):
+        return w.rule(kind, _text_range(field, lengths), needed, names)
+    limits = forms.value_range(field) if kind == "number" else forms.Range(*(field.limits or (None, None)))
+    return w.rule(kind, limits, needed, names, only=field.only, unit=field.unit or 1)
+
+
+def _text_range(field: Field, lengths: Lengths) -> forms.Range:
+    size = field.type.fixed_size
+    if size is not None:
+        whole = field.type.kind == "bytes" or (field.type.pad is None and field.type.end is None)
+        return forms.Range(size if whole else None, size)
+    return lengths.get(field.name, forms.Range(None, None))
+
+
+def _constant(value: int | str | bytes) -> str:
+    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
 
 
 def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:

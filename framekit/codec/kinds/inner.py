@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python import forms
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
@@ -12,6 +13,7 @@ from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -122,6 +124,13 @@ class InnerKind(SegmentKind[Inner]):
                 m.add("return LOST")
             m.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
         m.skip(size)
+
+    def describe(self, segment: Inner) -> str:
+        shown = ", ".join(segment.frames[:3]) + (", …" if len(segment.frames) > 3 else "")
+        return f"{segment.name} (one of {shown})" if len(segment.frames) > 1 else f"{segment.name} ({shown})"
+
+    def rules(self, w: RuleWriter, segment: Inner, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, w.rule("mapping", forms.Range(None, None), always)
 
 
 def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:

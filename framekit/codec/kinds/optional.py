@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.expressions import Scope
@@ -51,3 +52,6 @@ class OptionalKind(SegmentKind[Optional]):
 
     def measure(self, m: MeasureWriter, segment: Optional, scope: Scope, after: Pairs) -> None:
         m.rest(segment, after)
+
+    def describe(self, segment: Optional) -> str:
+        return f"[{summary(segment.of)}]"

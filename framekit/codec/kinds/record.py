@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python import forms
+from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.order import Task
-from framekit.codec.python.rules import is_needed
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter, is_needed
 from framekit.codec.python.source import Source, quoted
 from framekit.definition.model.segments import (
     Record,
@@ -37,6 +39,13 @@ class RecordKind(SegmentKind[Record]):
     def diagnose(self, d: DiagnosisWriter, segment: Record, scope: Scope, behind: Behind) -> None:
         with d.out.block(f"with n.record({quoted(segment.name)}):"):
             d.list(segment.of, inside_of(scope, segment.name), behind)
+
+    def describe(self, segment: Record) -> str:
+        return f"{segment.name} ({summary(segment.of)})"
+
+    def rules(self, w: RuleWriter, segment: Record, always: bool, lengths: Lengths) -> Rules:
+        needed = always and is_needed(segment.of)
+        yield segment.name, w.rule("mapping", forms.Range(None, None), needed, inside=w.mapping(segment.of))
 
 
 def _put(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
+from framekit.codec.python.describe import summary, type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Entry, Scope
@@ -11,6 +12,7 @@ from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import Item, Reader, without_end
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.source import Code, quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR, PRODUCT
@@ -94,6 +96,27 @@ class RepeatKind(SegmentKind[Repeat]):
             m.advance("stop")
         else:
             _measure_records(m, segment, segment.of, scope, times, after)
+
+    def describe(self, segment: Repeat) -> str:
+        of = segment.of
+        inside = type_text(of) if isinstance(of, FieldType) else f"({summary(of)})"
+        return f"{segment.name} {segment.times} × {inside}"
+
+    def rules(self, w: RuleWriter, segment: Repeat, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, _rule(w, segment, always, lengths)
+
+
+def _rule(w: RuleWriter, repeat: Repeat, always: bool, lengths: Lengths) -> str:
+    if isinstance(repeat.times, int):
+        limits = forms.Range(repeat.times, repeat.times)
+    else:
+        limits = lengths.get(repeat.name, forms.Range(None, None))
+    if isinstance(repeat.of, FieldType):
+        kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(repeat.of.kind, "number")
+        size = repeat.of.fixed_size if kind in ("text", "bytes") else None
+        item = forms.Range(None, size) if kind != "number" else forms.wire_range(repeat.of)
+        return w.rule("list", limits, always, inside=f'{{"": {w.rule(kind, item, False)}}}')
+    return w.rule("list", limits, always, inside=w.mapping(repeat.of))
 
 
 def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:

@@ -33,6 +33,9 @@ class RequireKind(SegmentKind[Require]):
         text = d.writer(scope).text(segment.condition)
         d.out.add(f"n.require({quoted(segment.condition.text)}, lambda n: {text}{d.refuse(segment)})")
 
+    def describe(self, segment: Require) -> str:
+        return f"({segment.condition})"
+
 
 def _demand(w: EncodeWriter, segment: Require, condition: Expression, scope: Scope) -> None:
     text = w.writer(scope).negated(condition)

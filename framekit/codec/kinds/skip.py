@@ -28,6 +28,9 @@ class SkipKind(SegmentKind[Skip]):
     def diagnose(self, d: DiagnosisWriter, segment: Skip, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.skip({d.named(segment)}, {segment.size})")
 
+    def describe(self, segment: Skip) -> str:
+        return f"{segment.size} bytes" if segment.size > 1 else "1 byte"
+
 
 class FillKind(SegmentKind[Fill]):
     model = Fill

@@ -9,6 +9,7 @@ from framekit.codec.python.expressions import Entry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.segments import (
@@ -38,6 +39,12 @@ class ValueKind(SegmentKind[Value]):
     def measure(self, m: MeasureWriter, segment: Value, scope: Scope, after: Pairs) -> None:
         if segment.name in m.needed:
             m.set_value(segment.name, scope, m.text(segment.read, scope))
+
+    def describe(self, segment: Value) -> str:
+        return f"{segment.name} := {segment.read}"
+
+    def rules(self, w: RuleWriter, segment: Value, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, 'Rule("any")'
 
 
 def _put(w: EncodeWriter, value: Value, scope: Scope, given: Given, missing: set[str]) -> None:

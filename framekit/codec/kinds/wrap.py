@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Scope
@@ -136,6 +137,10 @@ class WrapKind(SegmentKind[Wrap]):
             with m.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
                 m.add("return LOST")
         _measure_content(m, segment, scope, after, 2)
+
+    def describe(self, segment: Wrap) -> str:
+        how = "hex digits" if segment.how == "hex" else f"{segment.escape:02X} doubled"
+        return f"{how} ({summary(segment.of)})"
 
 
 def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:

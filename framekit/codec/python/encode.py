@@ -123,7 +123,7 @@ def write_encoder(
     module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
 ) -> Source:
     """The source of `encode_…` of a frame, or of a layout if `frame` is None."""
-    rules = module.rules(identifier, RuleWriter(module, identifier).rules(segments))
+    rules = module.rules(identifier, RuleWriter(module, identifier).mapping(segments))
     writer = EncodeWriter(module, identifier, segments)
     given = Given("values", rules)
     scope = Scope()

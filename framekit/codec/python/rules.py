@@ -6,21 +6,23 @@ from collections.abc import Iterable, Mapping
 
 from framekit.codec.python import forms
 from framekit.codec.python.module import Module
+from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
-    Bits,
     Count,
     Data,
     Field,
-    FieldType,
     Inner,
     Length,
     Record,
     Repeat,
     Segment,
-    Value,
 )
 from framekit.definition.model.walk import flat
+
+Lengths = Mapping[str, forms.Range]
+Rules = Iterable[tuple[str, str]]
+"""Names of values, each with the text of its rule."""
 
 
 class RuleWriter:
@@ -31,42 +33,18 @@ class RuleWriter:
         self.title = title
         module.function("Rule")
 
-    def rules(self, segments: tuple[Segment, ...]) -> str:
+    def mapping(self, segments: tuple[Segment, ...]) -> str:
         """The mapping name → rule, as text."""
         branches = {id(one) for segment in flat(segments) for one in _in_branches(segment)}
         lengths = _lengths(segments)
         found: dict[str, str] = {}
         for segment in flat(segments):
             always = id(segment) not in branches and segment.when is None
-            for name, rule in self._of(segment, always, lengths):
+            for name, rule in kind_of(segment).rules(self, segment, always, lengths):
                 found.setdefault(name, rule)
         return "{" + ", ".join(f"{quoted(name)}: {rule}" for name, rule in found.items()) + "}"
 
-    def _of(self, segment: Segment, always: bool, lengths: Mapping[str, forms.Range]) -> Iterable[tuple[str, str]]:
-        match segment:
-            case Field():
-                yield segment.name, self._field(segment, always, lengths)
-            case Length() | Count():
-                yield segment.name, self._rule("number", forms.value_range(segment), False)
-            case Bits(parts=parts):
-                for part in parts:
-                    names = "" if part.values is None else self.module.numbers(part.values, f"{self.title} {part.name}")
-                    most = (1 << part.high - part.low + 1) - 1
-                    yield part.name, self._rule("number", forms.Range(0, most), False, names)
-            case Data():
-                kind = "digits" if segment.convert == "ascii_to_hex" else "bytes"
-                yield segment.name, self._rule(kind, _data_range(segment, lengths), always and segment.pad is None)
-            case Repeat():
-                yield segment.name, self._repeat(segment, always, lengths)
-            case Record(name=name, of=of):
-                needed = always and is_needed(of)
-                yield name, self._rule("mapping", forms.Range(None, None), needed, inside=self.rules(of))
-            case Inner(name=name):
-                yield name, self._rule("mapping", forms.Range(None, None), always)
-            case Value(name=name):
-                yield name, 'Rule("any")'
-
-    def _rule(
+    def rule(
         self,
         kind: str,
         limits: forms.Range,
@@ -90,29 +68,6 @@ class RuleWriter:
         if inside:
             parts.append(f"inside={inside}")
         return f"Rule({', '.join(parts)})"
-
-    def _field(self, field: Field, always: bool, lengths: Mapping[str, forms.Range]) -> str:
-        kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(field.type.kind, "number")
-        needed = (
-            always and field.build is None and field.default is None and field.is_ is None and field.constants is None
-        )
-        names = "" if field.values is None else self.module.numbers(field.values, f"{self.title} {field.name}")
-        if kind in ("text", "bytes"):
-            return self._rule(kind, _text_range(field, lengths), needed, names)
-        limits = forms.value_range(field) if kind == "number" else forms.Range(*(field.limits or (None, None)))
-        return self._rule(kind, limits, needed, names, only=field.only, unit=field.unit or 1)
-
-    def _repeat(self, repeat: Repeat, always: bool, lengths: Mapping[str, forms.Range]) -> str:
-        if isinstance(repeat.times, int):
-            limits = forms.Range(repeat.times, repeat.times)
-        else:
-            limits = lengths.get(repeat.name, forms.Range(None, None))
-        if isinstance(repeat.of, FieldType):
-            kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(repeat.of.kind, "number")
-            size = repeat.of.fixed_size if kind in ("text", "bytes") else None
-            item = forms.Range(None, size) if kind != "number" else forms.wire_range(repeat.of)
-            return self._rule("list", limits, always, inside=f'{{"": {self._rule(kind, item, False)}}}')
-        return self._rule("list", limits, always, inside=self.rules(repeat.of))
 
 
 def is_needed(segments: tuple[Segment, ...]) -> bool:
@@ -148,18 +103,3 @@ def _lengths(segments: tuple[Segment, ...]) -> dict[str, forms.Range]:
         if isinstance(segment, Count) and segment.plus == 0:
             found[segment.of] = forms.Range(least or None, most)
     return found
-
-
-def _data_range(data: Data, lengths: Mapping[str, forms.Range]) -> forms.Range:
-    if isinstance(data.size, int):
-        return forms.Range(data.least if data.pad is not None else data.size, data.size)
-    limits = lengths.get(data.name, forms.Range(None, None)) if data.convert is None else forms.Range(None, None)
-    return forms.Range(max(data.least, limits.least or 0) or None, limits.most)
-
-
-def _text_range(field: Field, lengths: Mapping[str, forms.Range]) -> forms.Range:
-    size = field.type.fixed_size
-    if size is not None:
-        whole = field.type.kind == "bytes" or (field.type.pad is None and field.type.end is None)
-        return forms.Range(size if whole else None, size)
-    return lengths.get(field.name, forms.Range(None, None))
