@@ -17,8 +17,6 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Inner
-from framekit.definition.model.walk import parts_of
 from framekit.definition.times import LineFormat
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
@@ -110,6 +108,10 @@ class Trial:
         """Whole, byte by byte with what was seen before as a receiver asks, and with more behind."""
         codec = self.codec
         whole = codec.measure("f", data)
+        if codec.QUIET < whole < 0:
+            told = [problem.what for problem in check_matrices(self.protocol) if not problem.warning]
+            assert any("may be the beginning of" in what for what in told), f"{data.hex(' ')} is measured as {whole}"
+            return
         assert not data or whole == codec.QUIET or 0 < whole <= len(data), f"{data.hex(' ')} is measured as {whole}"
         if whole != len(data) or not data:
             return  # ends by silence, or its data hold what looks like its end
@@ -128,8 +130,6 @@ class Trial:
 
     def receive(self, data: bytes) -> None:
         """A receiver finds the same however the stream is cut, and the frame itself where measuring finds its end."""
-        if any(len(inner.frames) > 1 for inner in parts_of(dict(self.protocol.frames), Inner)):
-            return  # the first that is complete is taken, though a longer one stands before it in the order written
         stream = data + damaged(data, self.random) + data
         places = sorted(self.random.randrange(len(stream) + 1) for _ in range(3))
         cuts = zip([0, *places], [*places, len(stream)], strict=True)
@@ -153,11 +153,6 @@ class Trial:
             alone = read(self.codec, one)
             result = (there.cause, there.refuse) if isinstance(there, FrameError) else there
             assert result == alone, f"{one.hex(' ')} among others: {result} is not {alone}"
-
-
-def try_samples(protocol: Protocol) -> None:
-    """What `framekit check` finds out by building samples."""
-    check_matrices(protocol)
 
 
 def read(codec: Codec | ConstructCodec, data: bytes) -> Any:

@@ -15,10 +15,10 @@ from typing import Any
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.double_errors import check_weak_codes
 from framekit.codec.errors import FrameError
-from framekit.codec.hidden_ends import check_hidden_ends, check_silent_ends
+from framekit.codec.hidden_ends import check_ends_inside, check_hidden_ends, check_silent_ends
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.sample_context import sample_context
-from framekit.codec.samples import Sample, Sampler
+from framekit.codec.samples import Sample, Sampler, beginning
 from framekit.definition.model.frame_sizes import StaticSizes
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Row
@@ -29,9 +29,6 @@ from framekit.definition.problems import Position, Problem
 
 FEWEST = 2
 """So many samples at least must be taken for the other frame before that is believed of all (or the only one)."""
-
-SHOWN = 24
-"""Bytes of a sample that a message shows."""
 
 PLACES = 6
 """Constant bytes of a frame that are looked at before it is tried."""
@@ -64,7 +61,7 @@ def check_matrices(protocol: Protocol) -> list[Problem]:
     for candidates, todo in _matrices(protocol):
         for problem in checker.matrix(candidates, todo):
             found.setdefault((problem.at, problem.what), problem)
-    ends = [*check_hidden_ends(protocol), *check_silent_ends(codec, sampler)]
+    ends = [*check_hidden_ends(protocol), *check_silent_ends(codec, sampler), *check_ends_inside(codec, sampler)]
     weak = list(check_weak_codes(codec, sampler))
     return [*found.values(), *ends, *weak, *_not_tried(protocol, sampler)]
 
@@ -156,9 +153,8 @@ class _Checker:
                     return
                 tried += 1
                 if (sample := self._taken(earlier, later)) is not None:
-                    shown = sample.data[:SHOWN].hex(" ").upper() + (" …" if len(sample.data) > SHOWN else "")
                     what = f"'{later.frame}' is always taken for '{earlier.frame}', which is tried first"
-                    yield Problem(later.at, f"{what}: {shown} fits both", todo)
+                    yield Problem(later.at, f"{what}: {beginning(sample.data)} fits both", todo)
                     break
             before.add(later, self._constants(later.frame))
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.codec.codec import Codec
-from framekit.codec.samples import Sampler
+from framekit.codec.errors import EncodeError
+from framekit.codec.samples import Sampler, beginning
 from framekit.definition.check.frames import takes_rest, title
 from framekit.definition.model.contents import bytes_of
 from framekit.definition.model.frames import Frame
@@ -48,6 +49,35 @@ def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
             if frame.name in within:
                 todo = f"write from: none if it stands only inside other frames, else {todo}"
             yield Problem(frame.at, what, todo)
+
+
+def check_ends_inside(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
+    """Frames inside whose bytes may be the beginning of one that is tried before them: a receiver waits for that."""
+    for frame in codec.protocol.frames.values():
+        for inner in parts_of(frame.segments, Inner):
+            for later in inner.frames[1:] if inner.size is None else ():
+                data = _waiting(codec, sampler, frame.name, inner, later)
+                if data is not None:
+                    what = f"'{later}' in '{frame.name}' may be the beginning of a frame that is tried first"
+                    what = f"{what}: {beginning(data)}"
+                    todo = f"give '{inner.name}' a size, or write the frame with less bytes first"
+                    yield Problem(inner.at, what, todo)
+                    break
+
+
+def _waiting(codec: Codec, sampler: Sampler, frame: str, inner: Inner, later: str) -> bytes | None:
+    """A frame with another inside that is complete without silence, and measured as if more came."""
+    outer = [sample.values for sample in sampler.samples(frame) if inner.name in sample.values]
+    for values, inside in zip(outer, sampler.samples(later), strict=False):
+        if codec.measure(later, inside.data, ctx=sampler.context) == codec.QUIET:
+            continue
+        try:
+            data = codec.encode(frame, {**values, inner.name: {later: inside.values}}, sampler.context)
+        except EncodeError:
+            continue
+        if codec.QUIET < codec.measure(frame, data, ctx=sampler.context) < 0:
+            return data
+    return None
 
 
 def _warning(

@@ -27,6 +27,9 @@ LARGEST = 600
 MOST_ITEMS = 20_000
 """Items of lists in all samples of a frame; longer lists would take long to make."""
 
+SHOWN = 24
+"""Bytes of a sample that a message shows."""
+
 DEEPEST = 6
 _LEFT_OUT: Any = object()
 _GIVEN = (model.Field, model.Data, model.Value)
@@ -40,6 +43,11 @@ class Sample:
     values: Mapping[str, Any]
     data: bytes
     read: Mapping[str, Any]
+
+
+def beginning(data: bytes) -> str:
+    """The bytes of a sample as a message shows them."""
+    return data[:SHOWN].hex(" ").upper() + (" …" if len(data) > SHOWN else "")
 
 
 class Sampler:

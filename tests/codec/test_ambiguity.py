@@ -152,3 +152,28 @@ def test_silence_ends_nothing_on_a_connection() -> None:
     (problem,) = check_matrices(load_protocol_text(text))
     assert problem.what.startswith("only silence ends 'f'") and not problem.warning
     assert check_matrices(load_protocol_text(text + "receiver: {quiet: 20 ms}\n")) == []
+
+
+INSIDE = """
+protocol: t
+frames:
+  f: {{body: [{{inner: i, of: [{order}]}}, {{const: 03}}]}}
+  long: {{from: none, body: [{{field: n, type: u8}}, {{data: d, size: 3}}]}}
+  short: {{from: none, body: [{{const: 02}}, {{field: k, type: u8}}]}}
+"""
+
+
+def test_a_frame_inside_that_may_begin_one_tried_before_it() -> None:
+    found = check_matrices(load_protocol_text(INSIDE.format(order="long, short")))
+    (problem,) = [one for one in found if "may be the beginning of" in one.what]
+    assert problem.what.startswith("'short' in 'f' may be the beginning of a frame that is tried first: 02 ")
+    assert not problem.warning and problem.at.line == 4
+    found = check_matrices(load_protocol_text(INSIDE.format(order="short, long")))
+    assert not any("may be the beginning of" in one.what for one in found)
+
+
+def test_while_a_frame_inside_wants_more_none_behind_it_is_taken() -> None:
+    codec = compile_protocol(load_protocol_text(INSIDE.format(order="long, short")))
+    data = bytes.fromhex("02 05 03 02 03")
+    assert [codec.measure("f", data[:have]) for have in range(1, 6)] == [-2, -3, -2, -1, 5]
+    assert codec.decode("f", data[:3]) == {"i": {"short": {"k": 5}}}

@@ -39,7 +39,7 @@ class InnerKind(SegmentKind[Inner]):
         else:
             size = function.names.fresh(f"{segment.name}_size")
             measure, start = r.module.function("measure_first"), r.place.text(r.buffer)
-            function.add(f"{size} = {measure}({choice}, {r.buffer}, {start}, len({r.buffer}), ctx)")
+            function.add(f"{size} = {measure}({choice}, {r.buffer}, {start}, len({r.buffer}), ctx, whole=True)")
             with function.out.block(f"if {size} <= 0:"):
                 function.add(MISFIT)
             first, last = r.take(item, size)
@@ -93,7 +93,7 @@ class InnerKind(SegmentKind[Inner]):
             size, option = "None", d.behind_option(True, behind)
         else:
             measure = d.module.function("measure_first")
-            size = f"lambda n: {measure}({choice}, n.data, n.at, n.end, n.ctx)"
+            size = f"lambda n: {measure}({choice}, n.data, n.at, n.end, n.ctx, whole=True)"
         d.out.add(f"n.inner({quoted(segment.name)}, {size}, {choice}{option})")
 
     def measure(self, m: MeasureWriter, segment: Inner, scope: Scope, after: Pairs) -> None:

@@ -101,19 +101,22 @@ def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
     return {"unknown": {"data": data}}
 
 
-def measure_first(choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
-    """How long the frame is that stands here: the first that is complete and fits, else what is wanted at least."""
+def measure_first(
+    choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0, whole: bool = False
+) -> int:
+    """How long the frame is that stands here: the first that fits, else what is wanted at least.
+
+    While one wants more, none behind it is taken: how the bytes come makes no difference. `whole`: no more come.
+    """
     want, quiet, lost = 0, False, False
-    candidates = choice.frames(data, start, end)
-    for frame in candidates:
+    for frame in choice.frames(data, start, end):
         size = frame.measure(data, start, end, ctx, seen)
         if size > 0:
-            if fits(frame, bytes(data[start : start + size]), ctx):
+            if (whole or not want) and fits(frame, bytes(data[start : start + size]), ctx):
                 return size
-        elif size == 0:
-            continue
         elif size > QUIET:
-            want = max(want, size) if want else size
+            if size:
+                want = max(want, size) if want else size
         else:
             quiet, lost = quiet or size == QUIET, lost or size == LOST
     return want or (QUIET if quiet else LOST if lost else 0)
@@ -130,9 +133,11 @@ def extent_first(choice: Choice, data: bytes | bytearray, start: int, end: int, 
     for frame in choice.frames(data, start, end):
         size = frame.measure(data, start, end, ctx, seen)
         if size > 0:
-            return size
-        if size > QUIET:
-            want = max(want, size) if want and size else want or size
+            if not want:
+                return size
+        elif size > QUIET:
+            if size:
+                want = max(want, size) if want else size
         else:
             quiet, lost = quiet or size == QUIET, lost or size == LOST
     return want or (QUIET if quiet else LOST if lost else 0)

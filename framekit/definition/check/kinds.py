@@ -206,7 +206,7 @@ class KindChecker:
         result = _combined(node.operator, left, right)
         if result is None and not (node.operator in "+-" and (_is_zero(node.left) or _is_zero(node.right))):
             at, what = node.left.at, f"{WORDS[left]} and {WORDS[right]} do not go together with '{node.operator}'"
-            self._inside(at, what, _how_to_join(left, right))
+            self._inside(at, what, _how_to_join(left, right, node.operator))
         return result or "any"
 
     def _compare(self, node: Compare) -> Kind:
@@ -245,7 +245,7 @@ def _combined(operator: str, left: Kind, right: Kind) -> Kind | None:
         return left
     if operator == "*" and left in numbers and right in numbers:
         return "time"
-    if operator == "*" and {left, right} & _SEQUENCES and "number" in (left, right):
+    if operator == "*" and {left, right} & (_SEQUENCES - {"text"}) and "number" in (left, right):
         return right if left == "number" else left
     if operator in ("//", "%") and left == "time" and right in numbers:
         return "number" if right == "time" and operator == "//" else "time"
@@ -265,9 +265,11 @@ def _zero_time(first: Node, second: Node, left: Kind, right: Kind) -> bool:
     return {left, right} == {"number", "time"} and (_is_zero(first) or _is_zero(second))
 
 
-def _how_to_join(left: Kind, right: Kind) -> str:
+def _how_to_join(left: Kind, right: Kind, operator: str) -> str:
     if {left, right} == {"number", "time"}:
         return "give the number a unit, such as 50 ms"
+    if {left, right} == {"number", "text"} and operator == "*":
+        return "make a number of the text with number(…), or write the text as often as it stands there"
     if {left, right} == {"number", "text"}:
         return "make a text of the number with text(…), or a number of the text with number(…)"
     return ""
