@@ -12,7 +12,7 @@ from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.commands import CallOf
+from framekit.definition.model.commands import CommandCall
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.walk import parts_of
@@ -363,7 +363,7 @@ def _missing(row: ServiceRow, application: Protocol, protocol: Protocol, at: Pos
     if block is None:
         return
     whose = f"command '{row.service}' of '{application.name}'"
-    for call in parts_of(block.calls, CallOf):
+    for call in parts_of(block.calls, CommandCall):
         rows = protocol.services.get(call.service)
         if not rows:
             hint = did_you_mean(call.service, protocol.services)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any, Generic, TypeVar
 
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, Cases, EncodeWriter, Given
+from framekit.codec.python.encode import Cases, EncodeWriter, Given, PackArgument
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
-from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.definition.model.segments import Segment
@@ -28,17 +28,17 @@ class SegmentKind(Generic[S]):
 
     # ---- decoding -----------------------------------------------------------------------------------------
 
-    def slot(self, r: Reader, item: Item, segment: S, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: S, size: int) -> Slot:
         """What a segment of fixed size takes of the struct that unpacks a run of them; padding if not overridden."""
         return Slot(item, size, "x", "", None)
 
-    def unpacked(self, r: Reader, slot: Slot, segment: S, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: S, source: str, converted: bool) -> None:
         """From what the struct gave (the text `source`) to the value, and what must hold for it.
 
         `r.place` is where the segment begins. `converted`: the source is the number already.
         """
 
-    def read(self, r: Reader, item: Item, segment: S, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: S, after: tuple[Item, ...]) -> None:
         """Reads a segment that is there and stands in no run. `after`: what follows it in the buffer."""
         raise TypeError(f"no segment to read: {segment!r}")
 
@@ -52,7 +52,7 @@ class SegmentKind(Generic[S]):
         """The headers and segments of lists of which one is there; None: a case that must not be."""
         raise TypeError(f"no cases: {segment!r}")
 
-    def argument(self, w: EncodeWriter, segment: S, scope: Scope, size: int) -> Argument:
+    def argument(self, w: EncodeWriter, segment: S, scope: Scope, size: int) -> PackArgument:
         """What a segment of fixed size gives to the struct that packs a run of them."""
         raise TypeError(f"no segment of a run: {segment!r}")
 

@@ -6,11 +6,11 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope, constant_of
+from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.expressions import NameEntry, Scope, constant_of
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
-from framekit.codec.python.reader import ANY_WIDTH, Item, Reader, Slot, shown_name
+from framekit.codec.python.reader import ANY_WIDTH, BufferReader, Item, Slot, shown_name
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.emit import AND, PRODUCT
@@ -24,15 +24,15 @@ from framekit.definition.model.segments import (
 class BitsKind(SegmentKind[Bits]):
     model = Bits
 
-    def slot(self, r: Reader, item: Item, segment: Bits, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: Bits, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.names.fresh(shown_name(segment, "bits")))
 
-    def unpacked(self, r: Reader, slot: Slot, segment: Bits, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: Bits, source: str, converted: bool) -> None:
         r.assign(slot.text, r.wire(segment.type, source, converted))
         _cut(r, slot.item, segment, slot.text)
 
-    def read(self, r: Reader, item: Item, segment: Bits, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Bits, after: tuple[Item, ...]) -> None:
         local = r.function.names.fresh(shown_name(segment, "bits"))
         r.function.add(f"{local} = {r.sized_number(item, segment)}")
         _cut(r, item, segment, local)
@@ -40,10 +40,10 @@ class BitsKind(SegmentKind[Bits]):
     def tasks(self, w: EncodeWriter, segment: Bits, scope: Scope, given: Given) -> list[Task]:
         tasks = [_part_task(w, part, segment.when, scope, given) for part in segment.parts]
         if segment.name is not None and segment.name in w.read_names:
-            scope.entries[segment.name] = Entry("0", sized=False, wire=w.own_room(segment, scope))
+            scope.entries[segment.name] = NameEntry("0", sized=False, wire=w.own_room(segment, scope))
         return tasks
 
-    def argument(self, w: EncodeWriter, segment: Bits, scope: Scope, size: int) -> Argument:
+    def argument(self, w: EncodeWriter, segment: Bits, scope: Scope, size: int) -> PackArgument:
         return w.number_argument(segment, scope, size)
 
     def bytes_text(self, w: EncodeWriter, segment: Bits, scope: Scope) -> str:
@@ -59,9 +59,9 @@ class BitsKind(SegmentKind[Bits]):
 
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
         for part in segment.parts:
-            scope.entries[part.name] = Entry(f"n[{quoted(part.name)}]")
+            scope.entries[part.name] = NameEntry(f"n[{quoted(part.name)}]")
         if segment.name:
-            scope.entries[segment.name] = Entry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
+            scope.entries[segment.name] = NameEntry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
 
     def diagnose(self, d: DiagnosisWriter, segment: Bits, scope: Scope, behind: Behind) -> None:
         parts = {part.name: (part.low, (1 << part.high - part.low + 1) - 1) for part in segment.parts}
@@ -137,10 +137,10 @@ def _put_part(
         most = (1 << part.high - part.low + 1) - 1
         condition = f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}"
         w.refuse_if(condition if when is None else f"({w.text(when, scope, AND)} and {condition})")
-    scope.entries[part.name] = Entry(text, sized=False)
+    scope.entries[part.name] = NameEntry(text, sized=False)
 
 
-def _cut(r: Reader, item: Item, bits: Bits, whole: str) -> None:
+def _cut(r: BufferReader, item: Item, bits: Bits, whole: str) -> None:
     """Cuts a number into its named bits."""
     fixed = bits.type.fixed_size  # one of computed size may have more bits than any name takes
     width = ANY_WIDTH if fixed is None else 8 * fixed // (2 if bits.type.kind == "digits" else 1)
@@ -151,7 +151,7 @@ def _cut(r: Reader, item: Item, bits: Bits, whole: str) -> None:
         r.judge_value(item.scope, part.is_, part.constants, local)
     if bits.name is not None:
         wire = r.function.wire_size(bits.name) if fixed is None else str(fixed)
-        item.scope.entries[bits.name] = Entry(whole, sized=False, wire=wire)
+        item.scope.entries[bits.name] = NameEntry(whole, sized=False, wire=wire)
 
 
 def bits_text(part: BitsPart, whole: str, width: int) -> str:

@@ -10,7 +10,7 @@ from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import covers_later, span_names
-from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Check,
@@ -23,13 +23,13 @@ from framekit.definition.model.walk import leaves
 class CheckKind(SegmentKind[Check]):
     model = Check
 
-    def slot(self, r: Reader, item: Item, segment: Check, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: Check, size: int) -> Slot:
         if segment.verify != "error" or r.residue(segment) is not None:
             return super().slot(r, item, segment, size)
         code, order = forms.check_code(segment)
         return Slot(item, size, code, order, r.function.names.fresh("check"))
 
-    def unpacked(self, r: Reader, slot: Slot, segment: Check, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: Check, source: str, converted: bool) -> None:
         r.judge_check(segment, source, slot.code.endswith("s"))
 
     def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:

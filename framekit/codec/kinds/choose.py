@@ -9,7 +9,7 @@ from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.expressions import Scope, numbers_of
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.order import Task
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import literal
 from framekit.definition.expression.emit import AND, BIT_OR
 from framekit.definition.model.segments import (
@@ -21,7 +21,7 @@ from framekit.definition.model.segments import (
 class ChooseKind(SegmentKind[Choose]):
     model = Choose
 
-    def read(self, r: Reader, item: Item, segment: Choose, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Choose, after: tuple[Item, ...]) -> None:
         function = r.function
         on = function.writer(item.scope).text(segment.on, BIT_OR)
         if not on.isidentifier():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, EncodeWriter
+from framekit.codec.python.encode import EncodeWriter, PackArgument
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.source import bytes_literal, literal
 from framekit.definition.model.segments import (
@@ -15,8 +15,8 @@ from framekit.definition.model.segments import (
 class ConstKind(SegmentKind[Const]):
     model = Const
 
-    def argument(self, w: EncodeWriter, segment: Const, scope: Scope, size: int) -> Argument:
-        return Argument(f"{size}s", "", bytes_literal(segment.data))
+    def argument(self, w: EncodeWriter, segment: Const, scope: Scope, size: int) -> PackArgument:
+        return PackArgument(f"{size}s", "", bytes_literal(segment.data))
 
     def diagnose(self, d: DiagnosisWriter, segment: Const, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.const({d.named(segment)}, {bytes_literal(segment.data)}{d.refuse(segment)})")

@@ -6,11 +6,11 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
-from framekit.codec.python.reader import Item, Reader, Slot, not_possible
+from framekit.codec.python.reader import BufferReader, Item, Slot, not_possible
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import (
     is_always_there,
@@ -32,18 +32,18 @@ from framekit.definition.model.segments import (
 class LengthKind(SegmentKind[Length]):
     model = Length
 
-    def slot(self, r: Reader, item: Item, segment: Length, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: Length, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
 
-    def unpacked(self, r: Reader, slot: Slot, segment: Length, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: Length, source: str, converted: bool) -> None:
         item, local = slot.item, slot.text
         r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
         r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
         r.judge_limits(segment, local)
         r.compare_length(item, segment)
 
-    def read(self, r: Reader, item: Item, segment: Length, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Length, after: tuple[Item, ...]) -> None:
         _read_number(r, item, segment)
         r.compare_length(item, segment)
 
@@ -51,7 +51,7 @@ class LengthKind(SegmentKind[Length]):
         waits = {token for name in segment.of for token in w.room_tokens(name)} | w.size_waits(segment)
         return [Task((segment.name,), waits, lambda _: _put_length(w, segment, scope, given))]
 
-    def argument(self, w: EncodeWriter, segment: Length, scope: Scope, size: int) -> Argument:
+    def argument(self, w: EncodeWriter, segment: Length, scope: Scope, size: int) -> PackArgument:
         return w.number_argument(segment, scope, size)
 
     def bytes_text(self, w: EncodeWriter, segment: Length, scope: Scope) -> str:
@@ -67,7 +67,7 @@ class LengthKind(SegmentKind[Length]):
 
     def declare(self, d: DiagnosisWriter, segment: Length, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
-        scope.entries[segment.name] = Entry(
+        scope.entries[segment.name] = NameEntry(
             f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
         )
 
@@ -115,18 +115,18 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
 class CountKind(SegmentKind[Count]):
     model = Count
 
-    def slot(self, r: Reader, item: Item, segment: Count, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: Count, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
 
-    def unpacked(self, r: Reader, slot: Slot, segment: Count, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: Count, source: str, converted: bool) -> None:
         item, local = slot.item, slot.text
         r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
         r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
         r.judge_limits(segment, local)
         r.compare_count(item, segment)
 
-    def read(self, r: Reader, item: Item, segment: Count, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Count, after: tuple[Item, ...]) -> None:
         _read_number(r, item, segment)
         r.compare_count(item, segment)
 
@@ -134,7 +134,7 @@ class CountKind(SegmentKind[Count]):
         waits = {segment.of} | w.size_waits(segment)
         return [Task((segment.name,), waits, lambda _: _put_count(w, segment, scope, given))]
 
-    def argument(self, w: EncodeWriter, segment: Count, scope: Scope, size: int) -> Argument:
+    def argument(self, w: EncodeWriter, segment: Count, scope: Scope, size: int) -> PackArgument:
         return w.number_argument(segment, scope, size)
 
     def bytes_text(self, w: EncodeWriter, segment: Count, scope: Scope) -> str:
@@ -150,7 +150,7 @@ class CountKind(SegmentKind[Count]):
 
     def declare(self, d: DiagnosisWriter, segment: Count, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
-        scope.entries[segment.name] = Entry(
+        scope.entries[segment.name] = NameEntry(
             f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
         )
 
@@ -178,7 +178,7 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
     plus = "" if not number.plus else f" + {number.plus}" if number.plus > 0 else f" - {-number.plus}"
     w.add(f"{local} = {text}{plus}")
     shown = w.or_nothing(number.name, local, number.when, scope)
-    scope.entries[number.name] = Entry(shown, sized=False, wire=w.own_room(number, scope))
+    scope.entries[number.name] = NameEntry(shown, sized=False, wire=w.own_room(number, scope))
     given.computed[number.name] = local
     if number.limits is None and number.zero_means is None:
         w.refuse_digits(number, scope, local)
@@ -192,7 +192,7 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
         w.complain(condition, text_source(*path), text_source("'", *path, *found))
 
 
-def _read_number(r: Reader, item: Item, segment: Length | Count) -> None:
+def _read_number(r: BufferReader, item: Item, segment: Length | Count) -> None:
     """A number whose size is an expression."""
     local = r.function.local(segment.name, item.scope)
     r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
-from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression.emit import AND, OR, PRODUCT
@@ -23,17 +23,17 @@ from framekit.definition.model.segments import (
 class DataKind(SegmentKind[Data]):
     model = Data
 
-    def slot(self, r: Reader, item: Item, segment: Data, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: Data, size: int) -> Slot:
         return Slot(item, size, f"{size}s", "", r.function.local(segment.name, item.scope))
 
-    def unpacked(self, r: Reader, slot: Slot, segment: Data, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: Data, source: str, converted: bool) -> None:
         local = slot.text
         r.assign(local, forms.memory_text(r.module, segment, source))
         r.declare(slot.item, segment.name, local)
         if isinstance(segment.size, int) and segment.least > segment.size:
             r.function.misfit_if(f"len({local}) < {segment.least}")
 
-    def read(self, r: Reader, item: Item, segment: Data, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Data, after: tuple[Item, ...]) -> None:
         if segment.size == "rest":
             first, last = r.take_rest(item, after)
         elif isinstance(segment.size, int):
@@ -60,8 +60,8 @@ class DataKind(SegmentKind[Data]):
             tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope, given)))
         return tasks
 
-    def argument(self, w: EncodeWriter, segment: Data, scope: Scope, size: int) -> Argument:
-        return Argument(f"{size}s", "", w.data_text(segment, scope))
+    def argument(self, w: EncodeWriter, segment: Data, scope: Scope, size: int) -> PackArgument:
+        return PackArgument(f"{size}s", "", w.data_text(segment, scope))
 
     def bytes_text(self, w: EncodeWriter, segment: Data, scope: Scope) -> str:
         return w.data_text(segment, scope)
@@ -76,7 +76,7 @@ class DataKind(SegmentKind[Data]):
         return text
 
     def declare(self, d: DiagnosisWriter, segment: Data, scope: Scope) -> None:
-        scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]")
+        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]")
 
     def diagnose(self, d: DiagnosisWriter, segment: Data, scope: Scope, behind: Behind) -> None:
         factor = {"hex_to_ascii": " * 2", "ascii_to_hex": " // 2", None: ""}[segment.convert]
@@ -140,7 +140,7 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
         w.refuse(data, scope, f"len({local}) != {data.size}")
     elif data.least:
         w.refuse(data, scope, f"len({local}) < {data.least}")
-    scope.entries[data.name] = Entry(w.or_nothing(data.name, local, data.when, scope))
+    scope.entries[data.name] = NameEntry(w.or_nothing(data.name, local, data.when, scope))
 
 
 def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:

@@ -6,12 +6,12 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope, constant_of, default_text
+from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import Place, between, index
-from framekit.codec.python.reader import Item, Reader, Slot
+from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
@@ -23,18 +23,18 @@ from framekit.definition.model.segments import Field, FieldType, Long
 class FieldKind(SegmentKind[Field]):
     model = Field
 
-    def slot(self, r: Reader, item: Item, segment: Field, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: Item, segment: Field, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
 
-    def unpacked(self, r: Reader, slot: Slot, segment: Field, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: Field, source: str, converted: bool) -> None:
         item, local = slot.item, slot.text
         r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
         sized = segment.type.kind in ("ascii", "bytes")
         r.declare(item, segment.name, local, sized=sized, wire=str(slot.size))
         r.judge_field(item, segment, local)
 
-    def read(self, r: Reader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
         if segment.long is None:
             _read_sized(r, item, segment, after)
         else:
@@ -64,7 +64,7 @@ class FieldKind(SegmentKind[Field]):
             )
         return tasks
 
-    def argument(self, w: EncodeWriter, segment: Field, scope: Scope, size: int) -> Argument:
+    def argument(self, w: EncodeWriter, segment: Field, scope: Scope, size: int) -> PackArgument:
         return w.number_argument(segment, scope, size)
 
     def bytes_text(self, w: EncodeWriter, segment: Field, scope: Scope) -> str:
@@ -96,7 +96,7 @@ class FieldKind(SegmentKind[Field]):
 
     def declare(self, d: DiagnosisWriter, segment: Field, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
-        scope.entries[segment.name] = Entry(
+        scope.entries[segment.name] = NameEntry(
             f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
         )
 
@@ -162,7 +162,7 @@ def _constant(value: int | str | bytes) -> str:
 def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:
     local = w.local(item.name, given)
     sized = item.type.kind in ("ascii", "bytes")
-    entry = Entry(local, sized=sized, wire=None)
+    entry = NameEntry(local, sized=sized, wire=None)
     if item.constants is not None and len(item.constants) == 1:
         entry.text = literal(item.constants[0])
         given.computed[item.name] = entry.text
@@ -253,7 +253,7 @@ def _mark(w: EncodeWriter, type_: FieldType, mark: int) -> str:
     return forms.build(w.module, type_, str(mark), str(size))
 
 
-def _read_sized(r: Reader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
+def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
     """A field whose size is an expression, whose end is marked, or that takes the rest."""
     type_, local = segment.type, r.function.local(segment.name, item.scope)
     if isinstance(type_.size, Expression):
@@ -272,7 +272,7 @@ def _read_sized(r: Reader, item: Item, segment: Field, after: tuple[Item, ...]) 
     r.judge_field(item, segment, local)
 
 
-def _until_end(r: Reader, item: Item, field: Field, end: bytes) -> tuple[Place, Place]:
+def _until_end(r: BufferReader, item: Item, field: Field, end: bytes) -> tuple[Place, Place]:
     stop = r.function.names.fresh(f"{field.name}_end")
     first = r.keep(r.place)
     r.function.add(f"{stop} = {r.buffer}.index({bytes_literal(end)}, {first.text(r.buffer)})")
@@ -281,7 +281,7 @@ def _until_end(r: Reader, item: Item, field: Field, end: bytes) -> tuple[Place, 
     return first, Place(stop, 0)
 
 
-def _read_long(r: Reader, item: Item, field: Field, long: Long) -> None:
+def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
     """A number whose values from the mark on follow as a longer number."""
     local = r.function.local(field.name, item.scope)
     short, longer = field.type.fixed_size or 1, long.type.fixed_size or 0

@@ -7,12 +7,12 @@ from framekit.codec.python import forms
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.function import MISFIT
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted
 from framekit.definition.expression.syntax import Expression
@@ -24,7 +24,7 @@ from framekit.definition.model.segments import (
 class InnerKind(SegmentKind[Inner]):
     model = Inner
 
-    def read(self, r: Reader, item: Item, segment: Inner, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Inner, after: tuple[Item, ...]) -> None:
         function = r.function
         local = function.local(segment.name, item.scope)
         choice = r.module.choice(segment.frames, function.title, segment.name)
@@ -44,7 +44,7 @@ class InnerKind(SegmentKind[Inner]):
                 function.add(MISFIT)
             first, last = r.take(item, size)
         _first_that_fits(r, segment, local, choice, between(r.buffer, first, last))
-        item.scope.entries[segment.name] = Entry(local, "inner")
+        item.scope.entries[segment.name] = NameEntry(local, "inner")
         function.names_of_values[segment.name] = local
         item.fields.add(segment.name, local)
 
@@ -78,7 +78,7 @@ class InnerKind(SegmentKind[Inner]):
         return wire
 
     def declare(self, d: DiagnosisWriter, segment: Inner, scope: Scope) -> None:
-        scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]", "inner")
+        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "inner")
 
     def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:
         choice = d.module.choice(segment.frames, "frames_of", segment.name)
@@ -145,7 +145,7 @@ def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
             w.add(line)
 
 
-def _first_that_fits(r: Reader, inner: Inner, local: str, choice: str, raw: str) -> None:
+def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw: str) -> None:
     """The value of a frame inside: at once where a byte leaves few, which spares a call and a loop."""
     function, decode = r.function, r.module.function("decode_first")
     if not raw.isidentifier():

@@ -10,7 +10,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import Place
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Optional,
@@ -21,7 +21,7 @@ from framekit.definition.model.walk import flat
 class OptionalKind(SegmentKind[Optional]):
     model = Optional
 
-    def read(self, r: Reader, item: Item, segment: Optional, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Optional, after: tuple[Item, ...]) -> None:
         end = r.region_end(after)
         items = [Item(segment, item.scope, item.fields) for segment in segment.of]
         if end.base == "end":

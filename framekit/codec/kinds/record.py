@@ -9,7 +9,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.order import Task
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter, is_needed
 from framekit.codec.python.source import Source, quoted
@@ -34,7 +34,7 @@ class RecordKind(SegmentKind[Record]):
     def declare(self, d: DiagnosisWriter, segment: Record, scope: Scope) -> None:
         inside = Scope(scope)
         d.declare(segment.of, inside)
-        scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]", "record", inside)
+        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "record", inside)
 
     def diagnose(self, d: DiagnosisWriter, segment: Record, scope: Scope, behind: Behind) -> None:
         with d.out.block(f"with n.record({quoted(segment.name)}):"):
@@ -57,7 +57,7 @@ def _put(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> None:
     else:
         w.bind(local, given.value_or(record.name, "{}"))
     inside = Scope(scope)
-    scope.entries[record.name] = Entry(local, "record", inside, direct=True)
+    scope.entries[record.name] = NameEntry(local, "record", inside, direct=True)
     w.values(record.of, inside, inner)
     w.check_names(inner)
 
@@ -81,7 +81,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
         w.add(f"{wire} = {w.region(record.of, inside, w.names.fresh('part'))}")
     _nothing_if_absent(w, inside, local, before)
     w.wires[record.name] = wire
-    scope.entries[record.name] = Entry(local, "record", inside, direct=True)
+    scope.entries[record.name] = NameEntry(local, "record", inside, direct=True)
 
 
 def _nothing_if_absent(w: EncodeWriter, inside: Scope, record: str, before: int) -> None:
@@ -95,7 +95,7 @@ def _nothing_if_absent(w: EncodeWriter, inside: Scope, record: str, before: int)
     w.out.lines[before:before] = lines.lines
 
 
-def _direct_entries(scope: Scope) -> Iterator[tuple[str, Entry]]:
+def _direct_entries(scope: Scope) -> Iterator[tuple[str, NameEntry]]:
     """The names of a record and of the records in it, as far as others may read them."""
     for name, entry in scope.entries.items():
         if entry.direct and entry.inside is not None:

@@ -7,11 +7,11 @@ from framekit.codec.python import forms
 from framekit.codec.python.describe import summary, type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import Fields, Place, between
-from framekit.codec.python.reader import Item, Reader, without_end
+from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.source import Code, quoted, text_source
@@ -30,7 +30,7 @@ from framekit.definition.model.walk import expressions_of, flat
 class RepeatKind(SegmentKind[Repeat]):
     model = Repeat
 
-    def read(self, r: Reader, item: Item, segment: Repeat, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Repeat, after: tuple[Item, ...]) -> None:
         if isinstance(segment.of, FieldType):
             _read_values(r, item, segment, segment.of, after)
         else:
@@ -64,7 +64,7 @@ class RepeatKind(SegmentKind[Repeat]):
     def declare(self, d: DiagnosisWriter, segment: Repeat, scope: Scope) -> None:
         inside = Scope(scope)
         d.declare(segment.inner_record or (), inside)
-        scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]", "list", inside)
+        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "list", inside)
 
     def diagnose(self, d: DiagnosisWriter, segment: Repeat, scope: Scope, behind: Behind) -> None:
         name, times = quoted(segment.name), d.ask(segment.times, scope)
@@ -92,7 +92,7 @@ class RepeatKind(SegmentKind[Repeat]):
             place = m.names.fresh("place")
             one = m.wire(segment.of, Place(place, 0), Place(place, size))
             local = m.set_value(segment.name, scope, f"[{one} for {place} in range(at, stop, {size})]")
-            scope.entries[segment.name] = Entry(local, "list", Scope())
+            scope.entries[segment.name] = NameEntry(local, "list", Scope())
             m.advance("stop")
         else:
             _measure_records(m, segment, segment.of, scope, times, after)
@@ -181,7 +181,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
         w.add(f"{complete} = []")
     inside = Scope(scope)
     if whole:
-        inside.entries[repeat.name] = Entry(complete, "list", inside)  # the items before this one
+        inside.entries[repeat.name] = NameEntry(complete, "list", inside)  # the items before this one
     place = w.names.fresh("place")
     path = (*given.path, f"{repeat.name}[", Code(place), "].")
     inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
@@ -207,7 +207,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     for entry in inside.entries.values():
         entry.direct = False
     text = w.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
-    scope.entries[repeat.name] = Entry(text, "list", inside)
+    scope.entries[repeat.name] = NameEntry(text, "list", inside)
 
 
 def _is_read_inside(w: EncodeWriter, repeat: Repeat) -> bool:
@@ -230,7 +230,7 @@ def _list_bytes(w: EncodeWriter, of: FieldType, local: str) -> str:
     return f'b"".join([{one} for value in {local}])'
 
 
-def _read_values(r: Reader, item: Item, repeat: Repeat, of: FieldType, after: tuple[Item, ...]) -> None:
+def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, after: tuple[Item, ...]) -> None:
     """A list of plain values."""
     size = of.fixed_size
     if size is None:
@@ -251,12 +251,12 @@ def _read_values(r: Reader, item: Item, repeat: Repeat, of: FieldType, after: tu
             r.function.misfit_if(f"{last.text(r.buffer)} > len({r.buffer})")
             r.function.flush()
     r.function.add(f"{local} = {_list_text(r, of, size, first, last, count)}")
-    item.scope.entries[repeat.name] = Entry(local, "list", None)
+    item.scope.entries[repeat.name] = NameEntry(local, "list", None)
     r.function.names_of_values[repeat.name] = local
     item.fields.add(repeat.name, local)
 
 
-def _list_text(r: Reader, of: FieldType, size: int, first: Place, last: Place, count: str | None) -> str:
+def _list_text(r: BufferReader, of: FieldType, size: int, first: Place, last: Place, count: str | None) -> str:
     raw = between(r.buffer, first, last)
     code = forms.struct_code(of)
     if code == ("B", ""):
@@ -280,7 +280,7 @@ def _list_text(r: Reader, of: FieldType, size: int, first: Place, last: Place, c
     return f"list({constant}[{count}].unpack_from({r.buffer}{behind}))"
 
 
-def _count(r: Reader, item: Item, times: int | Expression | str) -> str:
+def _count(r: BufferReader, item: Item, times: int | Expression | str) -> str:
     """Text of how often something is repeated; a name or a number."""
     if isinstance(times, int):
         return str(times)
@@ -293,7 +293,7 @@ def _count(r: Reader, item: Item, times: int | Expression | str) -> str:
     return local
 
 
-def _read_records(r: Reader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
+def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
     """A list of records."""
     function = r.function
     inside = Scope(item.scope)
@@ -319,7 +319,7 @@ def _read_records(r: Reader, item: Item, repeat: Repeat, of: Segments, after: tu
     function.flush()
     r.settle()
     function.add(f"{found} = []")
-    inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
+    inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
     function.in_branch += 1
     with function.out.block(header):
         begin = None
@@ -339,12 +339,12 @@ def _read_records(r: Reader, item: Item, repeat: Repeat, of: Segments, after: tu
     function.stands(repeat, r.buffer, first, r.place)
     for entry in inside.entries.values():
         entry.direct = False
-    item.scope.entries[repeat.name] = Entry(found, "list", inside)
+    item.scope.entries[repeat.name] = NameEntry(found, "list", inside)
     function.names_of_values[repeat.name] = found
     item.fields.add(repeat.name, found)
 
 
-def _region_limit(r: Reader, after: tuple[Item, ...]) -> str:
+def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
     """A local with the offset where what follows begins."""
     end = r.region_end(after)
     if end.base != "end":
@@ -367,7 +367,7 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
     left = m.names.fresh("left")
     needed = m.needed
     if found is not None:
-        inside.entries[repeat.name] = Entry(found, "list", inside)  # the items before this one
+        inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
         m.needed = needed | names_read(of) | {name for one in of for name in one.value_names}
     with m.out.block(f"for {left} in range({times}, 0, -1):"):
         total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
@@ -392,4 +392,4 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
             m.add(f"{found}.append({{{fields}}})")
     m.needed = needed
     if found is not None:
-        scope.entries[repeat.name] = Entry(found, "list", inside)
+        scope.entries[repeat.name] = NameEntry(found, "list", inside)

@@ -7,7 +7,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.order import Task
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted
 from framekit.definition.expression.emit import COMPARE
 from framekit.definition.expression.syntax import Expression
@@ -19,7 +19,7 @@ from framekit.definition.model.segments import (
 class RequireKind(SegmentKind[Require]):
     model = Require
 
-    def read(self, r: Reader, item: Item, segment: Require, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Require, after: tuple[Item, ...]) -> None:
         def refuse() -> None:
             r.function.misfit_if(r.function.writer(item.scope).negated(segment.condition))
 

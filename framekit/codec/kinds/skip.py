@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Argument, EncodeWriter
+from framekit.codec.python.encode import EncodeWriter, PackArgument
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.places import Place
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.model.segments import (
     Fill,
@@ -19,11 +19,11 @@ from framekit.definition.model.segments import (
 class SkipKind(SegmentKind[Skip]):
     model = Skip
 
-    def argument(self, w: EncodeWriter, segment: Skip, scope: Scope, size: int) -> Argument:
+    def argument(self, w: EncodeWriter, segment: Skip, scope: Scope, size: int) -> PackArgument:
         fill = segment.fill
         if size and not fill.strip(b"\0"):
-            return Argument(f"{size}x" if size > 1 else "x", "", "")
-        return Argument(f"{size}s", "", bytes_literal((fill * size)[:size]))
+            return PackArgument(f"{size}x" if size > 1 else "x", "", "")
+        return PackArgument(f"{size}s", "", bytes_literal((fill * size)[:size]))
 
     def diagnose(self, d: DiagnosisWriter, segment: Skip, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.skip({d.named(segment)}, {segment.size})")
@@ -35,7 +35,7 @@ class SkipKind(SegmentKind[Skip]):
 class FillKind(SegmentKind[Fill]):
     model = Fill
 
-    def read(self, r: Reader, item: Item, segment: Fill, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Fill, after: tuple[Item, ...]) -> None:
         r.take_rest(item, after)
         r.function.misfit_if(f"len({r.buffer}) != {segment.total}")
 

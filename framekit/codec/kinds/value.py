@@ -5,10 +5,10 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.expressions import Entry, Scope
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted, text_source
 from framekit.definition.expression.emit import AND, BIT_OR
@@ -20,7 +20,7 @@ from framekit.definition.model.segments import (
 class ValueKind(SegmentKind[Value]):
     model = Value
 
-    def read(self, r: Reader, item: Item, segment: Value, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Value, after: tuple[Item, ...]) -> None:
         r.when_known(segment.read, item.scope, lambda: _work_out(r, item, segment))
 
     def tasks(self, w: EncodeWriter, segment: Value, scope: Scope, given: Given) -> list[Task]:
@@ -31,7 +31,7 @@ class ValueKind(SegmentKind[Value]):
         return [*tasks, Task((), agree, lambda _: _agree(w, segment, scope, given))]
 
     def declare(self, d: DiagnosisWriter, segment: Value, scope: Scope) -> None:
-        scope.entries[segment.name] = Entry(f"n[{quoted(segment.name)}]")
+        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]")
 
     def diagnose(self, d: DiagnosisWriter, segment: Value, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.value({d.named(segment)}, lambda n: {d.writer(scope).value(segment.read)}{d.refuse(segment)})")
@@ -56,7 +56,7 @@ def _put(w: EncodeWriter, value: Value, scope: Scope, given: Given, missing: set
         text = w.writer(w.with_missing(scope, given, missing)).value(value.build or value.read)
         text = text if value.when is None else f"({w.if_there(text, value.when, scope)})"
         w.add(f"{local} = {given.value_or_worked_out(value.name, text)}")
-    scope.entries[value.name] = Entry(local)
+    scope.entries[value.name] = NameEntry(local)
 
 
 def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
@@ -71,7 +71,7 @@ def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
     w.complain(f"{there}{local} != {read}", text_source(*path), message)
 
 
-def _work_out(r: Reader, item: Item, value: Value) -> None:
+def _work_out(r: BufferReader, item: Item, value: Value) -> None:
     local = r.function.local(value.name, item.scope)
     r.function.add(f"{local} = {r.function.writer(item.scope).value(value.read)}")
     r.declare(item, value.name, local)

@@ -13,7 +13,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
-from framekit.codec.python.reader import Item, Reader, shown_name
+from framekit.codec.python.reader import BufferReader, Item, shown_name
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_OR, OR
 from framekit.definition.model.segments import (
@@ -27,7 +27,7 @@ from framekit.definition.model.walk import flat, leaves
 class WrapKind(SegmentKind[Wrap]):
     model = Wrap
 
-    def read(self, r: Reader, item: Item, segment: Wrap, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: Wrap, after: tuple[Item, ...]) -> None:
         function = r.function
         plain = function.names.fresh(shown_name(segment, "plain"))
         if function.in_branch and any(leaf.name in function.tracked for leaf in leaves(segment.of)):
@@ -42,7 +42,7 @@ class WrapKind(SegmentKind[Wrap]):
             function.add(f"{plain} = unhexlify({between(r.buffer, first, last)})")
         else:
             _undouble(r, item, segment, fixed, after, plain)
-        inside = Reader(function, plain, function.names.fresh(f"{plain}_at"))
+        inside = BufferReader(function, plain, function.names.fresh(f"{plain}_at"))
         inside.read(segment.of, item.scope, item.fields)
         inside.close()
         if segment.least:
@@ -152,7 +152,7 @@ def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
     w.complain(" or ".join(tests), '""', message)
 
 
-def _undouble(r: Reader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
+def _undouble(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
     """Puts the content of a region with doubled escape bytes into the local `plain`."""
     name, escape = r.module.function, f"{wrap.escape or 0:#04x}"
     embedded_texts = [bytes_literal(data) for data in r.module.embedded_frames(wrap)]

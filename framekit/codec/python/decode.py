@@ -9,7 +9,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Function
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Fields
-from framekit.codec.python.reader import Reader
+from framekit.codec.python.reader import BufferReader
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Const, Segment
@@ -29,7 +29,7 @@ def write_decoder(
     """
     function = Function(module, identifier, segments)
     fields = Fields(function.names.fresh("fields"))
-    reader = Reader(function, "data", "at")
+    reader = BufferReader(function, "data", "at")
     if segments and all(isinstance(segment, Const) and segment.when is None for segment in segments):
         whole = b"".join(segment.data for segment in segments if isinstance(segment, Const))
         function.misfit_if(f"data != {bytes_literal(whole)}")

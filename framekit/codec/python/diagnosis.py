@@ -13,7 +13,7 @@ from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.function import span_names
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Names
+from framekit.codec.python.names import Identifiers
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import names_asked_for
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -78,7 +78,7 @@ class DiagnosisWriter:
         self.segments = segments
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.out = Source()
-        self.names = Names(module.words())
+        self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
         self.deferred: list[str] = []
         self.late_checks: list[str] = []

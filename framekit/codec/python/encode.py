@@ -16,10 +16,10 @@ from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.coverage import Coverage
 from framekit.codec.python.describe import summary, write_docstring
-from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, constant_of, default_text
+from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.function import covers_later
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Names
+from framekit.codec.python.names import Identifiers
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of
@@ -102,7 +102,7 @@ Number = Field | Length | Count | Bits
 
 
 @dataclass(slots=True)
-class Argument:
+class PackArgument:
     """One argument of a struct: code, byte order, text; `digits`: the numbers whose hex digits it is."""
 
     code: str
@@ -112,7 +112,7 @@ class Argument:
 
 
 @dataclass(slots=True)
-class Part:
+class KeptBytes:
     """Some bytes of a buffer: the names of the segments in them, and their text."""
 
     names: tuple[str, ...]
@@ -180,7 +180,7 @@ class EncodeWriter:
         self.title = title
         self.segments = segments
         self.out = Source()
-        self.names = Names(module.words())
+        self.names = Identifiers(module.words())
         self.conditions: list[str] = []
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.read_names = names_read(segments)
@@ -196,7 +196,7 @@ class EncodeWriter:
         self.coverage = Coverage(segments)
         self.buffer = "frame"
         self.gathered: dict[str, str] = {}
-        self.parts: list[Part] = []
+        self.parts: list[KeptBytes] = []
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
 
@@ -400,7 +400,7 @@ class EncodeWriter:
     def with_missing(self, scope: Scope, given: Given, missing: set[str]) -> Scope:
         """A scope in which names that are not worked out yet are those given."""
         inner = Scope(scope)
-        inner.entries = {name: Entry(self.wanted(name, given)) for name in sorted(missing)}
+        inner.entries = {name: NameEntry(self.wanted(name, given)) for name in sorted(missing)}
         return inner
 
     def judge_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
@@ -560,7 +560,7 @@ class EncodeWriter:
         else:
             empty = "()" if isinstance(segment, Repeat) else "None"
             self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
-        scope.entries[segment.name] = Entry(local, "list" if isinstance(segment, Repeat) else "inner", Scope())
+        scope.entries[segment.name] = NameEntry(local, "list" if isinstance(segment, Repeat) else "inner", Scope())
 
     # ---- runs ---------------------------------------------------------------------------------------------
 
@@ -594,7 +594,7 @@ class EncodeWriter:
         segment, scope = placed[0]
         if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
             return self.single(segment, scope)
-        arguments: list[Argument] = []
+        arguments: list[PackArgument] = []
         last, numbers = placed[-1], self.numbers_of(placed[-1][0])
         for one, inside in placed if numbers is None else placed[:-1]:
             size = self.shapes.present(one).fixed or 0
@@ -606,7 +606,7 @@ class EncodeWriter:
             text = self._packed_with_list(arguments, numbers, last[1].entries[last[0].name or ""].text)
         return self.if_present(segment, scope, text, 'b""')
 
-    def _append(self, arguments: list[Argument], new: Argument) -> None:
+    def _append(self, arguments: list[PackArgument], new: PackArgument) -> None:
         """Adds an argument; zeros, literals and hex digits are put together with those before."""
         last = arguments[-1] if arguments else None
         if last is not None and last.digits and new.digits:
@@ -624,17 +624,17 @@ class EncodeWriter:
             return
         arguments.append(new)
 
-    def number_argument(self, segment: Number, scope: Scope, size: int) -> Argument:
+    def number_argument(self, segment: Number, scope: Scope, size: int) -> PackArgument:
         """A number of fixed size, in a run."""
         wire = self.wire(segment, scope)
         if forms.hex_places(segment.type) is not None:
-            return Argument(f"{size}s", "", wire, (segment.type,))
+            return PackArgument(f"{size}s", "", wire, (segment.type,))
         code, order = forms.struct_code(segment.type) or (f"{size}s", "")
         if code.endswith("s"):
-            return Argument(code, "", forms.build(self.module, segment.type, wire, str(size)))
-        return Argument(code, order, wire)
+            return PackArgument(code, "", forms.build(self.module, segment.type, wire, str(size)))
+        return PackArgument(code, order, wire)
 
-    def _with_digits(self, argument: Argument) -> Argument:
+    def _with_digits(self, argument: PackArgument) -> PackArgument:
         """Hex digits of one number are formatted, those of several packed and converted at once."""
         types = argument.digits
         if not types:
@@ -646,15 +646,15 @@ class EncodeWriter:
             else:
                 form = f"%0{size}{'X' if types[0].upper else 'x'}"
                 text = f"{bytes_literal(form.encode())} % {_operand(argument.text)}"
-            return Argument(f"{size}s", "", text)
+            return PackArgument(f"{size}s", "", text)
         self.module.imports.add("from binascii import hexlify")
         codes = "".join(forms.INT_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
         order = next(("<" if type_.order == "little" else ">" for type_ in types if type_.fixed_size != 2), "")
         constant = self.module.struct(codes, order, self.title, "digits")
         upper = ".upper()" if types[0].upper else ""
-        return Argument(f"{size}s", "", f"hexlify({constant}.pack({argument.text})){upper}")
+        return PackArgument(f"{size}s", "", f"hexlify({constant}.pack({argument.text})){upper}")
 
-    def _packed(self, arguments: list[Argument]) -> str:
+    def _packed(self, arguments: list[PackArgument]) -> str:
         """Text of the bytes of the arguments of one struct."""
         if all(argument.code[-1] in "sx" for argument in arguments):
             texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
@@ -665,7 +665,7 @@ class EncodeWriter:
         constant = self.module.struct("".join(argument.code for argument in arguments), order, self.title)
         return f"{constant}.pack({', '.join(argument.text for argument in arguments if argument.text)})"
 
-    def _packed_with_list(self, arguments: list[Argument], numbers: tuple[str, str], local: str) -> str:
+    def _packed_with_list(self, arguments: list[PackArgument], numbers: tuple[str, str], local: str) -> str:
         """Text of the bytes of the arguments with a list of numbers behind them: one struct for both."""
         order = next((argument.order for argument in arguments if argument.order), numbers[1])
         before = "".join(argument.code for argument in arguments)
@@ -734,13 +734,13 @@ class EncodeWriter:
                 if segment.name in self.coverage.whole:
                     texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._check(segment, inside, [before, *texts]))
-                self.parts.append(Part((segment.name or "",), texts[-1]))
+                self.parts.append(KeptBytes((segment.name or "",), texts[-1]))
             elif isinstance(segment, Fill):
                 texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
             elif segment.name in self.late:
                 texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._late(segment.name or "", [before, *texts]))
-                self.parts.append(Part(tuple(leaf.name or "" for leaf in leaves((segment,))), texts[-1]))
+                self.parts.append(KeptBytes(tuple(leaf.name or "" for leaf in leaves((segment,))), texts[-1]))
             else:
                 count = self.length_of_run(placed[place:])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
@@ -797,7 +797,7 @@ class EncodeWriter:
         if self.coverage.of(names):
             local = self.names.fresh("fill")
             self.add(f"{local} = b''.ljust({room} - len({buffer}), {bytes_literal(bytes((fill.byte,)))})")
-            self.parts.append(Part(names, local))
+            self.parts.append(KeptBytes(names, local))
             self.add(f"{buffer} += {local}")
         else:
             self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
@@ -815,7 +815,7 @@ class EncodeWriter:
             local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
             self.add(f"{local} = {text}")
             text = local
-        self.parts.append(Part(names, text))
+        self.parts.append(KeptBytes(names, text))
         return text
 
     def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
@@ -910,7 +910,7 @@ class EncodeWriter:
                 else:
                     self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
         for outer, local in outside.items():
-            scope.entries[outer] = Entry(local)
+            scope.entries[outer] = NameEntry(local)
         self.rooms |= rooms
         if not has_checks:
             self.wires[name] = wire

@@ -42,7 +42,7 @@ _OPPOSITE = {
 
 
 @dataclass(slots=True)
-class Entry:
+class NameEntry:
     """What a name stands for: its text, its shape, the names inside it, and the text of its size on the wire.
 
     `sized`: Python's `len` of it is the language's. `direct`: the names inside a record are locals of their own;
@@ -63,9 +63,9 @@ class Scope:
 
     def __init__(self, parent: Scope | None = None) -> None:
         self.parent = parent
-        self.entries: dict[str, Entry] = {}
+        self.entries: dict[str, NameEntry] = {}
 
-    def find(self, name: str) -> Entry | None:
+    def find(self, name: str) -> NameEntry | None:
         scope: Scope | None = self
         while scope is not None:
             if name in scope.entries:
@@ -162,7 +162,7 @@ class ExpressionWriter:
             return f"{text}[{quoted(node.name)}]"
         return f"{self.module.function('attribute')}({text}, {quoted(node.name)})"
 
-    def _entry(self, node: Node) -> Entry | None:
+    def _entry(self, node: Node) -> NameEntry | None:
         """What a node stands for, when it is a field, a part of one, or an item of a list."""
         if isinstance(node, Name):
             return self.scope.find(node.name)
@@ -171,7 +171,7 @@ class ExpressionWriter:
             return None if outer is None or outer.inside is None else outer.inside.entries.get(node.name)
         if isinstance(node, Index):
             outer = self._entry(node.value)
-            return Entry("", "record", outer.inside) if outer is not None and outer.kind == "list" else None
+            return NameEntry("", "record", outer.inside) if outer is not None and outer.kind == "list" else None
         return None
 
     def _from_table(self, node: Node) -> bool:

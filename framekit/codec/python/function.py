@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Names
+from framekit.codec.python.names import Identifiers
 from framekit.codec.python.places import Place, between
 from framekit.codec.python.shape import Target, is_followed, names_asked_for, targets_of
 from framekit.codec.python.source import Source
@@ -50,7 +50,7 @@ class Function:
         self.segments = segments
         self.out = Source()
         self.misfit = MISFIT
-        self.names = Names(module.words())
+        self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
         self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
         self.conditions: list[str] = []

@@ -15,7 +15,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Function
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Fields
-from framekit.codec.python.reader import Item, Reader
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import BIT_OR
@@ -190,7 +190,7 @@ class Apart:
         return self._where if id(segment) in self._inside else (scope, fields)
 
 
-class _PairReader(Reader):
+class _PairReader(BufferReader):
     """Reads the two as one."""
 
     def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:

@@ -11,9 +11,16 @@ from collections.abc import Iterable, Iterator
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.describe import write_docstring
-from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope, default_text, may_be_negative, may_fail
+from framekit.codec.python.expressions import (
+    ExpressionWriter,
+    NameEntry,
+    Scope,
+    default_text,
+    may_be_negative,
+    may_fail,
+)
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Names
+from framekit.codec.python.names import Identifiers
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import leading
@@ -93,7 +100,7 @@ class MeasureWriter:
         self.segments = segments
         self.most = most
         self.out = Source()
-        self.names = Names(module.words())
+        self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
         self.may_fail = False
         self.place = Place("start", 0)
@@ -122,7 +129,7 @@ class MeasureWriter:
         """The names of a record; two cases with a record of one name share them."""
         known = scope.entries.get(record.name)
         inside = Scope(scope) if known is None or known.inside is None else known.inside
-        scope.entries[record.name] = Entry(record.name, "record", inside, direct=True)
+        scope.entries[record.name] = NameEntry(record.name, "record", inside, direct=True)
         return inside
 
     def absent(self, segments: Iterable[Segment], scope: Scope) -> None:
@@ -166,7 +173,7 @@ class MeasureWriter:
     def set_value(self, name: str, scope: Scope, text: str) -> str:
         """Gives a name its value in a local."""
         local = scope.entries[name].text if name in scope.entries else self.names.fresh(name)
-        scope.entries[name] = Entry(local)
+        scope.entries[name] = NameEntry(local)
         self.add(f"{local} = {text}")
         return local
 

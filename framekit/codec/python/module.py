@@ -14,8 +14,8 @@ from framekit.codec import support
 from framekit.codec.checks import source_of
 from framekit.codec.python import doubled, examination, frame_choice, refusals, runtime
 from framekit.codec.python.choices import in_order
-from framekit.codec.python.expressions import Entry, ExpressionWriter, Scope
-from framekit.codec.python.names import Names
+from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
+from framekit.codec.python.names import Identifiers
 from framekit.codec.python.pasting import class_source, whole_source
 from framekit.codec.python.source import Code, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_AND
@@ -58,7 +58,7 @@ class Module:
         self.protocol = protocol
         self.standalone = standalone
         self.shapes = StaticSizes(protocol.frames)
-        self.names = Names(pasted_names())
+        self.names = Identifiers(pasted_names())
         self.functions: dict[str, None] = {}
         self._under_way: set[str] = set()
         self.imports: set[str] = set()
@@ -287,5 +287,5 @@ def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
 def _step(module: Module, method: CheckMethod, acc: str, byte: str) -> str:
     assert method.expression is not None
     scope = Scope()
-    scope.entries = {"acc": Entry(acc), "byte": Entry(byte)}
+    scope.entries = {"acc": NameEntry(acc), "byte": NameEntry(byte)}
     return ExpressionWriter(module, scope, module.given).text(method.expression, BIT_AND)

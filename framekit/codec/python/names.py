@@ -33,7 +33,7 @@ def constant_name(*names: str) -> str:
     return identifier("_".join(identifier(name).strip("_") for name in names)).upper()
 
 
-class Names:
+class Identifiers:
     """Gives out names that are not taken yet. `reserved` are those that may never be given out."""
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:

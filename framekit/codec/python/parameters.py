@@ -43,7 +43,7 @@ _OWN_NAMES = ("ctx", "without_none")
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class Keyword:
     """`name` is the keyword, `key` the name among the values of the frame at that `depth`.
 
     `default`: its text, None where a value has to be given. `note`: what else is to be said of it, in words.
@@ -113,7 +113,7 @@ class Parameters:
         self.all = tuple(self._named(given))
         self.names = {(one.depth, one.key): one.name for one in self.all}
 
-    def _at(self, depth: int) -> Iterator[Parameter]:
+    def _at(self, depth: int) -> Iterator[Keyword]:
         level = self.levels[depth]
         segments, seen = level.frame.segments, set[str]()
         for segment, is_certain in certain(segments):
@@ -124,7 +124,7 @@ class Parameters:
                     seen.add(one.key)
                     yield replace(one, depth=depth)
 
-    def _named(self, given: list[Parameter]) -> Iterator[Parameter]:
+    def _named(self, given: list[Keyword]) -> Iterator[Keyword]:
         """A name that several frames have is the outermost one's; in the others the frame's name stands before it."""
         outermost: dict[str, int] = {}
         for one in given:
@@ -141,32 +141,32 @@ class Parameters:
 
     # ---- values -------------------------------------------------------------------------------------------
 
-    def _of(self, segment: Segment, is_certain: bool, segments: tuple[Segment, ...]) -> Iterator[Parameter]:
+    def _of(self, segment: Segment, is_certain: bool, segments: tuple[Segment, ...]) -> Iterator[Keyword]:
         match segment:
             case Field(name=name, is_=None, constants=constants) if constants is None or len(constants) > 1:
                 default = self._default_of(segment) if is_certain else LEFT_OUT
-                yield Parameter("", name, 0, default, _type_of(segment), _note_of(segment))
+                yield Keyword("", name, 0, default, _type_of(segment), _note_of(segment))
             case Bits(parts=parts):
                 for part in parts:
                     if part.is_ is None and (part.constants is None or len(part.constants) > 1):
                         default = self._default_of_bits(part) if is_certain else LEFT_OUT
                         annotation = "int" if part.values is None else "int | str"
-                        yield Parameter("", part.name, 0, default, annotation, _names(part.values))
+                        yield Keyword("", part.name, 0, default, annotation, _names(part.values))
             case Data(name=name, pad=pad):
                 default = LEFT_OUT if not is_certain else None if pad is None else 'b""'
-                yield Parameter("", name, 0, default, "bytes", segment.doc)
+                yield Keyword("", name, 0, default, "bytes", segment.doc)
             case Repeat(name=name, of=of):
                 item = _type(of) if isinstance(of, FieldType) else "Any"
                 default = None if is_certain else LEFT_OUT
-                yield Parameter("", name, 0, default, f"list[{item}] | tuple[{item}, ...]", segment.doc)
+                yield Keyword("", name, 0, default, f"list[{item}] | tuple[{item}, ...]", segment.doc)
             case Record(name=name, of=inside):
                 default = None if is_certain and is_needed(inside) else LEFT_OUT
-                yield Parameter("", name, 0, default, "Mapping[str, Any]", segment.doc)
+                yield Keyword("", name, 0, default, "Mapping[str, Any]", segment.doc)
             case Inner(name=name) if all(segment is not level.inner for level in self.levels):
                 default = None if is_certain else LEFT_OUT
-                yield Parameter("", name, 0, default, "Mapping[str, Any]", "one frame as {name: values}")
+                yield Keyword("", name, 0, default, "Mapping[str, Any]", "one frame as {name: values}")
             case Value(name=name) if segment.build is not None or _is_given(name, segments):
-                yield Parameter("", name, 0, LEFT_OUT, "Any", segment.doc)
+                yield Keyword("", name, 0, LEFT_OUT, "Any", segment.doc)
 
     def _default_of(self, item: Field) -> str | None:
         if item.constants is not None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_text, is_call
-from framekit.codec.python.expressions import Entry, Scope, constant_of, default_text, may_be_negative
+from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text, may_be_negative
 from framekit.codec.python.function import MISFIT, Function, covers_later, span_names
 from framekit.codec.python.places import Fields, Place, between, index
 from framekit.codec.python.registry import kind_of
@@ -105,7 +105,7 @@ class Chunk:
         return self.pieces[0].order if len(self.pieces) == 1 and not self.code.endswith("s") else ""
 
 
-class Reader:
+class BufferReader:
     """Reads one buffer. `buffer` is its text, `at` the local that holds the offset once that is not fixed any more.
 
     `begin`: where in the buffer what is read begins. Everything read in a branch goes into dictionaries that are there
@@ -135,7 +135,7 @@ class Reader:
     def record_items(self, record: Record, scope: Scope, fields: Fields) -> list[Item]:
         inner = Fields(self.function.local(record.name, scope), (fields, record.name))
         inside = Scope(scope)
-        scope.entries[record.name] = Entry(inner.variable, "record", inside, direct=True, record=inner)
+        scope.entries[record.name] = NameEntry(inner.variable, "record", inside, direct=True, record=inner)
         return self.items(record.of, inside, inner)
 
     # ---- places -------------------------------------------------------------------------------------------
@@ -237,7 +237,7 @@ class Reader:
 
     def declare(self, item: Item, name: str, local: str, *, sized: bool = True, wire: str | None = None) -> None:
         """The value `name` of a segment is in `local` from now on."""
-        item.scope.entries[name] = Entry(local, sized=sized, wire=wire)
+        item.scope.entries[name] = NameEntry(local, sized=sized, wire=wire)
         self.function.names_of_values[name] = local
         item.fields.add(name, local)
 
@@ -690,7 +690,7 @@ class Reader:
                     if name in function.read_names and name not in item.scope.entries:
                         local = function.names.fresh(name)
                         function.add(f"{local} = None")
-                        item.scope.entries[name] = Entry(local)
+                        item.scope.entries[name] = NameEntry(local)
 
     def branches_of_choice(
         self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], *, fault: bool

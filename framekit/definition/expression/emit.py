@@ -51,7 +51,7 @@ MOST_TIMES = 4096
 """Numbers up to this multiply what stands beside them at once; all others only numbers."""
 
 
-class Names(Protocol):
+class NameWriter(Protocol):
     """What a user of the emitter decides: how names, attributes, line times and the other functions are written."""
 
     def name(self, node: Name) -> str:
@@ -67,14 +67,14 @@ class Names(Protocol):
         """Source of a call of one of the functions this module does not write itself; an atom."""
 
 
-def emit(node: Node, names: Names, level: int = CONDITIONAL) -> str:
+def emit(node: Node, names: NameWriter, level: int = CONDITIONAL) -> str:
     """Python source of `node`, in parentheses if it binds weaker than `level`."""
     text, own = _Emitter(names).node(node)
     return f"({text})" if own < level else text
 
 
 class _Emitter:
-    def __init__(self, names: Names) -> None:
+    def __init__(self, names: NameWriter) -> None:
         self.names = names
 
     def at_least(self, node: Node, level: int) -> str:

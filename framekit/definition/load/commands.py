@@ -8,7 +8,7 @@ from itertools import pairwise
 from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.values import ValueLoader
-from framekit.definition.model.commands import After, BlockWork, CallOf, CommandRules, JobWork, PlaceOf
+from framekit.definition.model.commands import After, BlockWork, CommandCall, CommandRules, JobWork, PlaceOf
 from framekit.definition.model.values import Value
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import did_you_mean
@@ -87,11 +87,13 @@ class CommandLoader:
         entries = self.reader.entries(node)
         return {entry.key.text: self._word_or_value(entry.key.text, entry.value) for entry in entries}
 
-    def _calls(self, node: Node | None) -> tuple[CallOf, ...]:
+    def _calls(self, node: Node | None) -> tuple[CommandCall, ...]:
         calls = []
         for item in () if node is None else self.reader.items(node):
             for entry in self.reader.entries(item):
-                calls.append(CallOf(service=entry.key.text, arguments=self.values.fields(entry.value), at=entry.key.at))
+                calls.append(
+                    CommandCall(service=entry.key.text, arguments=self.values.fields(entry.value), at=entry.key.at)
+                )
         return tuple(calls)
 
     def _then(self, node: Node | None) -> tuple[After, ...]:

@@ -28,7 +28,7 @@ class After:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CallOf:
+class CommandCall:
     """A service of the channel's protocol, with its arguments."""
 
     service: str
@@ -70,7 +70,7 @@ class BlockWork:
     write: PlaceOf | None = None
     into: PlaceOf | None = None
     source: PlaceOf | None = None
-    calls: tuple[CallOf, ...] = ()
+    calls: tuple[CommandCall, ...] = ()
     then: tuple[After, ...] = ()
     job: JobWork | None = None
     at: Position
