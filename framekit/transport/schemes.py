@@ -120,6 +120,7 @@ def scheme_of(url: str) -> Scheme | None:
 def _installed(name: str) -> Scheme | None:
     """The kind that an installed package registers under that name, kept in the table from then on."""
     from importlib.metadata import entry_points
+    from traceback import format_exception_only
 
     for point in entry_points(group=ENTRY_POINTS, name=name):
         try:
@@ -127,7 +128,8 @@ def _installed(name: str) -> Scheme | None:
             if not isinstance(found, Scheme):
                 raise TypeError(f"it is no Scheme but {type(found).__name__}")
         except Exception as error:  # another package's code: whatever is wrong there, its ports alone do not work
-            return _unusable(name, f"the ports '{name}:' of {point.value} can't be used: {error}")
+            why = format_exception_only(error)[-1].strip()
+            return _unusable(name, f"the ports '{name}:' of {point.value} can't be used: {why}")
         SCHEMES[name] = found
         return found
     return None

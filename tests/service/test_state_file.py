@@ -173,14 +173,14 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from framekit.service.state import Kept, KeptBlock, StateFile
+from framekit.service.state import KeptBlock, KeptRun, StateFile
 
 file = StateFile(Path(sys.argv[1]), "plant", (("M", "word", 4096),))
 done = file.kept.blocks[1, 0].done if file.kept.blocks else 0
 while True:
     done += 1
     block = KeptBlock(set=1, number=0, content="c", started=done + 1, done=done, failed=0, overruns=0)
-    file.save(Kept({"M": done.to_bytes(4, "little") * 2048}, {(1, 0): block}))
+    file.save(KeptRun({"M": done.to_bytes(4, "little") * 2048}, {(1, 0): block}))
     print(done, flush=True)
 """
 
