@@ -123,13 +123,13 @@ def _installed(name: str) -> Scheme | None:
     from traceback import format_exception_only
 
     for point in entry_points(group=ENTRY_POINTS, name=name):
+        what = f"the ports '{name}:' of {point.value} can't be used"
         try:
             found = point.load()
-            if not isinstance(found, Scheme):
-                raise TypeError(f"it is no Scheme but {type(found).__name__}")
         except Exception as error:  # another package's code: whatever is wrong there, its ports alone do not work
-            why = format_exception_only(error)[-1].strip()
-            return _unusable(name, f"the ports '{name}:' of {point.value} can't be used: {why}")
+            return _unusable(name, f"{what}: {format_exception_only(error)[-1].strip()}")
+        if not isinstance(found, Scheme):
+            return _unusable(name, f"{what}: it is no Scheme but {type(found).__name__}")
         SCHEMES[name] = found
         return found
     return None

@@ -183,7 +183,7 @@ def test_an_installed_package_brings_a_kind_by_its_entry_point(monkeypatch: pyte
             with pytest.raises(ValueError, match=r"the ports 'odd:. of .*LISTENING can.t be used: it is no Scheme"):
                 open_port("odd:x", None, clock)
             with pytest.raises(
-                ValueError, match="the ports 'gone:' of no_such_module_at_all:KIND can't be used: No mod"
+                ValueError, match="the ports 'gone:' of no_such_module_at_all:KIND can't be used: ModuleNotFound"
             ):
                 open_port("gone:x", None, clock)
 
