@@ -79,10 +79,12 @@ def test_a_form_of_many_optional_parts_is_refused() -> None:
 
 
 def test_what_the_line_says_multiplies_numbers_only() -> None:
-    body = '[{field: n, type: u32}, {field: a, type: ascii, size: 3}, {require: "len(a * n) == 0"}]'
-    codec = compile_protocol(small_protocol(body))
+    body = '[{field: n, type: u32}, {field: a, type: KIND, size: 3}, {require: "len(a * n) == 0"}]'
+    codec = compile_protocol(small_protocol(body.replace("KIND", "bytes")))
     with pytest.raises(EncodeError):
-        codec.encoders["f"]({"n": 0xFFFFFFFF, "a": "abc"}, {})
+        codec.encoders["f"]({"n": 0xFFFFFFFF, "a": b"abc"}, {})
+    with pytest.raises(DefinitionError, match="a text and a number do not go together"):
+        small_protocol(body.replace("KIND", "ascii"))
     with pytest.raises(TypeError):
         times("abc", 0xFFFFFFFF)  # type: ignore[arg-type]
     assert times(70_000, 70_000) == 4_900_000_000
