@@ -255,11 +255,6 @@ class Lanes:
         self.machine.changed = True
 
     @property
-    def is_waited_for(self) -> bool:
-        """Whether exchanges wait for their turn."""
-        return any(lane.waiting for lane in self.lanes)
-
-    @property
     def is_free(self) -> bool:
         """Whether the lane for exchanges could begin something of the session's own now."""
         lane = self.lane_for(None)

@@ -139,14 +139,6 @@ def reader_of(unit: str, count: int) -> Callable[[bytes], Iterable[int]]:
     return lambda memory: [int.from_bytes(memory[at : at + size], "little") for at in places]
 
 
-def wire_reader_of(packer: Packer, unit: str, count: int) -> Callable[[bytes, int], tuple[int, ...]] | None:
-    """`reader_of` for data bytes as they stand in a frame, from a place on; None where they are packed otherwise."""
-    form, first = UNSIGNED_CODES.get(unit_bits(unit)), {"big": ">", "little": "<"}.get(packer.order)
-    if form is None or first is None or packer.bits != unit_bits(unit):
-        return None
-    return Struct(f"{first}{count}{form}").unpack_from
-
-
 def memory_of(values: Sequence[int], unit: str) -> bytes:
     """Unsigned numbers, or negative ones as two's complement, in memory's form. Raises PackingError."""
     bits = unit_bits(unit)

@@ -200,18 +200,6 @@ class Scope(Names):
             self.settings += 1
             self._put(name, fit_of(parameter.type)(value))
 
-    def setter(self, name: str) -> Callable[[Any], None]:
-        """`set` for one variable, to be used again and again. Raises KeyError for what is none."""
-        if name in self.device or self.protocol.state[name].most is not None:
-            return lambda value: self.set(name, value)
-        fit = self._fits[name]
-
-        def put(value: Any) -> None:
-            self[name] = fit(value)
-            self.writes += 1
-
-        return put
-
     def worked_out(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Values for parameters, checked and ready to use; other names as they are. Raises ParameterError."""
         found = dict(given)

@@ -113,16 +113,6 @@ def piece_reader(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[
     return partial(area.read_bits, first, bits)
 
 
-def piece_writer(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[bytes], None]:
-    """`store_pieces` for one piece, to be called again and again. Raises UnknownAreaError."""
-    area, first = memory.area(place.address.area), place.address.first_bit
-    if area.access == "read" or first + bits > area.size_bits:
-        return lambda data: store_pieces(memory, [(place, bits, data)])
-    if first % 8 == 0 and bits % 8 == 0:
-        return partial(area.write_bytes, first // 8)
-    return partial(area.write_bits, first, bits)
-
-
 def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:
     """Stores all pieces, or, when one cannot be stored, none. Raises DeviceMemoryError."""
     for place, bits, _ in pieces:

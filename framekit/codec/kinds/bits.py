@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.kinds.typed import TypedKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of
-from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import ANY_WIDTH, BufferReader, Item, Slot, shown_name
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import literal, quoted
-from framekit.definition.expression.emit import AND, PRODUCT
+from framekit.definition.expression.emit import AND
 from framekit.definition.expression.syntax import Expression, Number
 from framekit.definition.model.segments import (
     Bits,
@@ -21,7 +20,7 @@ from framekit.definition.model.segments import (
 )
 
 
-class BitsKind(SegmentKind[Bits]):
+class BitsKind(TypedKind[Bits]):
     model = Bits
 
     def slot(self, r: BufferReader, item: Item, segment: Bits, size: int) -> Slot:
@@ -42,20 +41,6 @@ class BitsKind(SegmentKind[Bits]):
         if segment.name is not None and segment.name in w.read_names:
             scope.entries[segment.name] = NameEntry("0", sized=False, wire=w.own_room(segment, scope))
         return tasks
-
-    def argument(self, w: EncodeWriter, segment: Bits, scope: Scope, size: int) -> PackArgument:
-        return w.number_argument(segment, scope, size)
-
-    def bytes_text(self, w: EncodeWriter, segment: Bits, scope: Scope) -> str:
-        size = segment.type.size
-        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
-        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
-
-    def room_waits(self, w: EncodeWriter, segment: Bits) -> set[str]:
-        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
-
-    def room(self, w: EncodeWriter, segment: Bits, scope: Scope, plain: bool) -> str | None:
-        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
 
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
         for part in segment.parts:
@@ -79,9 +64,6 @@ class BitsKind(SegmentKind[Bits]):
         d.out.add(
             f"n.bits({d.named(segment)}, {size}, {d.parse(segment.type)}, {literal(parts)}{d.refuse(segment)}{rules})"
         )
-
-    def measure(self, m: MeasureWriter, segment: Bits, scope: Scope, after: Pairs) -> None:
-        m.number(segment, scope, after)
 
     def describe(self, segment: Bits) -> str:
         names = ", ".join(f"{part.name} {_places(part.low, part.high)}" for part in segment.parts)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.base import SegmentKind
+from typing import TypeVar
+
+from framekit.codec.kinds.typed import TypedKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item, Slot, not_possible
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
@@ -19,8 +20,7 @@ from framekit.codec.python.shape import (
     targets_of,
 )
 from framekit.codec.python.source import Code, literal, quoted, text_source
-from framekit.definition.expression.emit import AND, PRODUCT
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.emit import AND
 from framekit.definition.model.segments import (
     Count,
     Data,
@@ -28,61 +28,64 @@ from framekit.definition.model.segments import (
     Repeat,
 )
 
+C = TypeVar("C", Length, Count)
 
-class LengthKind(SegmentKind[Length]):
-    model = Length
 
-    def slot(self, r: BufferReader, item: Item, segment: Length, size: int) -> Slot:
+class CountedKind(TypedKind[C]):
+    """A number that must agree with what it counts: a kind says what that is."""
+
+    def compare(self, r: BufferReader, item: Item, segment: C) -> None:
+        """Notes what has to be compared when everything is read."""
+        raise NotImplementedError
+
+    def wanted(self, d: DiagnosisWriter, segment: C) -> str | None:
+        """Text of the number that must come out; None where nothing can disagree."""
+        raise NotImplementedError
+
+    def slot(self, r: BufferReader, item: Item, segment: C, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
 
-    def unpacked(self, r: BufferReader, slot: Slot, segment: Length, source: str, converted: bool) -> None:
+    def unpacked(self, r: BufferReader, slot: Slot, segment: C, source: str, converted: bool) -> None:
         item, local = slot.item, slot.text
         r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
         r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
         r.judge_limits(segment, local)
-        r.compare_length(item, segment)
+        self.compare(r, item, segment)
 
-    def read(self, r: BufferReader, item: Item, segment: Length, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: Item, segment: C, after: tuple[Item, ...]) -> None:
         _read_number(r, item, segment)
-        r.compare_length(item, segment)
+        self.compare(r, item, segment)
 
-    def tasks(self, w: EncodeWriter, segment: Length, scope: Scope, given: Given) -> list[Task]:
-        waits = {token for name in segment.of for token in w.room_tokens(name)} | w.size_waits(segment)
-        return [Task((segment.name,), waits, lambda _: _put_length(w, segment, scope, given))]
-
-    def argument(self, w: EncodeWriter, segment: Length, scope: Scope, size: int) -> PackArgument:
-        return w.number_argument(segment, scope, size)
-
-    def bytes_text(self, w: EncodeWriter, segment: Length, scope: Scope) -> str:
-        size = segment.type.size
-        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
-        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
-
-    def room_waits(self, w: EncodeWriter, segment: Length) -> set[str]:
-        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
-
-    def room(self, w: EncodeWriter, segment: Length, scope: Scope, plain: bool) -> str | None:
-        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
-
-    def declare(self, d: DiagnosisWriter, segment: Length, scope: Scope) -> None:
+    def declare(self, d: DiagnosisWriter, segment: C, scope: Scope) -> None:
         sized = segment.type.kind in ("ascii", "bytes")
         scope.entries[segment.name] = NameEntry(
             f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
         )
 
-    def diagnose(self, d: DiagnosisWriter, segment: Length, scope: Scope, behind: Behind) -> None:
-        _diagnose(d, segment, scope, _room_of(d, segment))
+    def diagnose(self, d: DiagnosisWriter, segment: C, scope: Scope, behind: Behind) -> None:
+        _diagnose(d, segment, scope, self.wanted(d, segment))
 
-    def measure(self, m: MeasureWriter, segment: Length, scope: Scope, after: Pairs) -> None:
-        m.number(segment, scope, after)
+    def rules(self, w: RuleWriter, segment: C, always: bool, lengths: Lengths) -> Rules:
+        yield segment.name, w.rule("number", forms.value_range(segment), False)
+
+
+class LengthKind(CountedKind[Length]):
+    model = Length
+
+    def compare(self, r: BufferReader, item: Item, segment: Length) -> None:
+        r.compare_length(item, segment)
+
+    def wanted(self, d: DiagnosisWriter, segment: Length) -> str | None:
+        return _room_of(d, segment)
+
+    def tasks(self, w: EncodeWriter, segment: Length, scope: Scope, given: Given) -> list[Task]:
+        waits = {token for name in segment.of for token in w.room_tokens(name)} | w.size_waits(segment)
+        return [Task((segment.name,), waits, lambda _: _put_length(w, segment, scope, given))]
 
     def describe(self, segment: Length) -> str:
         counted = ", ".join(name for name in segment.of if not name.startswith("_")) or "what follows"
         return f"{segment.name} {type_text(segment.type)} = length of {counted}"
-
-    def rules(self, w: RuleWriter, segment: Length, always: bool, lengths: Lengths) -> Rules:
-        yield segment.name, w.rule("number", forms.value_range(segment), False)
 
 
 def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> None:
@@ -112,59 +115,21 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
     return total
 
 
-class CountKind(SegmentKind[Count]):
+class CountKind(CountedKind[Count]):
     model = Count
 
-    def slot(self, r: BufferReader, item: Item, segment: Count, size: int) -> Slot:
-        code, order = forms.struct_code(segment.type) or ("", "")
-        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
-
-    def unpacked(self, r: BufferReader, slot: Slot, segment: Count, source: str, converted: bool) -> None:
-        item, local = slot.item, slot.text
-        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
-        r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
-        r.judge_limits(segment, local)
+    def compare(self, r: BufferReader, item: Item, segment: Count) -> None:
         r.compare_count(item, segment)
 
-    def read(self, r: BufferReader, item: Item, segment: Count, after: tuple[Item, ...]) -> None:
-        _read_number(r, item, segment)
-        r.compare_count(item, segment)
+    def wanted(self, d: DiagnosisWriter, segment: Count) -> str | None:
+        return _items_of(d, segment)
 
     def tasks(self, w: EncodeWriter, segment: Count, scope: Scope, given: Given) -> list[Task]:
         waits = {segment.of} | w.size_waits(segment)
         return [Task((segment.name,), waits, lambda _: _put_count(w, segment, scope, given))]
 
-    def argument(self, w: EncodeWriter, segment: Count, scope: Scope, size: int) -> PackArgument:
-        return w.number_argument(segment, scope, size)
-
-    def bytes_text(self, w: EncodeWriter, segment: Count, scope: Scope) -> str:
-        size = segment.type.size
-        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
-        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
-
-    def room_waits(self, w: EncodeWriter, segment: Count) -> set[str]:
-        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
-
-    def room(self, w: EncodeWriter, segment: Count, scope: Scope, plain: bool) -> str | None:
-        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
-
-    def declare(self, d: DiagnosisWriter, segment: Count, scope: Scope) -> None:
-        sized = segment.type.kind in ("ascii", "bytes")
-        scope.entries[segment.name] = NameEntry(
-            f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
-        )
-
-    def diagnose(self, d: DiagnosisWriter, segment: Count, scope: Scope, behind: Behind) -> None:
-        _diagnose(d, segment, scope, _items_of(d, segment))
-
-    def measure(self, m: MeasureWriter, segment: Count, scope: Scope, after: Pairs) -> None:
-        m.number(segment, scope, after)
-
     def describe(self, segment: Count) -> str:
         return f"{segment.name} {type_text(segment.type)} = number of {segment.of}"
-
-    def rules(self, w: RuleWriter, segment: Count, always: bool, lengths: Lengths) -> Rules:
-        yield segment.name, w.rule("number", forms.value_range(segment), False)
 
 
 def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> None:

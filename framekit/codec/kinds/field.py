@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.kinds.typed import TypedKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import BufferReader, Item, Slot
@@ -20,7 +19,7 @@ from framekit.definition.expression.syntax import Bytes, Expression, Number, Tex
 from framekit.definition.model.segments import Field, FieldType, Long
 
 
-class FieldKind(SegmentKind[Field]):
+class FieldKind(TypedKind[Field]):
     model = Field
 
     def slot(self, r: BufferReader, item: Item, segment: Field, size: int) -> Slot:
@@ -64,9 +63,6 @@ class FieldKind(SegmentKind[Field]):
             )
         return tasks
 
-    def argument(self, w: EncodeWriter, segment: Field, scope: Scope, size: int) -> PackArgument:
-        return w.number_argument(segment, scope, size)
-
     def bytes_text(self, w: EncodeWriter, segment: Field, scope: Scope) -> str:
         if segment.long is not None:
             return _long_bytes(w, segment, segment.long, scope)
@@ -79,7 +75,7 @@ class FieldKind(SegmentKind[Field]):
         return forms.build(w.module, segment.type, w.wire(segment, scope), text)
 
     def room_waits(self, w: EncodeWriter, segment: Field) -> set[str]:
-        return {segment.name} | w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
+        return {segment.name} | super().room_waits(w, segment)
 
     def room(self, w: EncodeWriter, segment: Field, scope: Scope, plain: bool) -> str | None:
         local = w.local_of(segment, scope)
@@ -121,9 +117,6 @@ class FieldKind(SegmentKind[Field]):
         if segment.is_ is not None and (segment.constants is not None or constant_of(segment.is_) is None):
             wanted = d.writer(scope).value(segment.is_)
             d.deferred.append(f'n.same("value", {name}, lambda n: {wanted}{d.refuse(segment)})')
-
-    def measure(self, m: MeasureWriter, segment: Field, scope: Scope, after: Pairs) -> None:
-        m.number(segment, scope, after)
 
     def describe(self, segment: Field) -> str:
         text = f"{segment.name} {type_text(segment.type)}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.source import quoted
@@ -38,6 +39,10 @@ class Switch:
     others: Leaf | Switch
 
 
+_TREES: WeakKeyDictionary[StaticSizes, dict[tuple[str, ...], Leaf | Switch]] = WeakKeyDictionary()
+"""Trees that were made, by protocol and candidates: a large one takes its time."""
+
+
 def in_order(shapes: StaticSizes, frames: tuple[str, ...]) -> tuple[str, ...]:
     """Candidates in the order they are tried: those that exist to be refused come last."""
     return tuple(sorted(frames, key=lambda name: shapes.frames[name].refuse is not None))
@@ -45,11 +50,11 @@ def in_order(shapes: StaticSizes, frames: tuple[str, ...]) -> tuple[str, ...]:
 
 def tree_of(shapes: StaticSizes, frames: tuple[str, ...]) -> Leaf | Switch:
     """How candidates, in this order, are told apart."""
-    tree: Leaf | Switch | None = shapes.trees.get(frames)
-    if tree is None:
+    known = _TREES.setdefault(shapes, {})
+    if frames not in known:
         allowed = {name: dict(fixed_bytes(shapes.segments(shapes.frames[name]))) for name in frames}
-        tree = shapes.trees[frames] = _tree(frames, allowed, frozenset(), True)
-    return tree
+        known[frames] = _tree(frames, allowed, frozenset(), True)
+    return known[frames]
 
 
 def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozenset[int], again: bool) -> Leaf | Switch:

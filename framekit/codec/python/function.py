@@ -49,7 +49,6 @@ class Function:
         self.title = title
         self.segments = segments
         self.out = Source()
-        self.misfit = MISFIT
         self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
         self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
@@ -108,7 +107,7 @@ class Function:
             conditions, self.conditions = self.conditions, []
             self.module.function("Misfit")
             with self.out.block(f"if {' or '.join(conditions)}:"):
-                self.add(self.misfit)
+                self.add(MISFIT)
 
     def flush_using(self, local: str) -> None:
         """Writes the conditions, if one of them reads a local that is about to change."""
@@ -138,7 +137,7 @@ class Function:
             return Place(start, 0), Place(end, 0)
         kept: list[Place] = []
         for place, what in ((first, "start"), (last, "end")):
-            if place.base in ("", "begin", "end"):
+            if place.base in ("", "end"):
                 kept.append(place)
             elif what == "end" and not self.in_branch and kept[0] != first and place.base == first.base:
                 kept.append(kept[0].plus(place.offset - first.offset))

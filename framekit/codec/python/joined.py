@@ -92,15 +92,6 @@ def likely_names(shapes: StaticSizes, inner: Inner) -> list[str]:
     return [name for name in dict.fromkeys(firsts) if shapes.frames[name].refuse is None]
 
 
-def sole_names(shapes: StaticSizes, inner: Inner) -> set[str]:
-    """The frames beside which their deciding byte allows no other."""
-    tree = tree_of(shapes, in_order(shapes, inner.frames))
-    branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
-    alone = {branch.frames for branch in branches if isinstance(branch, Leaf) and len(branch.frames) == 1}
-    beside = {name for branch in branches for name in branch.frames if branch.frames not in alone}
-    return {name for (name,) in alone} - beside
-
-
 def _pair(shapes: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
     """The two as one list of segments; None where they cannot be read as one."""
     other = shapes.frames[name]

@@ -39,7 +39,6 @@ from framekit.definition.model.walk import everything, without_when
 from framekit.definition.problems import DefinitionError, Problem
 
 START = Place("", 0)
-END = Place("end", 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +107,7 @@ class Chunk:
 class BufferReader:
     """Reads one buffer. `buffer` is its text, `at` the local that holds the offset once that is not fixed any more.
 
-    `begin`: where in the buffer what is read begins. Everything read in a branch goes into dictionaries that are there
-    before.
+    Everything read in a branch goes into dictionaries that are there before.
     """
 
     def __init__(self, function: Function, buffer: str, at: str) -> None:
@@ -118,7 +116,7 @@ class BufferReader:
         self.shapes = function.shapes
         self.buffer = buffer
         self.at = at
-        self.begin = self.place = START
+        self.place = START
         self.deferred: list[Callable[[], None]] = []
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
 
@@ -338,11 +336,7 @@ class BufferReader:
     def judge_residue(self, check: Check, residue: int, last: bool) -> None:
         """One call over the check and all before it, instead of cutting, reading and comparing. `last`: that is all
         there may be."""
-        covered = self.buffer if last else between(self.buffer, self.begin, self.place.plus(check.size))
-        self.compare_residue(check, covered, residue)
-
-    def compare_residue(self, check: Check, covered: str, residue: int) -> None:
-        """What the code over `covered` (a text) has to be."""
+        covered = self.buffer if last else between(self.buffer, START, self.place.plus(check.size))
         code = self.module.check(check.method, covered)
         self.function.misfit_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
@@ -376,7 +370,7 @@ class BufferReader:
             if first.buffer == self.buffer and check.span[1] == "here":
                 return between(self.buffer, first.first, self.place)
             return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
-        return between(self.buffer, self.begin, self.place)
+        return between(self.buffer, START, self.place)
 
     # ---- what is compared when everything is read ---------------------------------------------------------
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Fill, Inner, Segment, Segments, Skip, sizes_of
@@ -16,7 +15,6 @@ class StaticSizes:
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self.frames = frames
-        self.trees: dict[tuple[str, ...], Any] = {}  # kept for `choices`: a large one takes its time
         self._known: dict[str, Sizes] = {}
 
     def frame(self, name: str) -> Sizes:

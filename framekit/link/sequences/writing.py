@@ -19,7 +19,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Data, Field, Inner, Record, Repeat, Segment
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import expressions_of, parts_of
-from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Names
+from framekit.link.evaluate import ENGINE_FUNCTIONS
 from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import FrameTable
 from framekit.link.variables import empty_of
@@ -95,17 +95,6 @@ def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
             yield from (part.name for part in segment.parts)
         elif isinstance(segment, (Field, Data, Inner, Record, Repeat)) and segment.name is not None:
             yield segment.name
-
-
-def constants_of(info: FrameInfo) -> dict[str, Any]:
-    """The fields of a frame that are always the same."""
-    found = dict(info.known)
-    for name, evaluate in info.computed:
-        try:
-            found.setdefault(name, evaluate(Names()))
-        except EVALUATION_ERRORS:
-            continue
-    return found
 
 
 class SequenceModule:
