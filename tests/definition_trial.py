@@ -10,8 +10,8 @@ from construct_oracle import ConstructCodec, compile_construct
 from link_world import feed
 
 from framekit.codec.ambiguity import check_matrices
-from framekit.codec.batch.cut import Cut
 from framekit.codec.batch.decoder import BatchDecoder
+from framekit.codec.batch.result import Cut
 from framekit.codec.builders import Builders
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError

@@ -9,8 +9,8 @@ from pathlib import Path
 from benchmarks.cases import codec_of
 from benchmarks.measure import compare_once
 from benchmarks.row import Row, Target, faster
-from framekit.codec.batch.cut import Cut
 from framekit.codec.batch.decoder import BatchDecoder
+from framekit.codec.batch.result import Cut
 from framekit.codec.codec import Codec
 from framekit.codec.errors import FrameError
 from framekit.service.capture import CaptureReader, PcapRecords, cut_of_capture, global_header

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from framekit.api.errors import RequestError
 from framekit.api.settings import ProtocolGiven, checked_params, checked_station, protocol_of
 from framekit.api.values import Frame
-from framekit.codec.batch.cut import Cut
-from framekit.codec.batch.result import Batch
+from framekit.codec.batch.result import Batch, Cut
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.model import protocol as model

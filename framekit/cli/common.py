@@ -197,7 +197,7 @@ def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Sco
 
 def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
     """Sets a state variable from its text."""
-    from framekit.definition.load.scalars import parse_bytes, parse_number
+    from framekit.definition.load.reader import parse_bytes, parse_number
     from framekit.definition.problems import did_you_mean
     from framekit.definition.times import parse_time
 

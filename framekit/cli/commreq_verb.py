@@ -85,7 +85,7 @@ def run_commreq(arguments: argparse.Namespace) -> int:
 
 def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
     """Carries the commands out until one fails; the exit status."""
-    from framekit.definition.model.commands import JobWork
+    from framekit.definition.model.services import JobWork
 
     if any(parts_of(dict(application.services), JobWork)):
         return carry_out_jobs(application, protocol, records, arguments)
@@ -233,7 +233,7 @@ def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict
 def _numbered(words: CommandWords, texts: list[str], head: dict[str, object]) -> bytes:
     """A whole block, or the words of one from the command on. Raises ValueError."""
     from framekit.codec.plain import PlainValues
-    from framekit.definition.load.scalars import parse_number
+    from framekit.definition.load.reader import parse_number
     from framekit.run.commands import CommandFaultError, bytes_of
 
     data = bytes_of([parse_number(text) for text in texts])
@@ -267,7 +267,7 @@ class CommandOutput:
 
     def _put(self, text: str) -> None:
         """A start value of the own memory. Raises WordsError."""
-        from framekit.definition.load.scalars import parse_number
+        from framekit.definition.load.reader import parse_number
         from framekit.memory.memory import DeviceMemoryError
 
         address, values = assignment(text)

@@ -322,7 +322,7 @@ def value_at(place: Address, text: str) -> Value:
 def value_of(text: str, type_: str | None) -> Value:
     """A value from its text. Raises RequestError."""
     from framekit.api.errors import RequestError
-    from framekit.definition.load.scalars import parse_number
+    from framekit.definition.load.reader import parse_number
     from framekit.definition.model.services import COUNTED_STRING
 
     if type_ in ("string", COUNTED_STRING):

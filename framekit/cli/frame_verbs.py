@@ -299,7 +299,7 @@ def run_frames(arguments: argparse.Namespace) -> int:
 def _protocols(as_json: bool) -> int:
     from framekit.definition.load.reader import Reader
     from framekit.definition.nodes import Mapping, Scalar, read_nodes
-    from framekit.definition.shipped import shipped_folder
+    from framekit.definition.sources import shipped_folder
 
     rows = []
     for path in sorted(shipped_folder("frames").glob("*.yaml")):

@@ -140,7 +140,7 @@ def _run(parsed: argparse.Namespace) -> int:
     if parsed.verb in READS_ITSELF:
         return int(run(parsed))
     from framekit.codec.stored import kept_library
-    from framekit.definition.keeping import kept_by
+    from framekit.definition.sources import kept_by
 
     with kept_by(kept_library()):
         return int(run(parsed))

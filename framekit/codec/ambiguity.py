@@ -6,26 +6,248 @@ takes is never found; that is an error. Reference, sections 6 and 14. Which byte
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import random
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from heapq import merge
 from operator import itemgetter
 from typing import Any
 
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.codec.double_errors import check_weak_codes
-from framekit.codec.errors import FrameError
-from framekit.codec.hidden_ends import check_ends_inside, check_hidden_ends, check_silent_ends
+from framekit.codec.errors import EncodeError, FrameError
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sample, Sampler, beginning
-from framekit.definition.model.frame_sizes import StaticSizes
-from framekit.definition.model.frames import Frame
+from framekit.definition.check.frames import takes_rest, title
+from framekit.definition.model.frames import Frame, StaticSizes, bytes_of
 from framekit.definition.model.procedure import Row
-from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Inner
+from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.model.segments import Check, Const, Data, Inner, Optional, Repeat, Segment
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem
+from framekit.definition.times import parse_format
+
+WEAK = 8
+"""Bits of a check code that is looked at."""
+
+TRIALS = 600
+"""Errors of two bits that are tried on a frame."""
+
+WORTH_TELLING = 0.005
+
+
+def check_weak_codes(codec: Codec, sampler: Sampler) -> list[Problem]:
+    """One warning, for the frame that lets the most through; none on lines with parity."""
+    protocol = codec.protocol
+    if protocol.line.kind != "serial" or parse_format(protocol.line.format, protocol.line.speed or 1).parity != "N":
+        return []
+    shares = [
+        (passing(codec, frame.name, sample, sampler.context), frame, check)
+        for frame in protocol.frames.values()
+        if (check := _weak_check(frame)) is not None and (sample := _longest(sampler, frame, check)) is not None
+    ]
+    if not shares:
+        return []
+    share, frame, check = max(shares, key=lambda one: one[0])
+    if share < WORTH_TELLING:
+        return []
+    what = f"{_percent(share)} of the errors of two bits pass in '{frame.name}'"
+    told = f"{what}: its check code has {check.method.width} bits, the line no parity"
+    return [Problem(check.at, told, _todo(protocol), warning=True)]
+
+
+def passing(codec: Codec, frame: str, sample: Sample, context: Mapping[str, Any]) -> float:
+    """The share of damaged samples (two bits turned over) that are read as good frames with other values."""
+    random_ = random.Random(f"framekit {frame}")
+    passed = 0
+    for _ in range(TRIALS):
+        damaged = bytearray(sample.data)
+        for place in random_.sample(range(len(damaged) * 8), 2):
+            damaged[place // 8] ^= 1 << place % 8
+        try:
+            passed += codec.decode(frame, bytes(damaged), context) != sample.read
+        except (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError):
+            continue
+    return passed / TRIALS
+
+
+def _weak_check(frame: Frame) -> Check | None:
+    """The frame's check code, if all it has are weak ones."""
+    checks = [check for check in parts_of(frame.segments, Check) if check.verify == "error"]
+    return checks[0] if checks and all(check.method.width <= WEAK for check in checks) else None
+
+
+def _longest(sampler: Sampler, frame: Frame, check: Check) -> Sample | None:
+    """The longest sample that has its check code."""
+    there = [sample for sample in sampler.samples(frame.name) if _is_there(check, sample, sampler.context)]
+    return max(there, key=lambda sample: len(sample.data), default=None)
+
+
+def _is_there(check: Check, sample: Sample, context: Mapping[str, Any]) -> bool:
+    if check.when is None:
+        return True
+    try:
+        return bool(evaluate(check.when.root, {**context, **sample.read}.__getitem__))
+    except (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError):
+        return False
+
+
+def _percent(share: float) -> str:
+    return f"about {share * 100:.0f} %" if share >= 0.01 else "about 1 %"
+
+
+def _todo(protocol: Protocol) -> str:
+    bits = protocol.line.format[0]
+    return f"use a format with parity, such as {bits}E1, where the device offers one"
+
+
+def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
+    """At most one warning a frame. Delimited bodies cannot hold their end: that is checked elsewhere."""
+    for frame in protocol.frames.values():
+        for place, segment in enumerate(frame.segments[:-1]):
+            if frame.delimited or segment.when:
+                continue
+            behind = frame.segments[place + 1 :]
+            end = next((one for one in behind if isinstance(one, Const) and one.when is None), None)
+            if end is None:
+                break
+            warning = _warning(protocol, frame, segment, end, behind)
+            if warning is not None:
+                yield warning
+                break
+
+
+def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
+    """Frames that only silence ends, on a connection where nobody says how long that is: there it ends nothing."""
+    protocol = codec.protocol
+    if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
+        return
+    within = {name for inner in parts_of(dict(protocol.frames), Inner) for name in inner.frames}
+    for frame in protocol.frames.values():
+        samples = () if frame.inner or frame.side == "none" else sampler.samples(frame.name)
+        if any(codec.measure(frame.name, sample.data, ctx=sampler.context) == codec.QUIET for sample in samples):
+            what = f"only silence ends '{frame.name}', and a connection has none of its own"
+            todo = "add a length or an end constant, or receiver: {quiet: TIME}"
+            if frame.name in within:
+                todo = f"write from: none if it stands only inside other frames, else {todo}"
+            yield Problem(frame.at, what, todo)
+
+
+def check_ends_inside(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
+    """Frames inside whose bytes may be the beginning of one that is tried before them: a receiver waits for that."""
+    for frame in codec.protocol.frames.values():
+        for inner in parts_of(frame.segments, Inner):
+            for later in inner.frames[1:] if inner.size is None else ():
+                data = _waiting(codec, sampler, frame.name, inner, later)
+                if data is not None:
+                    what = f"'{later}' in '{frame.name}' may be the beginning of a frame that is tried first"
+                    what = f"{what}: {beginning(data)}"
+                    todo = f"give '{inner.name}' a size, or write the frame with less bytes first"
+                    yield Problem(inner.at, what, todo)
+                    break
+
+
+def _waiting(codec: Codec, sampler: Sampler, frame: str, inner: Inner, later: str) -> bytes | None:
+    """A frame with another inside that is complete without silence, and measured as if more came."""
+    outer = [sample.values for sample in sampler.samples(frame) if inner.name in sample.values]
+    for values, inside in zip(outer, sampler.samples(later), strict=False):
+        if codec.measure(later, inside.data, ctx=sampler.context) == codec.QUIET:
+            continue
+        try:
+            data = codec.encode(frame, {**values, inner.name: {later: inside.values}}, sampler.context)
+        except EncodeError:
+            continue
+        if codec.QUIET < codec.measure(frame, data, ctx=sampler.context) < 0:
+            return data
+    return None
+
+
+def _warning(
+    protocol: Protocol, frame: Frame, segment: Segment, end: Const, behind: tuple[Segment, ...]
+) -> Problem | None:
+    sign = f"{end.data[0]:02X}"
+    before = behind[: behind.index(end)]
+    open_ended = takes_rest(segment) or (isinstance(segment, Inner) and segment.size == "rest")
+    if open_ended and end.data[0] in bytes_of([segment, *before], protocol.frames):
+        guarded = any(check.verify == "error" for check in parts_of(behind, Check))
+        where = f"the first {sign} with a fitting check code" if guarded else f"the first {sign}, whatever was meant"
+        holder, todo = segment, "give it a size, or send it as digits or in a wrap"
+        if isinstance(segment, (Repeat, Optional)):
+            todo = "say by a field how much there is of it, or send it as digits or in a wrap"
+        if end.data[0] not in bytes_of([segment], protocol.frames):
+            holder = next(one for one in before if end.data[0] in bytes_of([one], protocol.frames))
+            todo = "send it as digits, or put it after the end"
+        what = f"{title(holder)} may hold {sign}, which ends it: '{frame.name}' ends at {where}"
+        return Problem(holder.at, what, todo, warning=True)
+    sized = protocol.profile is not None and isinstance(segment, Data) and isinstance(segment.size, int)
+    if sized and not before and end in frame.tail and end.data[0] in bytes_of([segment]):
+        what = (
+            f"{title(segment)} may hold {sign}, the first byte of the tail: '{frame.name}' ends by its size, not there"
+        )
+        return Problem(segment.at, what, "nothing to do if the size is right", warning=True)
+    return None
+
+
+ANNOUNCED = 16
+"""What a size is that an earlier frame would have announced."""
+
+
+class SampleLine:
+    """`line` of the language at a usual speed."""
+
+    speed = 9600
+
+    def chars(self, numerator: int, denominator: int = 1) -> int:
+        return 1_041_667 * numerator // denominator
+
+    def bits(self, numerator: int, denominator: int = 1) -> int:
+        return 104_167 * numerator // denominator
+
+    def language_attribute(self, name: str) -> int:
+        if name != "speed":
+            raise KeyError(name)
+        return self.speed
+
+
+def sample_context(protocol: Protocol) -> dict[str, Any]:
+    """A context for encoding and decoding frames of this protocol; names it cannot give a value are left out."""
+    station = _station(protocol)
+    clock = dict.fromkeys(("second", "minute", "hour", "day", "month", "year", "weekday"), 7)
+    context: dict[str, Any] = {
+        "buffer": b"", "role": "client", "station": station, "own": station, "clock": clock, "now": 0,
+        "line": SampleLine(),
+    }  # fmt: skip
+    context |= start_values(protocol)
+    for variable in protocol.state.values():
+        if variable.announced:
+            context[variable.name] = ANNOUNCED
+    items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
+    for _ in range(3):  # defaults may stand on other defaults
+        for item in items:
+            if item.name not in context:
+                context |= _worked_out(item, context)
+    return context
+
+
+def _station(protocol: Protocol) -> Any:
+    station = protocol.station
+    if station.type == "text":
+        return "A" * min(station.size or 1, 8)
+    if station.type == "bytes":
+        return bytes(station.size or 1)
+    low, high = station.limits or (1, 1)
+    return min(max(low, 1), high)
+
+
+def _worked_out(item: Parameter | StateVariable, context: Mapping[str, Any]) -> dict[str, Any]:
+    expression = item.initial if isinstance(item, StateVariable) else item.is_ or item.default
+    if expression is None:
+        return {}
+    try:
+        return {item.name: evaluate(expression.root, context.__getitem__)}
+    except (MissingName, *EVALUATION_ERRORS):
+        return {}
+
 
 FEWEST = 2
 """So many samples at least must be taken for the other frame before that is believed of all (or the only one)."""

@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError
 from framekit.codec.functions import Context
-from framekit.codec.python.builder_module import ENCODER, BuilderModules
+from framekit.codec.python.generate import ENCODER, BuilderModules
 from framekit.codec.python.parameters import inner_frames
 
 Build = Callable[..., bytes]

@@ -9,9 +9,9 @@ from __future__ import annotations
 from types import CodeType, ModuleType
 
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
-from framekit.definition import keeping
 from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.sources import current_keeper
 
 __all__ = ["Codec", "Context", "Decode", "Encode", "Span", "code_of", "codec_from", "compile_protocol"]
 
@@ -33,9 +33,10 @@ def compile_protocol(protocol: Protocol) -> Codec:
     DefinitionError."""
     known = _compiled.get(id(protocol))
     if known is None:
-        if keeping.current is None:
+        keeper = current_keeper()
+        if keeper is None:
             return codec_from(protocol, code_of(protocol))
-        return _keep(Codec(protocol, keeping.current.module(protocol)))
+        return _keep(Codec(protocol, keeper.module(protocol)))
     return _keep(known)
 
 

@@ -14,8 +14,7 @@ import construct
 
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import Context, FrameFunctions
-from framekit.definition.model.frame_sizes import StaticSizes
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, StaticSizes
 
 
 class FrameParseError(FrameError, construct.ConstructError):

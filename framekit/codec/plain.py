@@ -10,7 +10,7 @@ from typing import Any
 
 from framekit.codec.errors import EncodeError
 from framekit.codec.shown import explain, shown
-from framekit.definition.load.scalars import parse_bytes, parse_number
+from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     Bits,

@@ -1,21 +1,366 @@
-"""YAML as nodes with positions: every scalar is text, nothing has been given a meaning yet.
-
-Files are refused here for what makes them no plain tree of names, lists and texts: bad syntax, double keys, tags, merge
-keys, several documents, excessive size. What keys mean is not known here.
-"""
+"""YAML as nodes with positions: every scalar is text, nothing has been given a meaning yet; what is no YAML is told in
+sentences that say what to do."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from framekit.definition.problems import DefinitionError, Position, Problem
-from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
-from framekit.definition.yaml_syntax import QUOTE_EXPRESSION, syntax_problem
+
+NOTES = ("about", "doc", "source", "second_source")
+"""Keys that are for people, in every part of every file."""
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A single value as its text; `''` when nothing is written.
+
+    `quoted`: in quotes. `absent`: not even a colon stands behind its key, as `b)` in `{set: max(a, b)}` has no value.
+    """
+
+    text: str
+    at: Position
+    quoted: bool = False
+    absent: bool = False
+
+
+@dataclass
+class _Use:
+    """Whether a loader has read an entry."""
+
+    read: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A key and its value."""
+
+    key: Scalar
+    value: Node
+    use: _Use = field(default_factory=_Use, compare=False, repr=False)
+
+    def holding(self, value: Node) -> Entry:
+        """The same entry with another value; who reads one of them has read both."""
+        return Entry(self.key, value, self.use)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Keys and values in the order written; every key once. `flow`: written in braces."""
+
+    entries: tuple[Entry, ...]
+    at: Position
+    flow: bool = False
+
+    def get(self, key: str) -> Node | None:
+        """The value of a key, which counts as read; None when there is no such key."""
+        for entry in self.entries:
+            if entry.key.text == key:
+                entry.use.read = True
+                return entry.value
+        return None
+
+    def value(self, key: str) -> Node | None:
+        """The value of a key that another loader reads, or that decides which loader reads it."""
+        return next((entry.value for entry in self.entries if entry.key.text == key), None)
+
+    def read_all(self) -> tuple[Entry, ...]:
+        """All entries, which count as read: keys that the file's author chooses."""
+        for entry in self.entries:
+            entry.use.read = True
+        return self.entries
+
+    def keys(self) -> tuple[str, ...]:
+        """The texts of the keys."""
+        return tuple(entry.key.text for entry in self.entries)
+
+    def __contains__(self, key: object) -> bool:
+        return any(entry.key.text == key for entry in self.entries)
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Items in the order written. `flow`: written in brackets."""
+
+    items: tuple[Node, ...]
+    at: Position
+    flow: bool = False
+
+
+Node = Scalar | Mapping | Sequence
+
+
+def unread(node: Node) -> Iterator[tuple[Mapping, Entry]]:
+    """The entries that no loader has read, each with what it stands in.
+
+    A mapping of which nothing was read is passed over: it belongs to something that is not loaded at all.
+    """
+    waiting: list[Node] = [node]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, Sequence):
+            waiting.extend(node.items)
+        elif isinstance(node, Mapping):
+            looked_at = any(entry.use.read for entry in node.entries)
+            for entry in node.entries:
+                if entry.use.read:
+                    waiting.append(entry.value)
+                elif looked_at and entry.key.text not in NOTES:
+                    yield node, entry
+
+
+QUOTE_EXPRESSION = "quote the whole expression"
+"""What to do about everything that YAML takes for its own punctuation inside an expression."""
+
+_CLOSING = {"[": "]", "{": "}"}
+_KEY_BEFORE = re.compile(r"[^\s#].*:\s+\S")
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A mark of the scanner, and the text around it."""
+
+    line: int
+    column: int
+    before: str
+    sign: str
+
+    @property
+    def last_sign(self) -> str:
+        """The last character before the place on its line, blanks left out."""
+        return self.before.rstrip()[-1:]
+
+
+@dataclass(frozen=True, slots=True)
+class _Error:
+    """An error of the scanner or parser: its words, where it was found, and where what it was reading began."""
+
+    context: str
+    words: str
+    start: _Place
+    found: _Place
+    comment: _Place | None = None
+
+
+_Finding = tuple[_Place, str, str]
+
+
+def syntax_problem(error: yaml.YAMLError, text: str, file: str) -> Problem:
+    """The problem that a YAML error of `text` is."""
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return Problem(Position(file, 1, 1), "this is not YAML", "save the file as plain text in UTF-8")
+    lines = text.splitlines()
+    found = error.problem_mark or error.context_mark
+    facts = _Error(
+        context=error.context or "",
+        words=error.problem or "",
+        start=_place(error.context_mark or found, lines),
+        found=_place(found, lines),
+        comment=_swallowing(lines, error.context_mark or found, found),
+    )
+    place, what, todo = next(finding for explain in _EXPLANATIONS if (finding := explain(facts)) is not None)
+    return Problem(Position(file, place.line, place.column), what, todo)
+
+
+def _place(mark: Any, lines: list[str]) -> _Place:
+    """Where a mark of either scanner points to."""
+    if mark is None:
+        return _Place(1, 1, "", "")
+    number, column = int(mark.line), int(mark.column)
+    line = lines[number] if number < len(lines) else ""
+    return _Place(number + 1, column + 1, line[:column], line[column : column + 1])
+
+
+def _swallowing(lines: list[str], start: Any, end: Any) -> _Place | None:
+    """Where, in the lines of what was being read, a comment begins behind an open bracket."""
+    if start is None or end is None:
+        return None
+    last = min(int(end.line) + 1, len(lines))
+    for number in range(max(0, min(int(start.line), last - 3)), last):
+        column = _comment_in_brackets(lines[number])
+        if column is not None:
+            return _Place(number + 1, column + 1, lines[number][:column], "#")
+    return None
+
+
+def _comment_in_brackets(line: str) -> int | None:
+    """The column of a comment that begins inside brackets of this line."""
+    depth, quote = 0, ""
+    for column, sign in enumerate(line):
+        if quote:
+            quote = "" if sign == quote else quote
+        elif sign in "'\"":
+            quote = sign
+        elif sign == "#" and line[column - 1 : column].isspace():
+            return column if depth > 0 else None
+        else:
+            depth += (sign in "[{") - (sign in "]}")
+    return None
+
+
+# ---- one explanation after the other: the first that fits is given ------------------------------------------
+
+
+def _tab(error: _Error) -> _Finding | None:
+    if error.found.sign != "\t" and "tab character" not in error.words:
+        return None
+    return error.found, "a tab stands here", "indent with spaces"
+
+
+def _colon(error: _Error) -> _Finding | None:
+    if "mapping values are not allowed" not in error.words:
+        return None
+    found = error.found
+    if _KEY_BEFORE.search(found.before):
+        return found, "a second ': ' stands in this value", "quote the whole value"
+    todo = "check its indentation, and the ':' of the line above"
+    return _line_start(found), "this line does not fit the one above", todo
+
+
+def _no_space(error: _Error) -> _Finding | None:
+    if "unexpected ':'" not in error.words:
+        return None
+    return error.found, "a space is missing behind ':'", "write key: value"
+
+
+def _token(error: _Error) -> _Finding | None:
+    if "cannot start any token" not in error.words:
+        return None
+    return error.found, f"a value cannot begin with '{error.found.sign}'", "put it in quotes"
+
+
+def _first_sign(error: _Error) -> _Finding | None:
+    """`& * ! > |` begin something of YAML's own."""
+    if not re.search(r"an anchor|an alias|a tag|block scalar|tag handle", f"{error.context} {error.words}"):
+        return None
+    sign = error.start.sign or error.found.sign
+    return error.start, f"a value cannot begin with '{sign}'", "put it in quotes"
+
+
+def _directive(error: _Error) -> _Finding | None:
+    if "directive" not in error.context:
+        return None
+    return error.start, "a line cannot begin with '%'", "put the text in quotes"
+
+
+def _quote(error: _Error) -> _Finding | None:
+    if "quoted scalar" not in error.context and "double-quoted" not in error.context:
+        return None
+    if "escape" in error.words:
+        return error.found, "a '\\' in double quotes changes what follows", "use single quotes, or write \\\\"
+    return error.start, "the quote that opens here is not closed", "add the closing quote"
+
+
+def _behind_quote(error: _Error) -> _Finding | None:
+    if error.found.last_sign not in ("'", '"') or error.found.sign in ("", ":"):
+        return None
+    return error.found, "the value goes on behind its closing quote", QUOTE_EXPRESSION
+
+
+def _comment(error: _Error) -> _Finding | None:
+    """A `#` in a list or mapping in brackets has swallowed the rest of the line, closing brackets and all."""
+    if error.comment is None or ("flow" not in error.context and "node content" not in error.words):
+        return None
+    return error.comment, "everything behind '#' is a comment", "put the value in quotes"
+
+
+def _in_brackets(error: _Error) -> _Finding | None:
+    if "flow mapping" not in error.context and "flow sequence" not in error.context:
+        return None
+    opening, sign = ("{" if "mapping" in error.context else "["), error.found.sign
+    closing = _CLOSING[opening]
+    if not sign or (error.found.line != error.start.line and sign not in _CLOSING):
+        return error.start, f"the '{opening}' here is not closed", f"add '{closing}', or {QUOTE_EXPRESSION}"
+    if sign in _CLOSING.values():
+        return error.found, f"'{sign}' stands where '{closing}' is missing", f"close '{opening}' with '{closing}'"
+    if error.found.last_sign in _CLOSING.values():
+        return error.found, f"the value goes on behind '{error.found.last_sign}'", QUOTE_EXPRESSION
+    return error.found, f"the value is cut at '{sign}'", QUOTE_EXPRESSION
+
+
+def _nothing_there(error: _Error) -> _Finding | None:
+    if "node content" not in error.words:
+        return None
+    sign = error.found.sign
+    if sign in _CLOSING.values():
+        return error.found, f"there is a '{sign}' too many", "remove it, or put the value in quotes"
+    if sign == "-":
+        return error.found, "a list written with '- ' cannot stand between brackets", "write [a, b], or use no brackets"
+    before = f"before '{sign}'" if sign else "at the end of the file"
+    return error.found, f"a value is missing {before}", "write one, or put the whole value in quotes"
+
+
+def _behind_value(error: _Error) -> _Finding | None:
+    closing = error.found.last_sign
+    if closing not in _CLOSING.values() or not _is_block(error):
+        return None
+    if error.found.sign in _CLOSING.values():
+        return error.found, f"there is a '{error.found.sign}' too many", "remove it"
+    return error.found, f"the value goes on behind '{closing}'", QUOTE_EXPRESSION
+
+
+def _simple_key(error: _Error) -> _Finding | None:
+    if "simple key" not in error.context:
+        return None
+    return error.start, "this line has no ':'", "write it as key: value"
+
+
+def _indentation(error: _Error) -> _Finding | None:
+    if not _is_block(error):
+        return None
+    if "block collection" in error.context or "'-' indicator" in error.words:
+        return (
+            error.found,
+            "this line stands where an item of a list is wanted",
+            "begin it with '- ' or indent it otherwise",
+        )
+    return error.found, "this line is indented like none above it", "indent it like the keys it belongs to"
+
+
+def _document(error: _Error) -> _Finding | None:
+    if "document start" not in error.words:
+        return None
+    return error.found, "something stands behind the end of the document", "remove the '...' above"
+
+
+def _anything(error: _Error) -> _Finding:
+    return error.found, "this is no valid YAML", "check quotes, brackets and indentation here"
+
+
+def _is_block(error: _Error) -> bool:
+    return "expected key" in error.words or "block end" in error.words or "'-' indicator" in error.words
+
+
+def _line_start(place: _Place) -> _Place:
+    column = len(place.before) - len(place.before.lstrip())
+    return _Place(place.line, column + 1, "", "")
+
+
+_EXPLANATIONS: tuple[Callable[[_Error], _Finding | None], ...] = (
+    _tab,
+    _colon,
+    _no_space,
+    _token,
+    _first_sign,
+    _directive,
+    _quote,
+    _behind_quote,
+    _comment,
+    _in_brackets,
+    _nothing_there,
+    _behind_value,
+    _simple_key,
+    _indentation,
+    _document,
+    _anything,
+)
+
 
 __all__ = ["Entry", "Mapping", "Node", "Scalar", "Sequence", "read_nodes", "read_text"]
 
@@ -286,3 +631,111 @@ class _Builder:
 def without(node: Mapping, key: str) -> Mapping:
     """A mapping less one of its keys."""
     return Mapping(tuple(entry for entry in node.entries if entry.key.text != key), node.at)
+
+
+CUT = "the expression was cut at a comma"
+
+_QUOTED = re.compile(r"'[^']*'")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_NO_SPACE = re.compile(r"[a-z_]+:[^:\s'\"()]+")
+_PROSE = re.compile(r"doc|about|source|second_source|\d+|0[xX][0-9A-Fa-f]+")
+_EXPRESSION = re.compile(r"[()\[\]{}'\"+*/%&|^~<>=]|\s(?:if|else|and|or|not|in|-)\s")
+
+
+@dataclass(slots=True)
+class Cuts:
+    """What was found: the tree without the cut-off pieces, and the mappings and lists that had some."""
+
+    tree: Node
+    problems: list[Problem] = field(default_factory=list)
+    places: set[Position] = field(default_factory=set)
+
+
+def without_cuts(node: Node) -> Cuts:
+    """The tree without the pieces of cut expressions; one problem for each mapping or list that has some."""
+    cuts = Cuts(node)
+    cuts.tree = _mended(node, cuts)
+    return cuts
+
+
+def is_cut(problem: Problem) -> bool:
+    """Whether a problem is one of those that are noted here."""
+    return problem.what.endswith(" was cut at a comma")
+
+
+def looks_cut(text: str) -> bool:
+    """Whether a key is a piece of an expression rather than a word."""
+    return _EXPRESSION.search(text) is not None
+
+
+def _mended(node: Node, cuts: Cuts) -> Node:
+    if isinstance(node, Mapping):
+        return _mapping(node, cuts)
+    return _sequence(node, cuts) if isinstance(node, Sequence) else node
+
+
+def _mapping(node: Mapping, cuts: Cuts) -> Mapping:
+    kept: list[Entry] = []
+    depth = 0
+    for entry in node.entries:
+        absent = isinstance(entry.value, Scalar) and entry.value.absent
+        if node.flow and (absent or depth):
+            _note(node, entry.key, kept[-1] if kept else None, depth, cuts)
+        elif absent:
+            cuts.problems.append(_no_value(entry.key))
+        else:
+            value = _mended(entry.value, cuts)
+            kept.append(entry if value is entry.value else Entry(entry.key, value))
+        depth = max(0, depth + _opened(entry.key) + _opened(entry.value)) if node.flow else 0
+    if len(kept) == len(node.entries) and all(new is old for new, old in zip(kept, node.entries, strict=True)):
+        return node
+    return Mapping(tuple(kept), node.at, node.flow)
+
+
+def _sequence(node: Sequence, cuts: Cuts) -> Sequence:
+    kept: list[Node] = []
+    depth = 0
+    for item in node.items:
+        if node.flow and depth and isinstance(item, Scalar):
+            _note(node, item, None, depth, cuts)
+        else:
+            kept.append(_mended(item, cuts))
+        depth = max(0, depth + _opened(item)) if node.flow else 0
+    if len(kept) == len(node.items) and all(new is old for new, old in zip(kept, node.items, strict=True)):
+        return node
+    return Sequence(tuple(kept), node.at, node.flow)
+
+
+def _opened(node: Node) -> int:
+    """How many parentheses stay open behind an unquoted text; those inside its own quotes do not count."""
+    if not isinstance(node, Scalar) or node.quoted:
+        return 0
+    text = _QUOTED.sub("", node.text)
+    return text.count("(") - text.count(")")
+
+
+def _note(node: Mapping | Sequence, piece: Scalar, before: Entry | None, depth: int, cuts: Cuts) -> None:
+    """Notes the first cut of a mapping or list."""
+    if node.at in cuts.places:
+        return
+    cuts.places.add(node.at)
+    if isinstance(node, Mapping) and (before is None or _NO_SPACE.fullmatch(piece.text)):
+        cuts.problems.append(_no_value(piece))
+    elif before is not None and _PROSE.fullmatch(before.key.text):
+        cuts.problems.append(Problem(piece.at, "the text was cut at a comma", "quote the whole text"))
+    elif before is not None and piece.text.isdigit() and _is_number(before.value):
+        cuts.problems.append(Problem(piece.at, "the number was cut at a comma", "write it without"))
+    elif depth == 0 and _NAME.fullmatch(piece.text):
+        cuts.problems.append(Problem(piece.at, CUT, f"{QUOTE_EXPRESSION}, or give '{piece.text}' a value"))
+    else:
+        cuts.problems.append(Problem(piece.at, CUT, QUOTE_EXPRESSION))
+
+
+def _is_number(node: Node) -> bool:
+    return isinstance(node, Scalar) and node.text.isdigit()
+
+
+def _no_value(key: Scalar) -> Problem:
+    name, colon, value = key.text.partition(":")
+    todo = f"write {name}: {value.strip()} with a space" if colon and value else f"write {key.text}: value"
+    return Problem(key.at, f"the key '{key.text}' has no value", todo)

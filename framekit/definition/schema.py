@@ -9,15 +9,388 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
-from framekit.definition.cut_expressions import without_cuts
-from framekit.definition.problems import DefinitionError, Problem, did_you_mean
-from framekit.definition.schema_messages import OWN_KEYS, Messages
-from framekit.definition.shipped import shipped_folder
-from framekit.definition.tree import Mapping, Node, Scalar
+from framekit.definition.nodes import CUT, QUOTE_EXPRESSION, Mapping, Node, Scalar, Sequence, looks_cut, without_cuts
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, printable
+from framekit.definition.sources import shipped_folder
+
+Path = tuple[str | int, ...]
+
+_NOUNS = {
+    "areas": "area",
+    "channels": "channel",
+    "checks": "check method",
+    "frames": "frame",
+    "groups": "group",
+    "layouts": "layout",
+    "params": "parameter",
+    "queues": "queue",
+    "roles": "role",
+    "sequences": "sequence",
+    "services": "service",
+    "sessions": "session",
+    "state": "state variable",
+    "tables": "table",
+    "blocks": "block",
+    "sets": "set",
+    "lanes": "lane",
+    "flags": "flags entry",
+}
+_NUMBERED = ("channels", "blocks", "sets")
+_DEEPER = {("memory", 2), ("sets", 3), ("roles", 3)}
+"""Sections that do not stand at the top: the first key of the path, and where in the path the entry's name stands."""
+
+_LISTED = {
+    "addresses": ("address form", "", 1),
+    "frames": ("frame case", "name", 1),
+    "conversations": ("conversation", "name", 1),
+    "services": ("row", "name", 2),
+    "sequences": ("step", "step", 3),
+}
+"""Lists whose items have names: section → noun, key of the name, place of the item's number in the path."""
+
+
+class Places:
+    """Finds nodes by path and names them."""
+
+    def __init__(self, root: Node) -> None:
+        self.root = root
+
+    def node(self, path: Iterable[str | int]) -> Node:
+        """The node at a path of the plain tree."""
+        node: Node | None = self.root
+        for step in path:
+            if isinstance(node, Sequence) and isinstance(step, int):
+                node = node.items[step]
+            elif isinstance(node, Mapping):
+                node = node.get(str(step))
+        assert node is not None  # paths come from the tree
+        return node
+
+    def key(self, path: Path, key: str) -> Position:
+        """Where a key of the mapping at `path` stands."""
+        node = self.node(path)
+        if isinstance(node, Mapping):
+            for entry in node.entries:
+                if entry.key.text == key:
+                    return entry.key.at
+        return node.at
+
+    def place(self, path: Path) -> str:
+        """The nearest thing around with a name: `frame 'X'`, `step 'ask' of sequence 'exchange'`; '' for none."""
+        return self._named(path)[0]
+
+    def is_named(self, path: Path) -> bool:
+        """Whether the path leads to a thing with a name, not into one."""
+        return bool(path) and self._named(path)[1] == len(path)
+
+    def _named(self, path: Path) -> tuple[str, int]:
+        parts: list[str] = []
+        end = 0
+        for index in range(1, len(path)):
+            part = self._entry(path, index) if isinstance(path[index], str) else self._item(path, index)
+            if part:
+                parts.insert(0, part)
+                end = index + 1
+        return " of ".join(parts), end
+
+    def _entry(self, path: Path, index: int) -> str:
+        section, name = path[index - 1], path[index]
+        if section not in _NOUNS or (index != 1 and (path[0], index) not in _DEEPER):
+            return ""
+        noun = _NOUNS[str(section)]
+        return f"{noun} {name}" if section in _NUMBERED else f"{noun} '{name}'"
+
+    def _item(self, path: Path, index: int) -> str:
+        noun, key, depth = _LISTED.get(str(path[0]), ("", "", 0))
+        if not noun or index != depth or (path[0] == "sequences" and path[2] != "steps"):
+            return ""
+        item = self.node(path[: index + 1])
+        name = item.get(key) if isinstance(item, Mapping) else None
+        return f"{noun} '{name.text}'" if isinstance(name, Scalar) and name.text else f"{noun} {int(path[index]) + 1}"
+
+
+LONGEST_TEXT = 40
+"""Characters of a wrong value that are shown."""
+
+MOST_KINDS = 8
+"""Kinds that are listed where one is missing."""
+
+LONGEST_LIST = 12
+"""Known words that are listed when none is near."""
+
+OWN_KEYS = "x-own-keys"
+"""Keyword of mappings with free keys: a key that is nearly one of the known ones is a slip."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Complaint:
+    """A problem, the path of the node it is about, and what sort it is: `unknown`, `missing`, `kinds` or `value`."""
+
+    path: Path
+    sort: str
+    problem: Problem
+
+
+class Messages:
+    """Words the errors of one file. `cut`: mappings and lists that have lost pieces; nothing is missing there."""
+
+    def __init__(self, root: Node, cut: set[Position], known_keys: Callable[[str], Iterable[str]]) -> None:
+        self.places = Places(root)
+        self.cut = cut
+        self.known_keys = known_keys
+
+    def problems(self, errors: Iterable[Any]) -> list[Problem]:
+        """The problems that the errors of a validator are."""
+        complaints = [complaint for error in errors for complaint in self._worded(error)]
+        kinds = {complaint.path for complaint in complaints if complaint.sort == "kinds"}
+        return [
+            complaint.problem
+            for complaint in complaints
+            if complaint.sort not in ("unknown", "missing") or complaint.path not in kinds
+        ]
+
+    def _worded(self, error: Any) -> Iterator[_Complaint]:
+        path: Path = tuple(error.absolute_path)
+        word = _WORDS.get(error.validator)
+        if "propertyNames" in error.absolute_schema_path:
+            yield _Complaint(path, "value", self._name(error, path))
+        elif word is None:
+            yield self._value(path, f"{self._subject(path)} is not right", "look at its description")
+        else:
+            yield from word(self, error, path)
+
+    # ---- what things are called ---------------------------------------------------------------------------
+
+    def _thing(self, path: Path, schema: dict[str, Any]) -> str:
+        """`frame 'X'`, `a field segment of frame 'X'`, `the line section`."""
+        place = self.places.place(path)
+        if self.places.is_named(path):
+            return place
+        title = str(schema.get("title", "")) or (f"'{path[-1]}'" if path else "the file")
+        if not title.startswith(("the ", "'")):
+            title = f"{'an' if title[0] in 'aeiou' else 'a'} {title}"
+        return f"{title} of {place}" if place else title
+
+    def _subject(self, path: Path) -> str:
+        """`'body' of frame 'X'`, `an item of 'body' of frame 'X'`."""
+        place = self.places.place(path)
+        if self.places.is_named(path):
+            return place
+        if not path:
+            return "the file"
+        name = f"'{path[-1]}'"
+        if isinstance(path[-1], int):
+            names = [step for step in path if isinstance(step, str)]
+            name = f"an item of '{names[-1]}'" if names else "an item"
+        return f"{name} of {place}" if place else name
+
+    def _inside(self, path: Path) -> str:
+        place = self.places.place(path)
+        return f", in {place}" if place else ""
+
+    # ---- keys ---------------------------------------------------------------------------------------------
+
+    def _unknown_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        schema, node = error.schema, self.places.node(path)
+        known = list(schema.get("properties", ()))
+        for key in [key for key in error.instance if key not in known]:
+            at = self.places.key(path, key)
+            if isinstance(node, Mapping) and node.flow and looks_cut(key):
+                yield _Complaint(path, "unknown", Problem(at, CUT, QUOTE_EXPRESSION))
+                return
+            hint = schema.get("x-hints", {}).get(key) or did_you_mean(key, known) or "remove it or correct its name"
+            yield self._unknown(path, key, schema, hint)
+
+    def _unknown(self, path: Path, key: str, schema: dict[str, Any], hint: str) -> _Complaint:
+        what = f"unknown key '{key}' in {self._thing(path, schema)}"
+        return _Complaint(path, "unknown", Problem(self.places.key(path, key), what, hint))
+
+    def _near_key(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        known = list(error.schema["properties"])
+        hint = f"{did_you_mean(error.message, known)} If not, give it another name"
+        yield self._unknown(path, error.message, error.schema, hint)
+
+    def _missing_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        """All keys that are missing in one mapping, without those that are there misspelt."""
+        node, schema = self.places.node(path), error.schema
+        strange = [key for key in error.instance if key not in schema.get("properties", ())]
+        missing = [
+            key
+            for key in error.validator_value
+            if key not in error.instance and not difflib.get_close_matches(key, strange, n=1, cutoff=0.6)
+        ]
+        if missing and node.at not in self.cut:
+            keys = ("key " if len(missing) == 1 else "keys ") + ", ".join(f"'{key}'" for key in missing)
+            problem = Problem(node.at, f"missing {keys} in {self._thing(path, schema)}", _ADD[len(missing) > 1])
+            yield _Complaint(path, "missing", problem)
+
+    def _kinds(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        """Exactly one of some keys must be there."""
+        if not isinstance(error.instance, dict):
+            return
+        schema, node = error.schema, self.places.node(path)
+        kinds = [branch["required"][0] for branch in error.validator_value]
+        given = [key for key in error.instance if key in kinds]
+        thing, one = self._thing(path, schema), schema.get("x-one", "kind")
+        if given:
+            names = " and ".join(f"'{key}'" for key in given)
+            problem = Problem(self.places.key(path, given[1]), f"{thing} has more than one {one}: {names}", "keep one")
+            yield _Complaint(path, "kinds", problem)
+        elif (near := self._nearest(error.instance, kinds, schema)) is not None:
+            complaint = self._unknown(path, near, schema, did_you_mean(near, kinds))
+            yield _Complaint(path, "kinds", complaint.problem)
+        elif node.at not in self.cut:
+            todo = "add one of " + ", ".join(kinds[:MOST_KINDS]) + (", …" if len(kinds) > MOST_KINDS else "")
+            yield _Complaint(path, "kinds", Problem(node.at, f"{thing} has no {one}", todo))
+
+    def _nearest(self, keys: Iterable[str], kinds: list[str], schema: dict[str, Any]) -> str | None:
+        """The key that is most like one of the kinds and is no key of any of them."""
+        options = {*schema.get("properties", ())}
+        for branch in schema.get("allOf", ()):
+            options.update(self.known_keys(branch.get("then", {}).get("$ref", "")))
+        strange = [key for key in keys if key not in options]
+        near = [key for key in strange if difflib.get_close_matches(key, kinds, n=1, cutoff=0.6)]
+        return near[0] if near else None
+
+    def _at_least_one(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        keys = " or ".join(f"'{branch['required'][0]}'" for branch in error.validator_value)
+        what = f"missing key {keys} in {self._thing(path, error.schema)}"
+        yield _Complaint(path, "missing", Problem(self.places.node(path).at, what, "add it"))
+
+    def _together(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        for key, needed in error.validator_value.items():
+            for other in needed:
+                if key in error.instance and other not in error.instance:
+                    what = f"'{key}' needs '{other}' beside it{self._inside(path)}"
+                    problem = Problem(self.places.key(path, key), what, f"add {other} or remove {key}")
+                    yield _Complaint(path, "value", problem)
+
+    def _excluded(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        keys = error.validator_value.get("required", ())
+        at = max((self.places.key(path, key) for key in keys), default=self.places.node(path).at)
+        what = error.schema.get("x-message", "these keys exclude each other") + self._inside(path)
+        yield _Complaint(path, "value", Problem(at, what, error.schema.get("x-todo", "remove one of them")))
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def _value(self, path: Path, what: str, todo: str) -> _Complaint:
+        return _Complaint(path, "value", Problem(self.places.node(path).at, what, todo))
+
+    def _type(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        wanted = error.validator_value
+        yield self._shape(path, [wanted] if isinstance(wanted, str) else wanted, error.schema)
+
+    def _shape(self, path: Path, wanted: list[str], schema: dict[str, Any]) -> _Complaint:
+        node = self.places.node(path)
+        names: list[str] = [word for word in ("object", "array") if word in wanted]
+        if len(names) < len(wanted):
+            names.append("scalar")
+        kinds = " or ".join(_SHAPES[name][0] for name in names)
+        what = f"{self._subject(path)} must be {kinds}, not {_shape_of(node)}"
+        if "scalar" not in names:
+            return self._value(path, what, _without_space(node) or _SHAPES[names[0]][1])
+        expected = schema.get("x-expected", "one value")
+        if names == ["scalar"] and not isinstance(node, Scalar) and node.flow:
+            todo = QUOTE_EXPRESSION if "expression" in expected else "put it in quotes if the brackets belong to it"
+            return self._value(path, what, todo)
+        return self._value(path, what, f"write {expected}")
+
+    def _one_of(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        node, schema = self.places.node(path), error.schema
+        if not isinstance(node, Scalar):
+            yield self._shape(path, ["string"], {})
+            return
+        words = [word for word in error.validator_value if isinstance(word, str)]
+        if node.text in (hints := schema.get("x-hints", {})):
+            what = f"'{node.text}' is not {schema.get('x-name', 'known here')}{self._inside(path)}"
+            yield self._value(path, what, hints[node.text])
+            return
+        known = schema.get("x-known") or "known: " + ", ".join(words[:LONGEST_LIST])
+        if not node.text.strip():
+            yield self._value(path, f"{self._subject(path)} is empty", known)
+            return
+        near = did_you_mean(node.text, words)
+        what = f"'{_short(node.text)}' is not {schema.get('x-name', 'known here')}{self._inside(path)}"
+        yield self._value(path, what, near if near.startswith("did you mean") else known)
+
+    def _pattern(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        expected, text = error.schema.get("x-expected", "what is wanted here"), error.instance
+        if not text.strip():
+            yield self._value(path, f"{self._subject(path)} is empty", f"write {expected}")
+            return
+        yield self._value(path, f"'{_short(text)}' is not {expected}{self._inside(path)}", "")
+
+    def _name(self, error: Any, path: Path) -> Problem:
+        """A key that is no fit name for what stands under it."""
+        expected = error.schema.get("x-expected", "a name")
+        at, node = self.places.key(path, error.instance), self.places.node(path)
+        if isinstance(node, Mapping) and node.flow and looks_cut(error.instance):
+            return Problem(at, CUT, QUOTE_EXPRESSION)
+        within = self._subject(path)
+        return Problem(at, f"'{_short(error.instance)}' is not {expected}, in {within}", "")
+
+    def _blank(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        yield self._value(path, f"{self._subject(path)} is empty", "write some characters, or leave it out")
+
+    def _few(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        yield self._value(path, f"{self._subject(path)} is empty", "write at least one entry")
+
+    def _many(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        keys = list(error.instance)
+        at = self.places.key(path, keys[error.validator_value])
+        what = f"{self._subject(path)} has more than one entry: {', '.join(keys)}"
+        yield _Complaint(path, "value", Problem(at, what, "keep one"))
+
+
+_WORDS: dict[str, Callable[[Messages, Any, Path], Iterator[_Complaint]]] = {
+    "additionalProperties": Messages._unknown_keys,
+    OWN_KEYS: Messages._near_key,
+    "required": Messages._missing_keys,
+    "oneOf": Messages._kinds,
+    "anyOf": Messages._at_least_one,
+    "dependentRequired": Messages._together,
+    "not": Messages._excluded,
+    "type": Messages._type,
+    "enum": Messages._one_of,
+    "pattern": Messages._pattern,
+    "minLength": Messages._blank,
+    "minItems": Messages._few,
+    "minProperties": Messages._few,
+    "maxProperties": Messages._many,
+}
+
+_SHAPES = {
+    "object": ("a mapping", "write key: value"),
+    "array": ("a list", "write [a, b], or lines that begin with '- '"),
+    "scalar": ("a single value", ""),
+}
+_NO_SPACE = re.compile(r"([a-z_]+):(\S.*)")
+_ADD = ("add it", "add them")
+
+
+def _without_space(node: Node) -> str:
+    """What to do when a key and its value, or a dash and its item, were written without a space between them."""
+    if isinstance(node, Mapping) and node.entries and node.entries[0].key.text.startswith("-"):
+        return "write a space behind the '-'"
+    match = _NO_SPACE.fullmatch(node.text) if isinstance(node, Scalar) and not node.quoted else None
+    return f"write {match[1]}: {match[2]} with a space" if match else ""
+
+
+def _shape_of(node: Node) -> str:
+    if isinstance(node, Scalar):
+        return "a text" if node.text else "empty"
+    return "a mapping" if isinstance(node, Mapping) else "a list"
+
+
+def _short(text: str) -> str:
+    text = " ".join(text.split()) if text == text.strip() else printable(text)
+    return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"
+
 
 Kind = Literal["protocol", "device", "run", "vectors", "memory", "faults", "jobs"]
 

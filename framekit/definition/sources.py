@@ -1,16 +1,46 @@
-"""What a loaded definition was read from, so that it can be told whether loading it again would give the same.
-
-Only files and names are looked at; what the files mean is not known here.
-"""
+"""What definitions are read from: where their files stand, whether these are the same as before, and who keeps them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from hashlib import sha256
-from pathlib import Path
-from typing import NamedTuple
+from pathlib import Path, PurePosixPath
+from types import CodeType, ModuleType
+from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Protocol as Interface
 
-from framekit.definition.shipped import find_definition
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+
+if TYPE_CHECKING:
+    from framekit.definition.model.protocol import Protocol
+
+
+def shipped_folder(name: Literal["frames", "schemas"]) -> Path:
+    """The folder of shipped definitions or schemas: inside the installed package, else beside the package."""
+    package = Path(__file__).parent.parent
+    installed = package / "_shipped" / name
+    return installed if installed.is_dir() else package.parent / name
+
+
+def find_definition(name: str, folder: Path) -> Path | None:
+    """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a shipped one; None if there is none."""
+    for place in (folder, shipped_folder("frames")):
+        for candidate in (place / name, place / f"{name}.yaml"):
+            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
+                return candidate
+    return None
+
+
+def definition_file(name: str | Path, folder: Path) -> Path | None:
+    """The file that a name or a path means, seen from `folder`; None if there is none."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        return path if path.is_file() else None
+    return find_definition(str(name), folder)
 
 
 class Sources(NamedTuple):
@@ -41,3 +71,94 @@ def _digest(path: Path) -> str:
         return sha256(path.read_bytes()).hexdigest()
     except OSError:
         return ""
+
+
+class Keeper(Interface):
+    """Keeps definitions by the file they are loaded from, and their code."""
+
+    def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
+        """What loading the file would give now, and what it was read from; None: it has to be loaded."""
+
+    def was_loaded(self, path: Path, protocol: Protocol, sources: Sources) -> None:
+        """Told of everything that had to be loaded."""
+
+    def module(self, protocol: Protocol) -> ModuleType:
+        """The module of a definition's frames. Raises DefinitionError."""
+
+    def code(self, protocol: Protocol, what: str, make: Callable[[], CodeType]) -> CodeType:
+        """Other code made of a definition, called `what`: kept from before, or made now."""
+
+
+_current: Keeper | None = None
+
+
+def current_keeper() -> Keeper | None:
+    """Whom those who load and compile ask first."""
+    return _current
+
+
+@contextmanager
+def kept_by(keeper: Keeper | None) -> Iterator[None]:
+    """What is loaded and compiled inside is kept by this one."""
+    global _current
+    before, _current = _current, keeper
+    try:
+        yield
+    finally:
+        _current = before
+
+
+def fingerprint(value: object) -> str:
+    """A short text for a model value (dataclasses, mappings, sequences, plain values); positions do not count.
+
+    Raises TypeError for anything else inside.
+    """
+    digest = hashlib.sha256()
+    for piece in _pieces(value):
+        digest.update(piece.encode())
+    return digest.hexdigest()[:32]
+
+
+def _pieces(value: object) -> Iterator[str]:
+    """The content as texts, none of which can be mistaken for another."""
+    if isinstance(value, (Position, Problem)):
+        return
+    if is_dataclass(value) and not isinstance(value, type):
+        yield f"{type(value).__name__}("
+        for field in fields(value):
+            yield f"{field.name}="
+            yield from _pieces(getattr(value, field.name))
+        yield ")"
+    elif value is None or isinstance(value, (str, bytes, int, float, Enum)):
+        yield f"{value!r},"
+    elif isinstance(value, Mapping):
+        yield "{"
+        for key, item in value.items():
+            yield f"{key!r}:"
+            yield from _pieces(item)
+        yield "}"
+    elif isinstance(value, (tuple, list, frozenset, set)):
+        yield "["
+        for item in sorted(value, key=repr) if isinstance(value, (frozenset, set)) else value:
+            yield from _pieces(item)
+        yield "]"
+    else:
+        raise TypeError(f"a {type(value).__name__} has no fingerprint")
+
+
+def find_profile(name: str, folder: Path | None, at: Position, *, kind: str, suffix: str) -> Path:
+    """The file `NAME` or `NAME` + `suffix` in `folder`, else the shipped one; `kind` is what messages call it.
+
+    Raises DefinitionError when there is none, and for names that leave the folder.
+    """
+    if not name or name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
+        what = f"'{name}' leaves the folder of the file that names it"
+        raise DefinitionError([Problem(at, what, "name a profile beside it or a shipped one")])
+    places = [place for place in (folder, shipped_folder("frames")) if place is not None]
+    for place in places:
+        for candidate in (place / name, place / f"{name}{suffix}"):
+            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
+                return candidate
+    known = {path.name.removesuffix(suffix) for place in places for path in place.glob(f"*{suffix}")}
+    todo = did_you_mean(name, known) or f"write {name}{suffix}"
+    raise DefinitionError([Problem(at, f"there is no {kind} '{name}'", todo)])

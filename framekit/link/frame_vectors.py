@@ -192,7 +192,7 @@ def set_state(scope: Scope, state: Mapping[str, Any]) -> None:
 
 def state_value(type_: str, value: Any) -> Any:
     """A plain value as a variable of this type holds it."""
-    from framekit.definition.load.scalars import FLAGS, parse_bytes, parse_number
+    from framekit.definition.load.reader import FLAGS, parse_bytes, parse_number
     from framekit.definition.times import parse_time
 
     if not isinstance(value, str):

@@ -11,8 +11,7 @@ from collections.abc import Callable, Sequence
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.expression.syntax import Expression, names_in
-from framekit.definition.model.frame_sizes import StaticSizes
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, StaticSizes
 from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Wrap
 from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression

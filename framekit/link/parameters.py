@@ -10,7 +10,7 @@ from typing import Any
 
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.load import scalars
+from framekit.definition.load.reader import parse_bytes, parse_constant, parse_flag, parse_number
 from framekit.definition.model.protocol import Parameter
 from framekit.definition.problems import NOWHERE, plural
 from framekit.definition.times import NEVER, format_time, parse_time
@@ -95,7 +95,7 @@ def _take_time(value: Any) -> Any:
 
 def _take_number(value: Any) -> int:
     if isinstance(value, str):
-        return scalars.parse_number(value)
+        return parse_number(value)
     if not isinstance(value, int):
         raise ValueError(f"{value!r} is not a whole number")
     return int(value)
@@ -103,7 +103,7 @@ def _take_number(value: Any) -> int:
 
 def _take_flag(value: Any) -> int:
     if isinstance(value, str):
-        return scalars.parse_flag(value)
+        return parse_flag(value)
     if value in (0, 1):
         return int(value)
     raise ValueError(f"{value!r} is neither yes nor no")
@@ -117,7 +117,7 @@ def _take_text(value: Any) -> str:
 
 def _take_bytes(value: Any) -> bytes:
     if isinstance(value, str):
-        return scalars.parse_bytes(value) if value.strip() else b""
+        return parse_bytes(value) if value.strip() else b""
     if not isinstance(value, (bytes, bytearray)):
         raise ValueError(f"{value!r} is not bytes – write hex pairs")
     return bytes(value)
@@ -132,7 +132,7 @@ def _take_list(value: Any) -> list[Any]:
 
 
 def _take_item(value: Any) -> Any:
-    return scalars.parse_constant(value) if isinstance(value, str) else value
+    return parse_constant(value) if isinstance(value, str) else value
 
 
 _TAKE: dict[str, Callable[[Any], Any]] = {

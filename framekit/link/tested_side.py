@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from framekit.codec.plain import PlainValues
-from framekit.definition.load.scalars import parse_number
+from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.link.conversation import Asked, station_of
 from framekit.link.engine import Engine

@@ -16,16 +16,16 @@ from pathlib import Path
 from typing import Literal
 
 from framekit.definition.check.addresses import check_forms
-from framekit.definition.load.addresses import load_address_forms
 from framekit.definition.load.documents import Documents, merged
-from framekit.definition.load.profile_files import find_profile
+from framekit.definition.load.namespace import load_table
 from framekit.definition.load.reader import MOST_ELEMENTS, Broken, Reader
-from framekit.definition.load.tables import load_table
+from framekit.definition.load.services import load_address_forms
 from framekit.definition.model.services import UNIT_BITS, AddressForm, Part
 from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.values import Table
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, did_you_mean
+from framekit.definition.sources import find_profile
 from framekit.definition.times import NEVER, parse_time
 from framekit.memory.memory import Area, DeviceMemory, unit_bits
 

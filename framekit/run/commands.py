@@ -13,10 +13,10 @@ from typing import Protocol as Interface
 
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
-from framekit.definition.model.commands import CommandRules
-from framekit.definition.model.frame_sizes import fixed_size
+from framekit.definition.model.frames import fixed_size
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner, Length
+from framekit.definition.model.services import CommandRules
 from framekit.definition.model.walk import flat, parts_of
 from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, format_time

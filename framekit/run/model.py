@@ -13,11 +13,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.line_settings import PLAIN, LineSettings
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Packing
 from framekit.definition.problems import NOWHERE, Position, Problem
-from framekit.definition.times import NEVER, LineFormat
+from framekit.definition.times import NEVER, PLAIN, LineFormat, LineSettings
 from framekit.link.addresses import Address
 from framekit.memory.profile import MemoryProfile
 from framekit.run.job_profile import JobProfile

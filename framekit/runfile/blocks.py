@@ -12,15 +12,13 @@ from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.commands import CommandCall
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.services import CommandCall, ServiceRow
 from framekit.definition.model.walk import parts_of
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar, without
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, unread, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly
 from framekit.definition.times import NEVER, format_time
-from framekit.definition.tree import unread
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import unit_bits
 from framekit.run.job_profile import JobProfile

@@ -8,15 +8,13 @@ from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 from framekit.definition.expression.syntax import names_in
-from framekit.definition.line_settings import FAST, SPEEDS, Direction, LineSettings, Modem
 from framekit.definition.load.library import load_protocol
-from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.load.scalars import parse_bytes, parse_number
+from framekit.definition.load.reader import Broken, Reader, parse_bytes, parse_number
 from framekit.definition.model.protocol import WITHOUT_NUMBER, Parameter, Protocol, StationType
 from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean, plural
-from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.definition.times import FAST, NEVER, SPEEDS, Direction, LineFormat, LineSettings, Modem, parse_format
 from framekit.link.line_times import LineTimes
 from framekit.link.parameters import ParameterError, given_item, given_value
 from framekit.run.model import (

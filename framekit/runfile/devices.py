@@ -15,9 +15,8 @@ from typing import Any
 
 from framekit.definition.check import check_protocol
 from framekit.definition.expression.syntax import Call, Text, names_in, walk
-from framekit.definition.load.device import DeviceDefinition, load_device_definition
 from framekit.definition.load.documents import Documents
-from framekit.definition.load.library import definition_path, load_protocol
+from framekit.definition.load.library import DeviceDefinition, definition_path, load_device_definition, load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol

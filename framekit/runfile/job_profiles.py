@@ -10,10 +10,10 @@ from typing import TypeVar
 
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.documents import Documents
-from framekit.definition.load.profile_files import find_profile
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import NOWHERE, DefinitionError, Position
+from framekit.definition.sources import find_profile
 from framekit.definition.times import NEVER
 from framekit.run.job_profile import (
     OTHERWISE,

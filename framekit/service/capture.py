@@ -15,7 +15,7 @@ from pathlib import Path
 from struct import Struct
 from typing import Any, BinaryIO, Literal
 
-from framekit.codec.batch.cut import Cut
+from framekit.codec.batch.result import Cut
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol

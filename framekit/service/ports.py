@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.line_settings import MOST_STATIONS
 from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.times import MOST_STATIONS
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
 from framekit.run.model import Channel, FaultPlan

@@ -15,7 +15,7 @@ from framekit.service.monitor import USER_DEFINED
 from framekit.service.run import RunService
 
 if TYPE_CHECKING:
-    from framekit.definition.line_settings import LineSettings
+    from framekit.definition.times import LineSettings
     from framekit.run.job_table import JobTable
     from framekit.service.channel import ChannelService
 

@@ -10,7 +10,7 @@ from typing import Any
 from framekit.codec.codec import compile_protocol
 from framekit.definition.check.vectors import check_vectors
 from framekit.definition.load.library import definition_path, load_protocol
-from framekit.definition.load.scalars import parse_number
+from framekit.definition.load.reader import parse_number
 from framekit.definition.load.vectors import read_vectors
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation, Vectors

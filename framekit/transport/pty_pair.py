@@ -13,8 +13,7 @@ import select
 import threading
 import tty
 
-from framekit.definition.line_settings import LineSettings
-from framekit.definition.times import LineFormat
+from framekit.definition.times import LineFormat, LineSettings
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import PassingPort
 from framekit.transport.serial_port import SerialPort

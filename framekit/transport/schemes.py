@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from framekit.definition.line_settings import PLAIN, LineSettings
+from framekit.definition.times import PLAIN, LineSettings
 
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat

@@ -15,8 +15,7 @@ import termios
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.definition.line_settings import PLAIN, LineSettings
-from framekit.definition.times import LineFormat
+from framekit.definition.times import PLAIN, LineFormat, LineSettings
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.serial_device import (

@@ -16,8 +16,7 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any, Protocol
 
-from framekit.definition.line_settings import PLAIN, Direction, LineSettings
-from framekit.definition.times import LineFormat
+from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
 

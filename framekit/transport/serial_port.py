@@ -9,8 +9,7 @@ from __future__ import annotations
 import os
 from collections import deque
 
-from framekit.definition.line_settings import PLAIN, LineSettings
-from framekit.definition.times import LineFormat
+from framekit.definition.times import PLAIN, LineFormat, LineSettings
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents

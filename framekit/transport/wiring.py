@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from functools import partial
 
-from framekit.definition.line_settings import Direction, LineSettings, Modem
+from framekit.definition.times import Direction, LineSettings, Modem
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import PassingPort, Port, PortEvents

@@ -11,9 +11,9 @@ import pytest
 import shipped
 
 import framekit
+from framekit.codec.ambiguity import sample_context
 from framekit.codec.codec import compile_protocol
 from framekit.codec.construct import CompiledFrame
-from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 

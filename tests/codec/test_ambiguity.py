@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 import shipped
 
-from framekit.codec.ambiguity import check_matrices
+from framekit.codec.ambiguity import check_matrices, passing, sample_context
 from framekit.codec.checks import compute
 from framekit.codec.codec import compile_protocol
-from framekit.codec.double_errors import passing
-from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 

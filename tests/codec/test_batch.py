@@ -11,7 +11,7 @@ import pytest
 
 import framekit
 from framekit.codec.batch import decoder
-from framekit.codec.batch.cut import Cut
+from framekit.codec.batch.result import Cut
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from framekit.codec import support
 from framekit.codec.checks import compute, from_crc, from_ready, function_of, ready_methods, size_of, source_of
-from framekit.definition.checks_catalogue import SIMPLE, CatalogueEntry, crc_catalogue
 from framekit.definition.expression.parse import parse_expression
-from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.checks import SIMPLE, CatalogueEntry, CheckMethod, crc_catalogue
 from framekit.definition.problems import Position
 
 NINE = b"123456789"

@@ -17,7 +17,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.load.vectors import load_vectors
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import FrameVector
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.sources import shipped_folder
 
 FOLDER = Path(shipped_folder("frames"))
 

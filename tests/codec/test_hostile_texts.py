@@ -23,18 +23,16 @@ from segment_cases import SECTIONS
 from framekit.codec.builders import Builders
 from framekit.codec.codec import compile_protocol
 from framekit.codec.python import generate
-from framekit.codec.python.builder_module import BuilderModules
-from framekit.codec.python.generate import generate_source
+from framekit.codec.python.generate import BuilderModules, generate_source
 from framekit.codec.python.module import _PASTED
 from framekit.codec.python.source import Code, Source, quoted, text_source
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.nodes import read_text
+from framekit.definition.nodes import Mapping, Node, Scalar, read_text
 from framekit.definition.problems import DefinitionError, Position
 from framekit.definition.schema import _validator
-from framekit.definition.shipped import shipped_folder
-from framekit.definition.tree import Mapping, Node, Scalar
+from framekit.definition.sources import shipped_folder
 from framekit.link.evaluate import Names, compile_expression
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences.compiler import sequence_source

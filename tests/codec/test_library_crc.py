@@ -7,16 +7,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from framekit.codec.checks import function_of, residue_of, source_of
-from framekit.codec.library_crc import library_crc
+from framekit.codec.checks import function_of, library_crc, residue_of, source_of
 from framekit.codec.python.generate import generate_source
 from framekit.codec.support import crc, make_crc_table
-from framekit.definition.checks_catalogue import crc_catalogue, from_crc
 from framekit.definition.load import load_protocol
-from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.checks import CheckMethod, crc_catalogue, from_crc
 from framekit.definition.model.segments import Check
 from framekit.definition.model.walk import parts_of
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.sources import shipped_folder
 
 BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]
 

@@ -8,16 +8,15 @@ from typing import Any
 import pytest
 from shipped import PROTOCOLS
 
+from framekit.codec.ambiguity import sample_context
 from framekit.codec.codec import code_of, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import FrameFunctions, module_of
-from framekit.codec.python.generate import generate_source
+from framekit.codec.python.generate import generate_source, normal_protocol
 from framekit.codec.python.joined import MOST_PAIRS, pairs_of
-from framekit.codec.python.normal import normal_protocol
-from framekit.codec.sample_context import sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.definition.model.frame_sizes import StaticSizes
+from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.protocol import Protocol
 
 

@@ -23,7 +23,7 @@ from framekit.codec.python.source import broken
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.load.library import MOST_KEPT
 from framekit.definition.model.frames import Layout
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.sources import shipped_folder
 
 SHIPPED = [
     path.stem

@@ -7,9 +7,9 @@ import json
 import pytest
 import shipped
 
+from framekit.codec.ambiguity import ANNOUNCED, SampleLine, sample_context
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
-from framekit.codec.sample_context import ANNOUNCED, SampleLine, sample_context
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol

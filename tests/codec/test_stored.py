@@ -14,14 +14,11 @@ import shipped
 
 from framekit.cli import check_verb, main, serve_verb
 from framekit.codec import codec as codecs
-from framekit.codec import kept_files, stored
+from framekit.codec import stored
 from framekit.codec.codec import compile_protocol
-from framekit.codec.kept_files import SUFFIX, cache_folder, keep, read_kept
-from framekit.codec.stored import Kept, Shelf, kept_library, stored_codec
-from framekit.definition import keeping
-from framekit.definition.keeping import kept_by
+from framekit.codec.stored import SUFFIX, Kept, Shelf, cache_folder, keep, kept_library, read_kept, stored_codec
 from framekit.definition.load import library, load_protocol
-from framekit.definition.sources import Sources
+from framekit.definition.sources import Sources, current_keeper, kept_by
 from framekit.link.fitting import candidates, of_side
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices
@@ -215,7 +212,7 @@ def test_so_many_files_are_kept_as_there_is_room_for(cache: Path) -> None:
 def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = cache_folder()
     assert folder is not None
-    monkeypatch.setattr(kept_files, "MOST_BYTES", 1000)
+    monkeypatch.setattr(stored, "MOST_BYTES", 1000)
     for number in range(5):
         keep(folder, f"{number}", bytes(400))
         os.utime(folder / f"{number}{SUFFIX}", ns=(number, number))
@@ -227,7 +224,7 @@ def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: p
 def test_files_of_others_in_the_folder_stay(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = cache_folder()
     assert folder is not None
-    monkeypatch.setattr(kept_files, "MOST_BYTES", 10)
+    monkeypatch.setattr(stored, "MOST_BYTES", 10)
     letter = folder / "letter.txt"
     letter.write_text("not ours", encoding="utf-8")
     os.utime(letter, ns=(0, 0))
@@ -342,10 +339,10 @@ def test_commands_keep_what_they_load_unless_they_are_to_look_at_it(
 ) -> None:
     found: list[bool] = []
     module = {"serve": serve_verb, "check": check_verb}[verb]
-    monkeypatch.setattr(module, f"run_{verb}", lambda arguments: found.append(keeping.current is not None) or 0)
+    monkeypatch.setattr(module, f"run_{verb}", lambda arguments: found.append(current_keeper() is not None) or 0)
     words = {"serve": ["serve", "mldp", "--port", "pty:"], "check": ["check", "mldp"]}[verb]
     assert main.main(words) == 0
-    assert found == [keeps] and keeping.current is None
+    assert found == [keeps] and current_keeper() is None
 
 
 def test_the_code_of_sequences_is_kept_and_made_again_when_it_is_damaged(cache: Path, tmp_path: Path) -> None:
@@ -358,7 +355,7 @@ def test_the_code_of_sequences_is_kept_and_made_again_when_it_is_damaged(cache: 
 
     def code() -> CodeType:
         with kept_by(kept_library()):
-            keeper = keeping.current
+            keeper = current_keeper()
             assert keeper is not None
             protocol = load_protocol(file)
             keeper.was_loaded(file, protocol, Sources(((str(file), file.read_text()),), ()))

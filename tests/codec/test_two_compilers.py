@@ -21,7 +21,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.shipped import shipped_folder
+from framekit.definition.sources import shipped_folder
 
 EXAMPLES = settings(
     max_examples=int(os.environ.get("FRAMEKIT_EXAMPLES", "3")),

@@ -13,8 +13,8 @@ from construct_oracle import compile_construct
 from definition_trial import Trial
 from link_world import receiver_of
 
-from framekit.codec.batch.cut import Cut
 from framekit.codec.batch.decoder import BatchDecoder
+from framekit.codec.batch.result import Cut
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.construct import CompiledFrame
 from framekit.codec.errors import EncodeError, FrameError

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import Position
+from framekit.definition.sources import fingerprint
 from framekit.runfile.run_file import load_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

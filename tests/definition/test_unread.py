@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.definition.nodes import Mapping, read_text
-from framekit.definition.tree import unread
+from framekit.definition.nodes import Mapping, read_text, unread
 
 
 def tree(text: str) -> Mapping:

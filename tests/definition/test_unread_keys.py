@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from framekit.definition.nodes import Mapping
 from framekit.definition.problems import DefinitionError
-from framekit.definition.tree import Mapping
 from framekit.memory.profile import ProfileLoader, load_profile
 from framekit.runfile.fault_plans import load_fault_plan
 

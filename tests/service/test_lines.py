@@ -18,9 +18,8 @@ from transport.real_world import opened
 from transport.real_world import run as run_real
 
 import framekit
-from framekit.definition.line_settings import PLAIN, Direction, LineSettings
 from framekit.definition.load import load_protocol
-from framekit.definition.times import LineFormat
+from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.observe import Seen
 from framekit.runfile.devices import load_devices
 from framekit.runfile.run_file import load_run

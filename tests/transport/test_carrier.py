@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from framekit.definition.line_settings import PLAIN, LineSettings, Modem
+from framekit.definition.times import PLAIN, LineSettings, Modem
 from framekit.transport.clock import VirtualClock
 from framekit.transport.serial_device import SerialConnection
 from framekit.transport.serial_port import SerialPort

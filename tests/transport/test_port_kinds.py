@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 import framekit
-from framekit.definition.line_settings import LineSettings
-from framekit.definition.times import LineFormat
+from framekit.definition.times import LineFormat, LineSettings
 from framekit.transport import schemes
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener

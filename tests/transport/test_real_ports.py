@@ -8,8 +8,7 @@ import os
 import pytest
 from transport.real_world import LONGEST, Waiting, open_pty, opened, run
 
-from framekit.definition.line_settings import LineSettings
-from framekit.definition.times import LineFormat
+from framekit.definition.times import LineFormat, LineSettings
 from framekit.link.events import CharacterFault
 from framekit.transport import serial_port, tcp
 from framekit.transport.clock import AsyncioClock, VirtualClock

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import pytest
 from transport.line_world import Listener
 
-from framekit.definition.line_settings import Direction, LineSettings, Modem
-from framekit.definition.times import parse_format
+from framekit.definition.times import Direction, LineSettings, Modem, parse_format
 from framekit.link.events import LineFault
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from framekit.codec.batch.check_codes import codes_of
-from framekit.codec.batch.cut import Cut
-from framekit.codec.batch.plan import BatchPlan, BatchPlanner, Column, NoPlanError
-from framekit.codec.batch.result import Batch, BatchGroup, Path
+from framekit.codec.batch.plan import BatchPlan, BatchPlanner, Column, NoPlanError, codes_of
+from framekit.codec.batch.result import Batch, BatchGroup, Cut, Path
 from framekit.codec.codec import Context
 from framekit.codec.errors import FrameError
 from framekit.codec.python.choices import fixed_bytes

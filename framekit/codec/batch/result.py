@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 from framekit.codec.errors import FrameError
@@ -71,3 +73,26 @@ class Batch:
         for index in range(self._size):
             single = self.singles.get(index)
             yield self[index] if single is None else single
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Frame n is `data[starts[n] : starts[n] + lengths[n]]`."""
+
+    data: bytes
+    starts: array[int]
+    lengths: array[int]
+
+    @classmethod
+    def of(cls, frames: Sequence[bytes]) -> Cut:
+        """Frames that are bytes by themselves."""
+        lengths = array("q", map(len, frames))
+        starts = array("q", [0, *accumulate(lengths)][: len(frames)])
+        return cls(b"".join(frames), starts, lengths)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def __getitem__(self, index: int) -> bytes:
+        start = self.starts[index]
+        return self.data[start : start + self.lengths[index]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Generic, TypeVar
 
+from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given, PackArgument
 from framekit.codec.python.expressions import Scope
@@ -12,7 +13,9 @@ from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
-from framekit.definition.model.segments import Segment
+from framekit.definition.expression.emit import PRODUCT
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.model.segments import Bits, Count, Field, Length, Segment
 
 S = TypeVar("S", bound=Segment)
 
@@ -97,3 +100,27 @@ class SegmentKind(Generic[S]):
 def register(*kinds: type[SegmentKind[Any]]) -> None:
     for kind in kinds:
         KINDS[kind.model] = kind()
+
+
+T = TypeVar("T", Field, Length, Count, Bits)
+
+
+class TypedKind(SegmentKind[T]):
+    """How the value is written and measured; a kind overrides what is different with it."""
+
+    def argument(self, w: EncodeWriter, segment: T, scope: Scope, size: int) -> PackArgument:
+        return w.number_argument(segment, scope, size)
+
+    def bytes_text(self, w: EncodeWriter, segment: T, scope: Scope) -> str:
+        size = segment.type.size
+        text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
+        return forms.build(w.module, segment.type, w.wire(segment, scope), text)
+
+    def room_waits(self, w: EncodeWriter, segment: T) -> set[str]:
+        return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
+
+    def room(self, w: EncodeWriter, segment: T, scope: Scope, plain: bool) -> str | None:
+        return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
+
+    def measure(self, m: MeasureWriter, segment: T, scope: Scope, after: Pairs) -> None:
+        m.number(segment, scope, after)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.typed import TypedKind
+from framekit.codec.kinds.base import TypedKind
 from framekit.codec.python import forms
 from framekit.codec.python.describe import type_text
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter

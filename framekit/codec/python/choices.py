@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.source import quoted
-from framekit.definition.model.frame_sizes import StaticSizes
+from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Record, Segment
 from framekit.definition.model.walk import parts_of
 

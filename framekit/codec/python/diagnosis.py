@@ -13,10 +13,9 @@ from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.function import span_names
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Identifiers
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import names_asked_for
-from framekit.codec.python.source import Source, bytes_literal, literal, quoted
+from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import BIT_OR, PRODUCT
 from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.frames import Frame

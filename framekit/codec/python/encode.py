@@ -19,13 +19,12 @@ from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.function import covers_later
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Identifiers
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.rules import RuleWriter
 from framekit.codec.python.shape import follows_its_length, named, names_read
-from framekit.codec.python.source import Code, Source, bytes_literal, literal, quoted, text_source
+from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, OR, PRODUCT
 from framekit.definition.expression.syntax import (
     Attribute,

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Identifiers
 from framekit.codec.python.places import Place, between
 from framekit.codec.python.shape import Target, is_followed, names_asked_for, targets_of
-from framekit.codec.python.source import Source
+from framekit.codec.python.source import Identifiers, Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import (
     Check,

@@ -5,35 +5,242 @@ from __future__ import annotations
 import inspect
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import framekit
 import framekit.codec.kinds
 from framekit.codec import errors
-from framekit.codec.python.builder_module import builder_name
 from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.decode import write_decoder
-from framekit.codec.python.defaults import default_values
 from framekit.codec.python.diagnosis import write_examiner
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
-from framekit.codec.python.flat import write_plain_builder
+from framekit.codec.python.expressions import ExpressionWriter, Scope, is_flag
+from framekit.codec.python.flat import write_builder, write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
-from framekit.codec.python.module import BUILT_IN, Module, pasted_names
-from framekit.codec.python.module_text import MEASURE_NOTE, MISFITS, constants, helpers, late_constants, sorted_imports
-from framekit.codec.python.names import identifier
-from framekit.codec.python.normal import normal_protocol
-from framekit.codec.python.parameters import Level, inner_frames, rows_of
-from framekit.codec.python.pasting import used_methods
+from framekit.codec.python.module import BUILT_IN, Module, pasted_names, used_methods
+from framekit.codec.python.parameters import Level, inner_frames, levels_of, rows_of
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import names_read
-from framekit.codec.python.source import Source, literal, quoted
+from framekit.codec.python.source import Source, identifier, literal, quoted
+from framekit.codec.support import times
+from framekit.definition.expression.syntax import (
+    Attribute,
+    Call,
+    Conditional,
+    Expression,
+    Index,
+    LineTime,
+    Name,
+    Number,
+    walk,
+)
 from framekit.definition.model.frames import Frame, Layout
-from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check, Length, Repeat, Segment
+from framekit.definition.model.protocol import Protocol, StateVariable
+from framekit.definition.model.segments import Check, Choose, Length, Repeat, Segment
 from framekit.definition.model.walk import everything
+
+_EMPTY: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}}
+
+
+def default_values(protocol: Protocol, names: Iterable[str]) -> dict[str, Any]:
+    """Start values of the named parameters and variables, as far as they are constants."""
+    found: dict[str, Any] = {}
+    for name in sorted(names):
+        parameter, variable = protocol.params.get(name), protocol.state.get(name)
+        if parameter is not None and parameter.is_ is None and is_constant(parameter.default):
+            found[name] = _value(parameter.default)
+        elif variable is not None:
+            if variable.announced:
+                found[name] = None
+            elif variable.initial is None:
+                found[name] = _start_of(variable)
+            elif is_constant(variable.initial):
+                found[name] = _value(variable.initial)
+    return found
+
+
+def _start_of(variable: StateVariable) -> Any:
+    if variable.keys is not None:
+        return {}
+    return _EMPTY.get(variable.type, 0)
+
+
+def is_constant(expression: Expression | None) -> bool:
+    """Whether an expression is worked out from nothing but itself."""
+    if expression is None:
+        return False
+    return not any(isinstance(node, (Name, Attribute, Index, LineTime, Call)) for node in walk(expression.root))
+
+
+def _value(expression: Expression | None) -> Any:
+    assert expression is not None
+    text = ExpressionWriter(_Nothing(), Scope(), str).text(expression)
+    value = eval(text, {"__builtins__": {}, "times": times})
+    return int(value) if is_flag(expression.root) else value
+
+
+class _Nothing:
+    """No tables, and no functions but what operators stand for."""
+
+    def table(self, name: str) -> str | None:
+        return None
+
+    def function(self, name: str) -> str:
+        return name
+
+
+MISFITS = "MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"
+"""The line that says what is raised where something does not fit; of `struct`, `error` as `struct_error`."""
+
+_MADE = "RangeTable("
+MEASURE_NOTE = """\
+`measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
+such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
+LOST when its end cannot be found because the bytes are damaged."""
+"""What is said of the functions that measure."""
+
+
+def constants(module: Module) -> Source:
+    """Tables, structs and sets, which stand on nothing."""
+    out = Source()
+    for name, text in module.tables.values():
+        if not text.startswith(_MADE):
+            out.add(f"{name}: Mapping[Any, Any] = {text}")
+    for text, name in module.structs.items():
+        out.add(f"{name} = Struct({quoted(text)})")
+    for text, name in module.sets.items():
+        out.add(f"{name} = {text}")
+    return out
+
+
+def late_constants(module: Module) -> Source:
+    """Constants that are made with helpers."""
+    out = Source()
+    for name, text in module.tables.values():
+        if text.startswith(_MADE):
+            out.add(f"{name}: Mapping[Any, Any] = {text}")
+    for text, name in module.structs_of_lists.items():
+        out.add(f"{name} = {text}")
+    for name, (text, about) in module.late.items():
+        out.add(f"{name} = {text}", about)
+    return out
+
+
+def helpers(module: Module, methods: set[str]) -> list[Source]:
+    """The pasted helpers; `methods`: those that are used of what examines frames."""
+    found = []
+    for name in module.functions:
+        if name == "Defaults":
+            continue
+        part = Source()
+        only = methods if name.startswith("Examination") else None
+        part.lines.extend(module.source_of(name, only).rstrip().splitlines())
+        found.append(part)
+    return found
+
+
+def sorted_imports(lines: Iterable[str]) -> list[str]:
+    """Import lines in order, those from one module as one line, except for names that are changed."""
+    plain = sorted(line for line in lines if line.startswith("import "))
+    wanted: dict[str, set[str]] = {}
+    for line in lines:
+        if line.startswith("from "):
+            source, names = line.removeprefix("from ").split(" import ")
+            wanted.setdefault(source, set()).update(name.strip() for name in names.split(","))
+    found = []
+    for source, every in sorted(wanted.items()):
+        simple = sorted((name for name in every if " as " not in name), key=_import_key)
+        found += [f"from {source} import {', '.join(simple)}"] if simple else []
+        found += [f"from {source} import {name}" for name in sorted(every) if " as " in name]
+    return [*plain, *found]
+
+
+def _import_key(name: str) -> tuple[bool, str]:
+    return name[0].islower(), name
+
+
+def normal_protocol(protocol: Protocol) -> Protocol:
+    """The protocol with frames and layouts in normal form."""
+    numbers = iter(range(1, 1 << 30))
+    frames = {
+        name: replace(
+            frame,
+            head=_all(frame.head, numbers),
+            body=_all(frame.body, numbers),
+            tail=_all(frame.tail, numbers),
+        )
+        for name, frame in protocol.frames.items()
+    }
+    layouts = {
+        name: replace(layout, segments=_all(layout.segments, numbers)) for name, layout in protocol.layouts.items()
+    }
+    return replace(protocol, frames=frames, layouts=layouts)
+
+
+def _all(segments: tuple[Segment, ...], numbers: Iterator[int]) -> tuple[Segment, ...]:
+    return tuple(_one(segment, numbers) for segment in segments)
+
+
+def _one(segment: Segment, numbers: Iterator[int]) -> Segment:
+    if segment.name is None:
+        segment = replace(segment, name=_name(segment, numbers))
+    segment = segment.with_lists(lambda inside: _all(inside, numbers))
+    return _chosen(segment, numbers) if segment.blocks and segment.when is not None else segment
+
+
+def _chosen(segment: Segment, numbers: Iterator[int]) -> Segment:
+    """What holds segments of the frame itself, under a condition, as a choice of two cases."""
+    assert segment.when is not None
+    root = segment.when.root
+    on = Conditional(root.at, root, Number(root.at, 1), Number(root.at, 0))
+    return Choose(
+        at=segment.at,
+        name=segment.name,
+        on=Expression(f"1 if {segment.when} else 0", on),
+        cases=(((1,), (replace(segment, when=None, name=_name(segment, numbers)),)),),
+        otherwise=(),
+    )
+
+
+def _name(segment: Segment, numbers: Iterator[int]) -> str:
+    return f"_{type(segment).__name__.lower()}_n{next(numbers)}"
+
+
+ENCODER = "encode_outermost"
+"""What the encoder of the outermost frame is called."""
+
+
+class BuilderModules:
+    """Writes builders of one protocol."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = normal_protocol(protocol)
+
+    def source(self, frames: Iterable[str]) -> tuple[str, str]:
+        """The name of the builder of these frames, each inside the one before it, and the text of its module."""
+        levels = levels_of(self.protocol.frames, frames)
+        name = builder_name(level.frame.name for level in levels)
+        module = Module(self.protocol, standalone=False)
+        builder = write_builder(module, name, ENCODER, levels)
+        folds = [module.fold(name, method) for name, method in list(module.folds.values())]
+        imports = {"from collections.abc import Mapping", "from struct import error as struct_error"}
+        imports |= {"from typing import Any", *module.imports}
+        head = Source()
+        head.lines += ["from __future__ import annotations", *sorted_imports(imports), "Context = Mapping[str, Any]"]
+        head.add(MISFITS)
+        parts = [head, constants(module), *folds, *helpers(module, set()), late_constants(module), builder]
+        return name, "\n".join(part.text() for part in parts)
+
+
+def builder_name(frames: Iterable[str]) -> str:
+    """`build_reply_adu_with_read_holding_reply`."""
+    return f"build_{'_with_'.join(identifier(frame).strip('_') for frame in frames)}"
+
 
 _FUNCTIONS = ("encode", "decode", "measure", "examine")
 """Every frame's; some have `extent_…` besides."""

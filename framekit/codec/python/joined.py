@@ -20,8 +20,7 @@ from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
 from framekit.definition.expression.emit import BIT_OR
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.frame_sizes import StaticSizes
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, StaticSizes
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -36,10 +35,10 @@ from framekit.definition.model.segments import (
     Repeat,
     Require,
     Segment,
+    Sizes,
     Skip,
     Value,
 )
-from framekit.definition.model.static_size import Sizes
 from framekit.definition.model.walk import everything
 
 MOST_PAIRS = 40

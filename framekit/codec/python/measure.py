@@ -20,15 +20,13 @@ from framekit.codec.python.expressions import (
     may_fail,
 )
 from framekit.codec.python.module import Module
-from framekit.codec.python.names import Identifiers
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import leading
-from framekit.codec.python.source import Source, bytes_literal, literal
+from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal
 from framekit.definition.expression.emit import SUM
 from framekit.definition.expression.syntax import Attribute, Expression, names_in, walk
-from framekit.definition.model.contents import bytes_of
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, bytes_of
 from framekit.definition.model.segments import (
     Bits,
     Check,

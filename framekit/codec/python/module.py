@@ -6,6 +6,10 @@ segments.
 
 from __future__ import annotations
 
+import ast
+import inspect
+import re
+import textwrap
 from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
@@ -15,15 +19,69 @@ from framekit.codec.checks import source_of
 from framekit.codec.python import doubled, examination, frame_choice, refusals, runtime
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
-from framekit.codec.python.names import Identifiers
-from framekit.codec.python.pasting import class_source, whole_source
-from framekit.codec.python.source import Code, Source, literal, quoted, text_source
+from framekit.codec.python.source import Code, Identifiers, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.frame_sizes import StaticSizes
+from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Const, Segment, Wrap
 from framekit.definition.problems import DefinitionError, Problem
+
+_ALWAYS = ("fault", "error")
+
+
+@cache
+def whole_source(value: Any) -> str:
+    """The source of a function or class."""
+    return inspect.getsource(value)
+
+
+def used_methods(classes: Iterable[type], text: str) -> set[str]:
+    """The methods that calls `n.method` in `text` come to, with those that these call in turn."""
+    bodies = {name: source for one in classes for name, source in _methods(one)}
+    wanted = set(re.findall(r"\bn\.(\w+)", text)) | set(_ALWAYS)
+    wanted |= {name for name in bodies if name.startswith("__")}
+    known: set[str] = set()
+    while wanted - known:
+        name = min(wanted - known)
+        known.add(name)
+        wanted |= set(re.findall(r"\bself\.(\w+)", bodies.get(name, "")))
+    return known & set(bodies)
+
+
+def class_source(one: type, methods: set[str]) -> str:
+    """The source of a class with only some of its methods."""
+    text = whole_source(one)
+    first = next(iter(_functions(text)), None)
+    if first is None:
+        return text
+    head = text.splitlines()[: _first_line(first) - 1]
+    while head and (not head[-1].strip() or head[-1].strip().startswith("# ----")):
+        head.pop()
+    kept = [source for name, source in _methods(one) if name in methods]
+    return "\n".join(head) + "\n\n" + "\n\n".join(kept) + "\n" if kept else "\n".join(head) + "\n"
+
+
+@cache
+def _methods(one: type) -> tuple[tuple[str, str], ...]:
+    text = whole_source(one)
+    lines = text.splitlines()
+    return tuple(
+        (function.name, "\n".join(lines[_first_line(function) - 1 : function.end_lineno]))
+        for function in _functions(text)
+    )
+
+
+@cache
+def _functions(text: str) -> tuple[ast.FunctionDef, ...]:
+    (found,) = ast.parse(textwrap.dedent(text)).body
+    assert isinstance(found, ast.ClassDef)
+    return tuple(part for part in found.body if isinstance(part, ast.FunctionDef))
+
+
+def _first_line(function: ast.FunctionDef) -> int:
+    return min([function.lineno, *(decorator.lineno for decorator in function.decorator_list)])
+
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
 BUILT_IN = frozenset(

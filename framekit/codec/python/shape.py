@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from framekit.definition.expression.syntax import Attribute, Expression, Name, names_in, walk
-from framekit.definition.model.frame_sizes import StaticSizes
+from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.segments import (
     Const,
     Count,

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from framekit.definition.check.segments import NUMBERS, check_segment
 from framekit.definition.expression.syntax import Expression, Logic, names_in
-from framekit.definition.model.frame_sizes import StaticSizes, all_fixed, fixed_size, least_size
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, StaticSizes, all_fixed, fixed_size, least_size
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
+    MOST_BYTES,
     Bits,
     Check,
     Choose,
@@ -30,7 +30,6 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.walk import field_names, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.check.backwards import item_names
 from framekit.definition.check.known_names import (
     BUILT_IN,
     EXCHANGE,
@@ -21,6 +20,7 @@ from framekit.definition.check.known_names import (
     takes_something,
     without_parts,
 )
+from framekit.definition.check.services import item_names
 from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, names_in, walk
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, Unary
-from framekit.definition.model.frame_sizes import fixed_size, least_size
+from framekit.definition.model.frames import fixed_size, least_size
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,

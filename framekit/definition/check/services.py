@@ -1,23 +1,314 @@
-"""Services, areas, errors: constructors name fields there are, areas and units are known, a reply always fits."""
+"""Services, areas, errors: constructors name fields there are, areas and units are known, a reply always fits.
+
+A server can tell from a request what it asks for, and comes to every row.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from framekit.definition.check.addresses import is_unit
-from framekit.definition.check.backwards import NOT_COMPARED, check_backwards, serves
+from framekit.definition.check.addresses import is_unit, parts_in
 from framekit.definition.check.known_names import OFFERED
 from framekit.definition.check.segments import constant_number
-from framekit.definition.check.unserved import check_unserved
-from framekit.definition.expression.syntax import Expression, Name, Text, names_in
+from framekit.definition.expression.syntax import (
+    Attribute,
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Node,
+    Text,
+    children,
+    names_in,
+)
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Repeat
 from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS, ServiceRow
-from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs
-from framekit.definition.model.walk import expressions_of, field_names, flat, names_needed, parts_of
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.definition.model.walk import expressions_of, field_names, flat, names_always_there, names_needed, parts_of
 from framekit.definition.problems import Problem, did_you_mean, listed
+from framekit.definition.sources import fingerprint
+
+NOT_COMPARED = frozenset({"station", "own"})
+COLUMNS = frozenset({"area"})
+"""Names that are known before anything is read: the area's columns are constants."""
+
+
+def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """What keeps a server from understanding the requests of this row."""
+    yield from _items(row)
+    if row.service not in ("read", "write") or row.serve is not None:
+        return  # their work says itself where it takes its places from
+    if row.client_only or row.request is None or not serves(protocol):
+        return
+    read = {*row.back, *row.back_each}
+    unreadable: list[Expression] = []
+    for leaf in _leaves([row.request, *([row.buffer] if row.buffer is not None else [])]):
+        name = single_name(leaf)
+        if name is not None:
+            read.add(name)
+        elif names_in(leaf.root) - NOT_COMPARED:
+            unreadable.append(leaf)
+    if unreadable and not row.back and not row.back_each:
+        leaf = unreadable[0]
+        what = f"'{leaf}' of a request cannot be read backwards by a server"
+        back = "back: {each: {…}}" if _list_names(row) else "back: {…}"
+        yield Problem(leaf.at, what, f"add {back} with what it means, or client_only: yes")
+        return
+    if not read <= _known_names(protocol, row):
+        return  # what is misspelt is told elsewhere
+    for missing in _missing_names(row, read):
+        what = f"a server cannot tell the {missing} that this {row.service} asks for"
+        yield Problem(row.at, what, f"put it into the request, or add back: {{{missing}: …}}, or client_only: yes")
+
+
+def _items(row: ServiceRow) -> Iterator[Problem]:
+    """What is said of items is said of each: not of the list as a whole, and not where there is no list."""
+    lists = _list_names(row)
+    if row.back_each and not lists:
+        first = next(iter(row.back_each.values()))
+        what = "the request of this row has no list {each: …}, so there are no items to read"
+        yield Problem(first.at, what, "write the keys of each: in back: itself")
+    for name, expression in row.back.items():
+        node = None if name == "when" else next(_reads_of(expression.root, lists), None)
+        if node is not None:
+            what = f"'{name}' is the same for all items of '{node.name}' here"
+            yield Problem(node.at, what, f"write back: {{each: {{{name}: …}}}}, where the fields of the item are names")
+
+
+def _reads_of(node: Node, lists: Mapping[str, EachOf]) -> Iterator[Attribute]:
+    """Where an expression looks into one of these lists of the request, and does not only count its items."""
+    if isinstance(node, Attribute) and node.name in lists and "request" in names_in(node):
+        yield node
+    elif not (isinstance(node, Call) and node.function == "len"):
+        for child in children(node):
+            yield from _reads_of(child, lists)
+
+
+def _list_names(row: ServiceRow) -> dict[str, EachOf]:
+    """The lists of the request that have an item for each variable, by name."""
+    sent = [row.request, row.buffer]
+    holders: list[FrameOf | LayoutOf | RecordOf] = [*parts_of(sent, FrameOf), *parts_of(sent, LayoutOf)]
+    holders += parts_of(sent, RecordOf)
+    return {name: value for made in holders for name, value in made.fields.items() if isinstance(value, EachOf)}
+
+
+def item_names(protocol: Protocol, row: ServiceRow) -> set[str]:
+    """The fields that items of the request's lists have."""
+    sent, lists, found = [row.request, row.buffer], _list_names(row), set[str]()
+    frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
+    layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
+    for repeat in parts_of([holder.segments for holder in (*frames, *layouts) if holder is not None], Repeat):
+        if repeat.name in lists and isinstance(repeat.of, tuple):
+            found |= field_names(repeat.of)
+    return found
+
+
+def _known_names(protocol: Protocol, row: ServiceRow) -> set[str]:
+    """Names that the leaves of a request may have."""
+    known = {*OFFERED, *NOT_COMPARED, "memory", *row.back, *row.back_each, *(argument.name for argument in row.takes)}
+    known |= protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
+    for form in protocol.addresses:
+        known |= form.results.keys() | {part.name for part in parts_in(form)}
+    return known
+
+
+def _missing_names(row: ServiceRow, read: set[str]) -> Iterator[str]:
+    """What of area and start no part of the request says."""
+    if "text" in read:
+        return
+    if not read & {"area", "memory", "code"} and len(row.areas) != 1:
+        yield "area"
+    if "start" not in read:
+        yield "start"
+
+
+def serves(protocol: Protocol) -> bool:
+    """Whether a device may be made of this definition; of an application, whoever carries it decides."""
+    if protocol.kind == "application":
+        return True
+    return any(step.serve is not None for sequence in protocol.sequences.values() for step in sequence.steps)
+
+
+def _leaves(values: list[Value]) -> Iterator[Expression]:
+    for value in values:
+        match value:
+            case Expression():
+                yield value
+            case FrameOf(fields=fields) | LayoutOf(fields=fields) | RecordOf(fields=fields) | EachOf(fields=fields):
+                yield from _leaves(list(fields.values()))
+            case ListOf(items=items):
+                yield from _leaves(list(items))
+
+
+def single_name(expression: Expression) -> str | None:
+    """The one name whose value follows from the result; None when there is none or it does not follow."""
+    node: Node = expression.root
+    while not isinstance(node, Name):
+        if not isinstance(node, Binary) or node.operator not in ("+", "-", "*"):
+            return None
+        left, right = names_in(node.left) - COLUMNS, names_in(node.right) - COLUMNS
+        if bool(left) == bool(right):
+            return None
+        node = node.left if left else node.right
+    return None if node.name in COLUMNS else node.name
+
+
+TODO = "tell them apart by a constant in the request or by when:, or add client_only: yes"
+
+
+def check_unserved(protocol: Protocol) -> Iterator[Problem]:
+    """Rows whose requests a server reads by a row above them."""
+    if not serves(protocol):
+        return
+    above: dict[str, list[ServiceRow]] = {}
+    for row in (row for rows in protocol.services.values() for row in rows):
+        if row.request is None or row.client_only or row.request.frame not in protocol.frames:
+            continue
+        earlier = above.setdefault(row.request.frame, [])
+        for one in earlier:
+            alike = _Alike(protocol)
+            if _takes_all(alike, one, row):  # the first that does answers
+                if not alike.same or _told(one) != _told(row):
+                    what = f"a server never comes to this row of {row.service}: it reads every '{row.request.frame}' "
+                    where = "" if one.at.file == row.at.file else f" of {Path(one.at.file).name}"
+                    what += f"that fits here by the row of {one.service} in line {one.at.line}{where}"
+                    yield Problem(row.at, what, TODO)
+                break
+        earlier.append(row)
+
+
+def _takes_all(alike: _Alike, earlier: ServiceRow, later: ServiceRow) -> bool:
+    """Whether the earlier row fits every request that the later one fits."""
+    assert earlier.request is not None and later.request is not None
+    if earlier.buffer is None and later.buffer is not None:
+        return False
+    sent = alike.covers(earlier.request, later.request)
+    sent = sent and (earlier.buffer is None or alike.covers(earlier.buffer, later.buffer))
+    if not sent or len(set(alike.names)) < len(alike.names) or {"text", "start"} <= set(alike.names):
+        return False
+    by_columns = any(names_in(leaf.root) & COLUMNS for leaf in expressions_of([earlier.request, earlier.buffer]))
+    if by_columns and set(earlier.areas) != set(later.areas):
+        return False
+    whens = _when(earlier), _when(later)
+    if whens[0] is not None and (fingerprint(whens[0]) != fingerprint(whens[1]) or not alike.same):
+        return False
+    return _back_fits(earlier, later) and _areas_fit(earlier, later)
+
+
+def _when(row: ServiceRow) -> Expression | None:
+    return row.back.get("when", row.when)
+
+
+def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
+    """Whether `back` of the earlier row can be worked out whenever that of the later one can."""
+    read = [(later.back.get(name), value) for name, value in earlier.back.items() if name != "when"]
+    read += [(later.back_each.get(name), value) for name, value in earlier.back_each.items()]
+    return all(
+        not names_in(value.root) or isinstance(value.root, Name) or fingerprint(value) == fingerprint(other)
+        for other, value in read
+    )
+
+
+def _areas_fit(earlier: ServiceRow, later: ServiceRow) -> bool:
+    """Whether the earlier row is for every area that a request of the later one can name."""
+    source = _area_source(earlier)
+    if source == "code" and _area_source(later) != "code":
+        return False
+    if source not in ("text", "code") or not earlier.areas:
+        return True
+    return _area_source(later) == source and bool(later.areas) and set(later.areas) <= set(earlier.areas)
+
+
+def _area_source(row: ServiceRow) -> str:
+    """What a server takes the area from: `text`, `code`, `area` of back, or '' for the row itself."""
+    back = {*row.back, *row.back_each}
+    if "text" in back:
+        return "text"
+    leaves = {leaf.root.name for leaf in expressions_of([row.request, row.buffer]) if isinstance(leaf.root, Name)}
+    named = leaves - {argument.name for argument in row.takes}
+    if "text" in named:
+        return "text"
+    if "area" in back:
+        return "area"
+    return "code" if "code" in named else ""
+
+
+def _told(row: ServiceRow) -> str:
+    """What a server takes from a row whose request has been read."""
+    places = () if _area_source(row) else (row.areas, row.units)
+    transfer = row.service if row.service in ("read", "write") else ""
+    back = {name: value for name, value in row.back.items() if name != "when"}
+    return fingerprint((transfer, places, back, row.back_each, row.reply, row.refuse, row.serve, row.packing))
+
+
+@dataclass
+class _Alike:
+    """Compares what two rows send; `names` are those the first one reads, `same`: neither reads another one there."""
+
+    protocol: Protocol
+    names: list[str] = field(default_factory=list)
+    same: bool = True
+
+    def covers(self, one: Value, other: Value | None) -> bool:
+        """Whether everything that the other value can be fits the first one."""
+        if isinstance(one, Expression):
+            return self._leaf(one, other if isinstance(other, Expression) else None)
+        if isinstance(one, FrameOf):
+            there = isinstance(other, FrameOf) and other.frame == one.frame
+            frame = self.protocol.frames.get(one.frame)
+            known = set() if frame is None else names_always_there(frame.segments)
+            return there and self._fields(one.fields, getattr(other, "fields", {}), known)
+        if isinstance(one, LayoutOf):
+            there = isinstance(other, LayoutOf) and other.layout == one.layout
+            return there and self._fields(one.fields, getattr(other, "fields", {}), ())
+        if isinstance(one, ListOf):
+            if not isinstance(other, ListOf) or len(other.items) != len(one.items):
+                return False
+            return all(self.covers(item, counter) for item, counter in zip(one.items, other.items, strict=True))
+        if isinstance(one, (RecordOf, EachOf)):
+            return type(other) is type(one) and self._fields(one.fields, other.fields, ())
+        return False
+
+    def _fields(self, one: Mapping[str, Value], other: Mapping[str, Value], known: Collection[str]) -> bool:
+        return all(
+            (name in other or name in known or _passed_over(value)) and self.covers(value, other.get(name))
+            for name, value in one.items()
+        )
+
+    def _leaf(self, one: Expression, other: Expression | None) -> bool:
+        equal = fingerprint(one) == fingerprint(other)
+        if not names_in(one.root):
+            return equal
+        if _passed_over(one):
+            return True
+        name = single_name(one)
+        assert name is not None
+        self.names.append(name)
+        if not equal and other is not None and names_in(other.root):
+            self.same = False
+        return equal or _always_solved(one.root)
+
+
+def _passed_over(value: Value) -> bool:
+    """Whether a server neither reads nor compares a leaf."""
+    if not isinstance(value, Expression) or not names_in(value.root):
+        return False
+    name = single_name(value)
+    return name is None or name in NOT_COMPARED
+
+
+def _always_solved(node: Node) -> bool:
+    """Whether every result has a value of the name: it does for sums, a product may leave a rest."""
+    while isinstance(node, Binary):
+        if node.operator == "*":
+            return False
+        node = node.left if names_in(node.left) - COLUMNS else node.right
+    return True
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
@@ -73,9 +364,9 @@ def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
 
 
 def _fields(made: FrameOf | LayoutOf, kind: str, name: str, known: set[str]) -> Iterator[Problem]:
-    for field, value in made.fields.items():
-        if field not in known:
-            yield Problem(value.at, f"{kind} '{name}' has no field '{field}'", did_you_mean(field, known))
+    for given, value in made.fields.items():
+        if given not in known:
+            yield Problem(value.at, f"{kind} '{name}' has no field '{given}'", did_you_mean(given, known))
 
 
 def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterator[Problem]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from framekit.definition.check.kinds import KindChecker
+from framekit.definition.check.typed import KindChecker
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
 from framekit.definition.model.walk import field_names

@@ -10,13 +10,11 @@ from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from framekit.definition.cut_expressions import is_cut
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar, read_nodes
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
-from framekit.definition.shipped import find_definition, shipped_folder
-from framekit.definition.tree import unread
+from framekit.definition.sources import find_definition, shipped_folder
 
 
 @dataclass(slots=True)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.load.references import resolve_references
+from framekit.definition.load.references import Where, apply_where, load_where, resolve_references
 from framekit.definition.load.segments import SegmentLoader, in_order
-from framekit.definition.load.where import Where, apply_where, load_where
 from framekit.definition.model.frames import Frame, Group, Side
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import did_you_mean

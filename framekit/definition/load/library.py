@@ -1,4 +1,4 @@
-"""The doors of the definition layer: a protocol by name or path, or from a text."""
+"""The doors of the definition layer: a protocol by name or path, or from a text; a simulated device from its file."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from framekit.definition import keeping
 from framekit.definition.check import check_protocol
-from framekit.definition.load.documents import Documents
+from framekit.definition.load.documents import Documents, SourceText, merged
 from framekit.definition.load.protocol import ProtocolLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.nodes import Entry, Mapping, Node
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.shipped import definition_file, shipped_folder
-from framekit.definition.sources import Sources, sources_of
+from framekit.definition.sources import Sources, current_keeper, definition_file, shipped_folder, sources_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +49,11 @@ def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
     kept = _kept.get(key)
     if kept is not None and kept.sources.still_hold():
         return kept
-    loaded = _kept_before(path)
-    if loaded is None:
-        loaded = _load(path)
-        if keeping.current is not None:
-            keeping.current.was_loaded(path, loaded.protocol, loaded.sources)
+    keeper = current_keeper()
+    before = None if keeper is None else keeper.loaded(path)
+    loaded = _load(path) if before is None else Loaded(*before)
+    if keeper is not None and before is None:
+        keeper.was_loaded(path, loaded.protocol, loaded.sources)
     return _keep(key, loaded)
 
 
@@ -64,11 +63,6 @@ def _keep(key: tuple[str, Path], loaded: Loaded) -> Loaded:
         _kept.pop(next(iter(_kept)), None)
     _kept[key] = loaded
     return loaded
-
-
-def _kept_before(path: Path) -> Loaded | None:
-    found = None if keeping.current is None else keeping.current.loaded(path)
-    return None if found is None else Loaded(*found)
 
 
 def _load(path: Path) -> Loaded:
@@ -113,3 +107,69 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
         hint = did_you_mean(str(name), known) or f"name a YAML file, or one that comes with framekit: {shipped}"
         raise DefinitionError([Problem(Position(str(name), 0, 0), f"there is no definition '{name}'", hint)])
     return found
+
+
+OWN_SECTIONS = (
+    "params", "state", "queues", "tables", "layouts", "sequences", "roles", "sessions", "errors", "server", "services",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceDefinition:
+    """A device file as far as this layer reads it. `root` still holds `memory`, `station` and `params` as nodes.
+
+    `broken`: names of things in it that could not be read. `plain`: the device has no rules of its own; its
+    protocol is as it is loaded by itself, checked, and shared with whoever else loads it.
+    """
+
+    name: str
+    protocol: Protocol
+    root: Mapping
+    path: Path
+    broken: frozenset[str]
+    plain: bool = False
+
+
+def load_device_definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
+    """Raises Broken when it can't be read, DefinitionError when there is no such file; problems go to the reader."""
+    path = definition_path(name, folder)
+    root = documents.root(path, "device")
+    found = documents.find(_required(reader, root, "protocol"), path)
+    own = Mapping(tuple(_own(entry) for entry in root.entries if entry.key.text in OWN_SECTIONS), root.at)
+    plain = None if any(_says(entry) for entry in own.entries) else _protocol(found)
+    if plain is not None:
+        return DeviceDefinition(reader.text(root.get("device")), plain, root, path, frozenset(), plain=True)
+    base = documents.source(found)
+    whole = SourceText(merged(base.root, own), path, base.names, (str(path), *base.files), base.uses, base.application)
+    loader = ProtocolLoader(reader, documents, whole)
+    protocol = loader.load()
+    title = reader.text(root.get("device"))
+    return DeviceDefinition(title, replace(protocol, at=root.at), root, path, loader.broken(protocol))
+
+
+def _own(entry: Entry) -> Entry:
+    """A section of the device's own; of `params` only new definitions, what is set to a value is no part of it."""
+    if entry.key.text != "params" or not isinstance(entry.value, Mapping):
+        return entry
+    defined = tuple(item for item in entry.value.entries if isinstance(item.value, Mapping))
+    return entry.holding(Mapping(defined, entry.value.at))
+
+
+def _says(entry: Entry) -> bool:
+    return not isinstance(entry.value, Mapping) or bool(entry.value.entries)
+
+
+def _protocol(path: Path) -> Protocol | None:
+    """The protocol in a file; None if it is no right one, which is told when it is read with the device's own rules."""
+    try:
+        found = load_protocol(path)
+    except DefinitionError:
+        return None
+    return None if found.kind == "application" else found
+
+
+def _required(reader: Reader, root: Mapping, key: str) -> Node:
+    node = root.get(key)
+    if node is None:
+        raise reader.broken(root.at, f"the device has no {key}", f"add {key}: NAME")
+    return node

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from framekit.definition.load.addresses import load_address_forms
 from framekit.definition.load.documents import Documents, SourceText, scalar_of
 from framekit.definition.load.frames import FrameLoader
-from framekit.definition.load.imports import names_mentioned, used_entries
-from framekit.definition.load.namespace import Namespace, Owned
+from framekit.definition.load.namespace import Namespace, Owned, names_mentioned, used_entries
 from framekit.definition.load.number_names import NumberNames
 from framekit.definition.load.procedure import ProcedureLoader
 from framekit.definition.load.reader import Reader
@@ -23,12 +21,11 @@ from framekit.definition.load.sections import (
     load_station,
 )
 from framekit.definition.load.segments import SegmentLoader
-from framekit.definition.load.services import ServiceLoader, load_area
+from framekit.definition.load.services import ServiceLoader, load_address_forms, load_area
 from framekit.definition.load.values import ValueLoader
-from framekit.definition.model.commands import CommandRules
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
-from framekit.definition.model.services import AddressForm, Area, Errors, Refusal
+from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal
 from framekit.definition.model.values import LayoutOf, ReadAs, Table
 from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Entry, Scalar

@@ -1,22 +1,173 @@
-"""Segments: from the nodes of a head, body, tail or layout to the model, with includes put in place."""
+"""Segments and types: from the nodes of a head, body, tail or layout to the model, with includes put in place."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from collections.abc import Mapping as MappingOf
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar, get_args
 
 from framekit.definition.expression.syntax import Bytes, Expression, Logic, names_in
-from framekit.definition.load.checks import load_check_segment
 from framekit.definition.load.namespace import Namespace
-from framekit.definition.load.reader import Broken
-from framekit.definition.load.scalars import parse_bytes, parse_key
-from framekit.definition.load.types import load_size, load_type
+from framekit.definition.load.reader import Broken, Reader, parse_bytes, parse_key
 from framekit.definition.model import segments as model
+from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Side
+from framekit.definition.model.segments import Check, FieldType, Order, Size
 from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence
+from framekit.definition.problems import did_you_mean
+
+T = TypeVar("T")
+Form = Literal["raw", "hex", "HEX", "dec", "nibbles"]
+FORMS: dict[str, Form] = {"raw": "raw", "hex": "HEX", "HEX": "HEX", "dec": "dec", "nibbles": "nibbles"}
+VERIFY: dict[str, Literal["error", "warn", "off"]] = {"error": "error", "warn": "warn", "off": "off"}
+
+
+def load_check_segment(space: Namespace, keys: Mapping, common: dict[str, Any]) -> Check:
+    """Raises Broken. `hex` digits are upper-case unless `case: lower`."""
+    reader = space.reader
+    node = keys.get("check")
+    assert node is not None
+    method = space.check(node)
+    form = _word(reader, keys.get("as"), FORMS, "a form of a check code") or "raw"
+    if form == "HEX" and reader.maybe(reader.text, keys.get("case")) == "lower":
+        form = "hex"
+    over, span = _range(reader, keys.get("over"))
+    order = reader.maybe(reader.text, keys.get("order")) or "big"
+    size = keys.get("size")
+    return Check(
+        method=method,
+        over=over,
+        span=span,
+        form=form,
+        order="little" if order == "little" else "big",
+        size=_check_size(method, form) if size is None else reader.number(size),
+        verify=_word(reader, keys.get("verify"), VERIFY, "a way to verify") or "error",
+        **common,
+    )
+
+
+def _word(reader: Reader, node: Node | None, words: MappingOf[str, T], kind: str) -> T | None:
+    return None if node is None else reader.one_of(node, words, kind)
+
+
+def _range(reader: Reader, node: Node | None) -> tuple[tuple[str, ...] | None, tuple[str, str] | None]:
+    if node is None:
+        return None, None
+    if isinstance(node, Sequence):
+        return reader.texts(node), None
+    text = reader.text(node)
+    first, dots, last = text.partition("..")
+    if not dots:
+        return (text,), None
+    return None, (first.strip(), last.strip())
+
+
+def _check_size(method: CheckMethod, form: Form) -> int:
+    """Bytes on the wire of a check code."""
+    if form == "dec":
+        return len(str((1 << method.width) - 1))
+    return method.size * (1 if form == "raw" else 2)
+
+
+DIGIT_BASES = {"hex": 16, "HEX": 16, "dec": 10, "oct": 8}
+ORDERS: dict[str, Order] = {
+    "big": "big", "ABCD": "big", "little": "little", "DCBA": "little", "BADC": "BADC", "CDAB": "CDAB",
+}  # fmt: skip
+TYPES = (
+    *(f"{sign}{bits}" for sign in "ui" for bits in (8, 16, 24, 32, 40, 48, 56, 64)),
+    "f32", "f64", "uint", "int", *DIGIT_BASES, "bcd", "ascii", "bytes",
+)  # fmt: skip
+
+MOST_OF_NUMBER = 256
+"""A number has so many bytes at most."""
+
+assert set(ORDERS.values()) == set(get_args(Order))
+
+
+def load_size(reader: Reader, node: Node) -> Size:
+    """A number of bytes, `rest`, or an expression."""
+    text = reader.text(node).strip()
+    if text == "rest":
+        return "rest"
+    return reader.bytes_at_most(node) if re.fullmatch(r"\d+|0x[0-9a-fA-F]+", text) else reader.expression(node)
+
+
+def load_type(space: Namespace, keys: Mapping, type_node: Node | None, *, digits_of: bool = False) -> FieldType:
+    """The type named by `type_node`, completed by `size order case pad end` of `keys`. Raises Broken."""
+    reader = space.reader
+    scalar = reader.scalar(type_node)
+    name = scalar.text
+    if name not in TYPES:
+        raise reader.broken(scalar.at, f"there is no type '{name}'", did_you_mean(name, TYPES))
+    if name in DIGIT_BASES:
+        return _digits(space, keys, scalar)
+    if match := re.fullmatch(r"([ui])(\d+)", name):
+        size = int(match[2]) // 8
+        return FieldType("int", size, signed=match[1] == "i", order=_order(space, keys, size, scalar))
+    if match := re.fullmatch(r"f(\d+)", name):
+        size = int(match[1]) // 8
+        return FieldType("float", size, signed=True, order=_order(space, keys, size, scalar))
+    if name == "ascii":
+        return _ascii(space, keys, scalar)
+    wanted = _size(reader, keys, scalar)
+    if name != "bytes" and isinstance(wanted, int) and wanted > MOST_OF_NUMBER:
+        what = f"a number of {wanted} bytes is too long: {MOST_OF_NUMBER} are possible"
+        raise reader.broken(scalar.at, what, "use data: for it")
+    if name == "bcd":
+        return FieldType("bcd", wanted, order=given_order(reader, keys) or "big")
+    if name == "bytes":
+        return FieldType("bytes", wanted)
+    return FieldType("int", wanted, signed=name == "int", order=_order(space, keys, wanted, scalar))
+
+
+def _size(reader: Reader, keys: Mapping, scalar: Scalar) -> int | Expression:
+    node = keys.get("size")
+    if node is None:
+        raise reader.broken(scalar.at, f"a field of type '{scalar.text}' needs a size", "add size: N")
+    size = load_size(reader, node)
+    if size == "rest":
+        raise reader.broken(node.at, f"a field of type '{scalar.text}' cannot take the rest", "use data: … size: rest")
+    if size == 0:
+        raise reader.broken(node.at, "a size of 0 holds nothing", "give the number of bytes or digits")
+    return size
+
+
+def given_order(reader: Reader, keys: Mapping) -> Order | None:
+    """The byte order that keys say, if they do. Raises Broken."""
+    node = keys.get("order")
+    return None if node is None else reader.one_of(node, ORDERS, "a byte order")
+
+
+def _order(space: Namespace, keys: Mapping, size: int | Expression, scalar: Scalar) -> Order:
+    order = given_order(space.reader, keys)
+    if order is None:
+        return ORDERS[space.order(scalar.at.file)]
+    if order in ("BADC", "CDAB") and size not in (2, 4, 8):
+        at = keys.get("order")
+        assert at is not None
+        raise space.reader.broken(at.at, f"{order} needs a type of 2, 4 or 8 bytes", "use big or little")
+    return order
+
+
+def _digits(space: Namespace, keys: Mapping, scalar: Scalar) -> FieldType:
+    reader = space.reader
+    order = given_order(reader, keys) or "big"
+    case = reader.maybe(reader.text, keys.get("case")) or "upper"
+    return FieldType(
+        "digits", _size(reader, keys, scalar), order=order, base=DIGIT_BASES[scalar.text], upper=case != "lower"
+    )
+
+
+def _ascii(space: Namespace, keys: Mapping, scalar: Scalar) -> FieldType:
+    reader = space.reader
+    pad, end = reader.maybe(reader.bytes, keys.get("pad")), reader.maybe(reader.bytes, keys.get("end"))
+    if end is not None and keys.get("size") is None:
+        return FieldType("ascii", None, end=end)
+    return FieldType("ascii", _size(reader, keys, scalar), pad=pad, end=end)
+
 
 LENGTH_UNITS = {"bytes": 1, "words": 2, "dwords": 4, "lwords": 8, "digits": 1}
 KINDS = (

@@ -1,21 +1,34 @@
-"""Areas, services, errors and the server's refusals."""
+"""Services, areas, addresses and errors, the server's refusals, and command blocks. Language reference, sections 9 to 13."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Collection
+from itertools import pairwise
+
 from framekit.definition.expression.syntax import Expression, Text
-from framekit.definition.load.commands import CommandLoader
 from framekit.definition.load.reader import MOST_ELEMENTS, Reader
 from framekit.definition.load.sections import item_type, literal_or_expression
-from framekit.definition.load.types import given_order
+from framekit.definition.load.segments import given_order
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.services import (
     UNIT_BITS,
+    AddressForm,
+    After,
     Area,
     Argument,
+    BlockWork,
+    CommandCall,
+    CommandRules,
     Errors,
+    JobWork,
     Limit,
+    Literally,
+    Maybe,
     NameTable,
     Packing,
+    Part,
+    PlaceOf,
     Refusal,
     ReplyRow,
     ServeWork,
@@ -23,7 +36,132 @@ from framekit.definition.model.services import (
 )
 from framekit.definition.model.values import Constant, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import Position, did_you_mean
+
+SESSION_WORDS = ("new", "end")
+JOBS = ("job", "abort", "inspect")
+DEFAULT_MOST = 512
+"""The most words of a command block where the definition does not say."""
+
+WordOrValue = Callable[[str, Node], Value]
+
+
+class CommandLoader:
+    """Reads blocks and the section; `word_or_value` reads the parts of a place."""
+
+    def __init__(self, values: ValueLoader, word_or_value: WordOrValue) -> None:
+        self.values = values
+        self.reader: Reader = values.reader
+        self._word_or_value = word_or_value
+
+    def block(self, node: Node) -> BlockWork:
+        """The exchange that a request asks for. Raises Broken."""
+        reader, values, keys = self.reader, self.values, self.reader.mapping(node)
+        kinds = [key for key in ("read", "write", "call") if key in keys]
+        for one, other in pairwise(kinds):
+            at = keys.get(other)
+            reader.note(node.at if at is None else at.at, f"a block has {one} and {other}", "leave one of them out")
+        for kind, own in (("read", "into"), ("write", "from")):
+            if kind in keys and not {own, "then"} & {*_words(keys)} and "data" not in _words(keys.get(kind)):
+                reader.note(node.at, f"a block has {kind}, but no {own}", f"add {own}: with a place of the own memory")
+            if own in keys and kind not in keys and "inspect" not in keys:
+                reader.note(node.at, f"a block has {own}, but no {kind}", f"add {kind}: with a place of the other side")
+        return BlockWork(
+            station=reader.maybe(values.value, keys.get("station")),
+            params=values.fields(keys.get("params")),
+            session=reader.maybe(self._session, keys.get("session")),
+            read=self._place(keys.get("read")),
+            write=self._place(keys.get("write")),
+            into=self._place(keys.get("into")),
+            source=self._place(keys.get("from")),
+            calls=self._calls(keys.get("call")),
+            then=self._then(keys.get("then")),
+            job=self._job(keys),
+            at=keys.at,
+        )
+
+    def _job(self, keys: Mapping) -> JobWork | None:
+        """The command to the run's jobs, if it is one."""
+        kind = next((name for name in JOBS if name in keys), None)
+        if kind is None:
+            return None
+        reader, values = self.reader, self.values
+        if kind == "job" and not {"read", "write", "report"} & {*_words(keys)}:
+            reader.note(keys.at, "a job moves nothing", "add read:, write: or report:")
+        return JobWork(
+            kind=kind,
+            slot=values.value(keys.get(kind) or keys),
+            report=self._place(keys.get("report")),
+            host=reader.maybe(values.value, keys.get("host")),
+            every=reader.maybe(values.value, keys.get("every")),
+            late=reader.maybe(values.value, keys.get("late")),
+            times=reader.maybe(values.value, keys.get("times")),
+            at=keys.at,
+        )
+
+    def _session(self, node: Node) -> Expression:
+        """A bare word, or an expression that gives one."""
+        scalar = self.reader.scalar(node)
+        if scalar.text in SESSION_WORDS:
+            return Expression(scalar.text, Text(scalar.at, scalar.text))
+        return self.reader.expression(node)
+
+    def _place(self, node: Node | None) -> PlaceOf | None:
+        if node is None:
+            return None
+        entries = self.reader.entries(node)
+        return {entry.key.text: self._word_or_value(entry.key.text, entry.value) for entry in entries}
+
+    def _calls(self, node: Node | None) -> tuple[CommandCall, ...]:
+        calls = []
+        for item in () if node is None else self.reader.items(node):
+            for entry in self.reader.entries(item):
+                calls.append(
+                    CommandCall(service=entry.key.text, arguments=self.values.fields(entry.value), at=entry.key.at)
+                )
+        return tuple(calls)
+
+    def _then(self, node: Node | None) -> tuple[After, ...]:
+        return tuple(self._after(self.reader.mapping(item)) for item in self.reader.items(node))
+
+    def _after(self, keys: Mapping) -> After:
+        return After(
+            when=self.reader.maybe(self.reader.expression, keys.get("when")),
+            set=self.values.settings(keys.get("set")),
+            store=self._place(keys.get("store")),
+            at=keys.at,
+        )
+
+    def rules(self, node: Node) -> CommandRules:
+        """The section `commands` of an application. Raises Broken."""
+        reader, keys = self.reader, self.reader.mapping(node)
+        frame = keys.get("frame")
+        if frame is not None and reader.text(frame) not in self.values.frames.outlines:
+            known = list(self.values.frames.outlines)
+            what = f"there is no frame '{reader.text(frame)}'"
+            raise reader.broken(frame.at, what, did_you_mean(reader.text(frame), known))
+        missing = [name for name in ("frame", "request", "status", "failed") if name not in keys]
+        if missing:
+            raise reader.broken(keys.at, f"commands: has no {', '.join(missing)}", "add it")
+        request, failed, most = keys.get("request"), keys.get("failed"), keys.get("most")
+        return CommandRules(
+            frame=reader.maybe(reader.text, frame) or "",
+            request=reader.maybe(reader.text, request) or "",
+            most=DEFAULT_MOST if most is None else reader.number(most),
+            status=self._place(keys.get("status")) or {},
+            done=reader.maybe(reader.expression, keys.get("done")),
+            failed=reader.expression(failed),
+            meaning=reader.maybe(reader.expression, keys.get("meaning")),
+            waits=reader.maybe(reader.expression, keys.get("waits")),
+            then=self._then(keys.get("then")),
+            at=keys.at,
+        )
+
+
+def _words(node: Node | None) -> list[str]:
+    """The keys of a mapping."""
+    return [entry.key.text for entry in node.entries] if isinstance(node, Mapping) else []
+
 
 UNIT_WORDS = (*UNIT_BITS, "own")
 AREA_KEYS = {"unit", "size", "access", "code", "memory", "layout", "type", "about"}
@@ -249,3 +387,129 @@ def load_argument(reader: Reader, entry: Entry) -> Argument:
         choices=choices,
         items=items,
     )
+
+
+BASES = {"dec": 10, "hex": 16, "oct": 8}
+_WIDTH = re.compile(r"(?:(?P<least>\w+)-)?(?P<most>\w+)")
+
+
+def load_address_forms(
+    reader: Reader, node: Node | None, areas: Collection[str], tables: Collection[str]
+) -> tuple[AddressForm, ...]:
+    """The forms of an `addresses` section; broken ones are noted and left out."""
+    found = []
+    for item in reader.items(node):
+        with reader.going_on():
+            found.append(_form(reader, reader.mapping(item), areas, tables))
+    return tuple(found)
+
+
+def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collection[str]) -> AddressForm:
+    form = reader.scalar(keys.get("form"))
+    area, unit = keys.get("area"), reader.maybe(reader.text, keys.get("unit"))
+    parts = _Parts(reader, form).whole()
+    if unit is not None and unit in tables and unit not in UNIT_BITS:
+        unit, table = None, unit
+    else:
+        table = None
+    named = ("form", "area", "unit", "type", "wire", "case", "doc")
+    return AddressForm(
+        text=form.text,
+        parts=parts,
+        area=None if area is None else _area(reader, reader.scalar(area), areas),
+        unit=unit,
+        units_table=table,
+        results={
+            entry.key.text: reader.expression(entry.value) for entry in keys.read_all() if entry.key.text not in named
+        },
+        wire=reader.flag(keys.get("wire")),
+        at=keys.at,
+        type=reader.maybe(reader.text, keys.get("type")),
+        any_case=keys.get("case") is not None,
+    )
+
+
+def _area(reader: Reader, scalar: Scalar, areas: Collection[str]) -> Expression | str:
+    return scalar.text if scalar.text in areas else reader.expression(scalar)
+
+
+MOST_OPTIONAL = 4
+"""A form has so many optional parts at most: each doubles the ways to read an address."""
+
+
+class _Parts:
+    """Cuts the text of a form into literal text, parts in braces and optional text in brackets."""
+
+    def __init__(self, reader: Reader, form: Scalar) -> None:
+        self.reader = reader
+        self.text = form.text
+        self.at = form.at
+        self.place = 0
+
+    def whole(self) -> tuple[Literally | Part | Maybe, ...]:
+        parts = self._until("")
+        optional = sum(isinstance(part, Maybe) for part in parts)
+        if optional > MOST_OPTIONAL:
+            todo = "write several forms"
+            raise self._error(f"it has {optional} optional parts, {MOST_OPTIONAL} are possible", todo)
+        return parts
+
+    def _until(self, end: str) -> tuple[Literally | Part | Maybe, ...]:
+        parts: list[Literally | Part | Maybe] = []
+        literal = ""
+        while self.place < len(self.text):
+            sign = self.text[self.place]
+            if sign == end:
+                break
+            if self.text.startswith(("[[", "]]", "{{", "}}"), self.place):
+                literal, self.place = literal + sign, self.place + 2
+                continue
+            if sign in "{[":
+                parts, literal = [*parts, Literally(literal)] if literal else parts, ""
+                parts.append(self._part() if sign == "{" else self._maybe(end))
+                continue
+            literal, self.place = literal + sign, self.place + 1
+        if end and self.place >= len(self.text):
+            raise self._error(f"'{end}' is missing")
+        return tuple([*parts, Literally(literal)] if literal else parts)
+
+    def _maybe(self, end: str) -> Maybe:
+        if end:
+            raise self._error("an optional part cannot hold another one")
+        self.place += 1
+        parts = self._until("]")
+        self.place += 1
+        return Maybe(tuple(part for part in parts if not isinstance(part, Maybe)))
+
+    def _part(self) -> Part:
+        close = self.text.find("}", self.place)
+        if close < 0:
+            raise self._error("'}' is missing")
+        words = self.text[self.place + 1 : close].split(":")
+        self.place = close + 1
+        name = words[0].strip()
+        if len(words) == 1:
+            if name in ("area", "unit"):
+                return Part("area" if name == "area" else "unit", name)
+            return Part("column", name.partition(".")[2]) if name.startswith("area.") else Part("word", name)
+        if words[1] not in BASES:
+            raise self._error(f"'{words[1]}' is not a kind of number", "write dec, hex or oct")
+        least, most = self._width(words[2] if len(words) > 2 else "")
+        return Part("number", name, BASES[words[1]], least, most)
+
+    def _width(self, text: str) -> tuple[int | str | None, int | str | None]:
+        if not text:
+            return None, None
+        match = _WIDTH.fullmatch(text.strip())
+        if match is None:
+            raise self._error(f"'{text}' is not a number of places", "write 4, 1-3, or a column of the areas")
+        most = _places(match["most"])
+        return (most if match["least"] is None else _places(match["least"])), most
+
+    def _error(self, what: str, todo: str = "") -> Exception:
+        at = Position(self.at.file, self.at.line, self.at.column)
+        return self.reader.broken(at, f'in the form "{self.text}": {what}', todo)
+
+
+def _places(text: str) -> int | str:
+    return int(text) if text.isdigit() else text

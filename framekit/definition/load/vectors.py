@@ -7,9 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from framekit.definition.load import scalars
 from framekit.definition.load.documents import Documents
-from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.load.reader import Broken, Reader, parse_bytes
 from framekit.definition.model.vectors import Conversation, FrameVector, Result, ScriptLine, Vectors, Wire
 from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import DefinitionError, Position, Problem
@@ -56,7 +55,7 @@ def parse_wire(text: str) -> Wire:
         times = int(match["times"] or 1)
         if times > _MOST_REPEATED:
             raise ValueError(f"{times} is too often – a case has at most {_MOST_REPEATED} bytes")
-        piece: list[int | None] = [None] if match["what"] == "xx" else list(scalars.parse_bytes(match["what"]))
+        piece: list[int | None] = [None] if match["what"] == "xx" else list(parse_bytes(match["what"]))
         parts[-1].extend(piece * times)
     return Wire(tuple(parts[0]), tuple(parts[1]) if len(parts) > 1 else None)
 

@@ -1,13 +1,40 @@
-"""Groups and frames with everything inherited and included put in place. Language reference, section 5."""
+"""Groups and frames with everything inherited and included put in place (language reference, section 5); their static
+sizes, and the bytes they may have."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Segment
+from framekit.definition.model.segments import (
+    ANY,
+    Bits,
+    Check,
+    Choose,
+    Const,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Fill,
+    Inner,
+    Length,
+    Optional,
+    Record,
+    Repeat,
+    Require,
+    Segment,
+    Segments,
+    Sizes,
+    Skip,
+    Value,
+    Wrap,
+    of_any_frame,
+    sizes_of,
+)
+from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position
 
 Side = Literal["client", "server", "both", "none"]
@@ -65,3 +92,140 @@ class Layout:
     name: str
     segments: tuple[Segment, ...]
     at: Position
+
+
+class StaticSizes:
+    """Sizes of segments of a protocol."""
+
+    def __init__(self, frames: Mapping[str, Frame]) -> None:
+        self.frames = frames
+        self._known: dict[str, Sizes] = {}
+
+    def frame(self, name: str) -> Sizes:
+        """Sizes of a frame; a frame that holds itself has no bound."""
+        if name not in self._known:
+            self._known[name] = ANY
+            self._known[name] = self.all(self.segments(self.frames[name]))
+        return self._known[name]
+
+    def segments(self, frame: Frame) -> Segments:
+        """Head, body and tail, with a skip or `Fill` for what a frame of fixed size leaves free."""
+        if frame.size is None:
+            return frame.segments
+        fixed = self.all(frame.segments).fixed
+        if fixed is None:
+            room: Segment = Fill(at=frame.at, name="_fill", total=frame.size, byte=frame.fill)
+        elif frame.size > fixed:
+            room = Skip(at=frame.at, name="_fill", size=frame.size - fixed, fill=bytes((frame.fill,)))
+        else:
+            return frame.segments
+        return (*frame.head, *frame.body, room, *frame.tail)
+
+    def all(self, segments: Iterable[Segment]) -> Sizes:
+        return sizes_of(tuple(segments), self.frame)
+
+    def of(self, segment: Segment) -> Sizes:
+        """Sizes of a segment that may be absent."""
+        sizes = self.present(segment)
+        return sizes if segment.when is None else Sizes(0, sizes.most)
+
+    def present(self, segment: Segment) -> Sizes:
+        """Sizes of a segment that is there."""
+        return segment.sizes(self.frame)
+
+    def is_variable(self, segment: Segment) -> bool:
+        """Whether its size depends on more than whether it is there."""
+        return self.present(segment).fixed is None
+
+    def split(self, segments: Segments) -> tuple[Segments, Segments]:
+        """The segments up to the last of variable size, and the others behind it (all, if none is variable: none)."""
+        last = max((place for place, segment in enumerate(segments) if self.is_variable(segment)), default=-1)
+        return (segments, ()) if last < 0 else (segments[: last + 1], segments[last + 1 :])
+
+    def may_refuse(self, segments: Segments) -> bool:
+        """Whether a fault here, or in a frame inside, is one that is answered with a refusal."""
+        known: set[str] = set()
+        wanted = [segments]
+        while wanted:
+            here = wanted.pop()
+            if any(part.refuse is not None for part in parts_of(here, Segment)):
+                return True
+            inner = {name for part in parts_of(here, Inner) for name in part.frames} - known
+            if any(self.frames[name].refuse is not None for name in inner):
+                return True
+            known |= inner
+            wanted += [self.frames[name].segments for name in inner]
+        return False
+
+
+def fixed_size(segment: Segment) -> int | None:
+    """Bytes a segment always takes; None when that depends on content, or on a frame inside."""
+    return all_fixed((segment,))
+
+
+def all_fixed(segments: Segments) -> int | None:
+    """Bytes that segments always take; None when that depends on content, or on a frame inside."""
+    return sizes_of(segments, of_any_frame).fixed
+
+
+def least_size(segments: Segments) -> int:
+    """Bytes that segments take at least; those of frames inside do not count."""
+    return sizes_of(segments, of_any_frame).least
+
+
+ANY_BYTE = frozenset(range(256))
+DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+_BCD = frozenset(high << 4 | low for high in range(10) for low in range(10))
+
+
+def bytes_of(segments: Iterable[Segment], frames: Mapping[str, Frame] | None = None) -> frozenset[int]:
+    """The bytes that may stand in these segments; every byte where that cannot be told.
+
+    `frames` are those that `inner` segments name; without them an inner frame may hold every byte.
+    """
+    found: frozenset[int] = frozenset()
+    for segment in segments:
+        if len(found) == 256:
+            break
+        found |= _bytes_of(segment, frames or {})
+    return found
+
+
+def _bytes_of(segment: Segment, frames: Mapping[str, Frame]) -> frozenset[int]:
+    match segment:
+        case Const(data=data):
+            return frozenset(data)
+        case Value() | Require():
+            return frozenset()
+        case Data(convert="hex_to_ascii") | Wrap(how="hex") | Check(form="hex" | "HEX" | "dec"):
+            return DIGITS
+        case Field(long=None):
+            return _small_numbers(segment) or _of_type(segment.type)
+        case Length(type=type_) | Count(type=type_) | Bits(type=type_):
+            return _of_type(type_)
+        case Repeat(of=of):
+            return _of_type(of) if isinstance(of, FieldType) else bytes_of(of, frames)
+        case Optional(of=of) | Record(of=of):
+            return bytes_of(of, frames)
+        case Choose(cases=cases, otherwise=otherwise):
+            every = [*(one for _, case in cases for one in case), *(otherwise or ())]
+            return bytes_of(every, frames)
+        case Inner(frames=names):
+            if any(name not in frames for name in names):
+                return ANY_BYTE
+            others = {name: frame for name, frame in frames.items() if name not in names}  # none stands inside itself
+            return bytes_of([one for name in names for one in frames[name].segments], others)
+    return ANY_BYTE
+
+
+def _small_numbers(field: Field) -> frozenset[int] | None:
+    """The bytes of a number of one byte that has a range, and goes out as it is."""
+    if field.type.kind != "int" or field.type.size != 1 or field.limits is None:
+        return None
+    if field.zero_means is not None or field.unit is not None or field.limits[0] + field.plus < 0:
+        return None
+    return frozenset(range(field.limits[0] + field.plus, min(field.limits[1] + field.plus, 255) + 1))
+
+
+def _of_type(type_: FieldType) -> frozenset[int]:
+    return DIGITS if type_.kind == "digits" else _BCD if type_.kind == "bcd" else ANY_BYTE

@@ -9,10 +9,9 @@ from typing import Literal
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.commands import CommandRules
 from framekit.definition.model.frames import Frame, Group, Layout
 from framekit.definition.model.procedure import Role, Sequence, Session
-from framekit.definition.model.services import AddressForm, Area, Errors, Refusal, ServiceRow
+from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
 

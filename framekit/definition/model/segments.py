@@ -6,14 +6,59 @@ over segments ask these. Sizes are in bytes unless a docstring says otherwise. L
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.static_size import ANY, NOTHING, Sizes, either, exactly
 from framekit.definition.problems import Position
+
+MOST_BYTES = 1_048_576
+"""Bytes of a frame, and items of its lists, at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Least and most bytes on the wire; `most` is None where there is no bound."""
+
+    least: int
+    most: int | None
+
+    @property
+    def fixed(self) -> int | None:
+        return self.least if self.least == self.most else None
+
+    def __add__(self, other: Sizes) -> Sizes:
+        most = None if self.most is None or other.most is None else self.most + other.most
+        return Sizes(self.least + other.least, most)
+
+    def times(self, least: int, most: int | None) -> Sizes:
+        bound = None if self.most is None or most is None else self.most * most
+        return Sizes(self.least * least, 0 if self.most == 0 else bound)
+
+
+NOTHING = Sizes(0, 0)
+ANY = Sizes(0, None)
+
+
+def exactly(size: int) -> Sizes:
+    return Sizes(size, size)
+
+
+def either(sizes: Iterable[Sizes]) -> Sizes:
+    """The sizes of one of several possibilities."""
+    found = list(sizes)
+    if not found:
+        return NOTHING
+    most = [size.most for size in found]
+    return Sizes(min(size.least for size in found), None if None in most else max(m for m in most if m is not None))
+
+
+def of_any_frame(name: str) -> Sizes:
+    """The sizes of a frame where frames are not known."""
+    return ANY
+
 
 Size = int | Expression | Literal["rest"]
 """A number of bytes, an expression for it, or everything up to the end of the region."""

@@ -14,11 +14,11 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.python.source import literal, quoted
-from framekit.definition import keeping
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.walk import parts_of
+from framekit.definition.sources import current_keeper
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameTable, ProtocolCodec
@@ -50,7 +50,7 @@ class Program:
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
         self.table = table = FrameTable(protocol, codec)
-        keeper = keeping.current
+        keeper = current_keeper()
         make = partial(sequence_code, protocol, table)
         code = make() if keeper is None else keeper.code(protocol, "sequences", make)
         self.sequences, self.need_names = load_sequences(code, protocol, table)

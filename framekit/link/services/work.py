@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.definition.expression.syntax import Expression, Name, Text
-from framekit.definition.model.commands import After, BlockWork, PlaceOf
 from framekit.definition.model.procedure import Target as SetTarget
-from framekit.definition.model.services import ServeWork
+from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.construct_values import Compute, ValueCompiler
 from framekit.link.evaluate import Evaluate, Names, compile_expression
