@@ -1,4 +1,4 @@
-"""Sequences, roles and lanes: every step can be reached and left, waits have a limit, circles wait, nothing is said in vain."""
+"""Sequences, roles and lanes: every step can be reached and left, waits have a limit, circles wait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What names of a definition mean: entries of its own sections, of its application's, and of the files it uses; its tables."""
+"""What names of a definition mean: entries of its own sections, of its application's, and of the files it uses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Services, areas, addresses and errors, the server's refusals, and command blocks. Language reference, sections 9 to 13."""
+"""Services, areas, addresses and errors, the server's refusals, and command blocks. Reference, sections 9 to 13."""
 
 from __future__ import annotations
 
