@@ -175,7 +175,7 @@ class Engine:
             return []
         if machine.changed or machine.stirred or machine.ended or machine.callbacks or machine.delivered:
             return self._finish()
-        if machine.has_queues or self.shutdown.on_done is not None or not self.receiver.is_idle:
+        if machine.queues.is_due or self.shutdown.on_done is not None or not self.receiver.is_idle:
             return self._finish()
         return self._given() if self._commands else []
 
@@ -309,7 +309,7 @@ class Engine:
         for run in self.lanes.order:
             if run.deadline < deadline:
                 deadline = run.deadline
-        if self.reception.interest is not None:
+        if self.reception.expected is not None:
             deadline = min(deadline, self.receiver.deadline)
         if machine.late.items:
             deadline = min(deadline, machine.late.until)
@@ -357,7 +357,7 @@ class Engine:
                 value = machine.delivered.popleft()
                 if not self.dispatcher.offer(value):
                     self.reception.unsolicited(value)
-            elif machine.has_queues and self.dispatcher.queue_rows():
+            elif machine.queues.is_due and self.dispatcher.queue_rows():
                 continue
             elif not self.reception.next_arrival() and not (
                 self.shutdown.on_done is not None and self.shutdown.go_on()
@@ -390,7 +390,7 @@ class Engine:
 
     def _something_due(self, now: int) -> bool:
         receiver = self.receiver
-        if self.reception.interest is not None and receiver.deadline <= now:
+        if self.reception.expected is not None and receiver.deadline <= now:
             receiver.tick(now)
             return True
         due = min((run for run in self.lanes.order if run.deadline <= now), key=lambda run: run.deadline, default=None)

@@ -18,7 +18,7 @@ from framekit.link.lanes import Lanes
 from framekit.link.observe import LinkCounters
 from framekit.link.receiver import Receiver
 from framekit.link.sequences.runtime import Machine
-from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledStep, Run, State, frame_arriving, frame_gone
+from framekit.link.sequences.state import NOT_TAKEN, CallFrame, Run, State, frame_arriving, frame_gone
 from framekit.link.values import FrameValue
 
 OnFrame = Callable[[FrameValue], None]
@@ -27,6 +27,9 @@ LATE = "late: the reply to a request that is over"
 
 MOST_HELD = 262_144
 """So many bytes are kept for those who will wait later but do not wait yet."""
+
+MOST_KNOWN = 1024
+"""For so many combinations of steps that wait the expected frames are kept ready."""
 
 
 class Dispatcher:
@@ -106,16 +109,23 @@ class Dispatcher:
     # ---- queues -------------------------------------------------------------------------------------------
 
     def queue_rows(self) -> bool:
-        """Rows that wait for an item or for room. Tells whether one was taken."""
+        """Rows that wait for an item or for room. Tells whether one was taken; one that was not is asked again."""
         queues = self.machine.queues
-        for run in self._receiving():
+        queues.is_due = False
+        for run in self.lanes.order:
+            if run.state is not State.RECEIVING:
+                continue
             frame = run.top
             for queue, room, row in frame.step.queue_rows:
                 if queue is not None:
-                    if not queues.empty(queue) and self._taken(run, row, frame, queues.first(queue)):
+                    if not queues.empty(queue):
+                        queues.is_due = True
+                        if self._taken(run, row, frame, queues.first(queue)):
+                            return True
+                elif room is not None and not queues.full(room):
+                    queues.is_due = True
+                    if self._taken(run, row, frame, None):
                         return True
-                elif room is not None and not queues.full(room) and self._taken(run, row, frame, None):
-                    return True
         return False
 
     # ---- the line -----------------------------------------------------------------------------------------
@@ -156,7 +166,7 @@ class Dispatcher:
 
 
 class Reception:
-    """`interest` are the names of frames expected and of others; None while those who will wait do not wait yet.
+    """`expected` are the names of frames expected and of others; None while those who will wait do not wait yet.
 
     `on_bad` gets bad frames no step waited for. `cutting`: frames are being broken off because a time limit has run
     out; they are shown, and nothing more.
@@ -176,11 +186,10 @@ class Reception:
         self._told = ToldBytes()
         replies = self.machine.late.replies  # first, for the bytes of one may be those of a request too
         self._all = tuple(sorted(receiver.table.on_line, key=lambda name: name not in replies))
-        self.interest: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
+        self.expected: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
         infos = receiver.table.infos.values()
         self._announcing = frozenset(info.name for info in infos if info.announces)
-        self._known: dict[tuple[CompiledStep, tuple[str, ...]], tuple[tuple[str, ...], tuple[str, ...]] | None] = {}
-        self._others: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._known: dict[tuple[Any, ...], tuple[tuple[str, ...], tuple[str, ...]] | None] = {}
         self.machine.has_bytes = lambda: not receiver.is_empty
         self.machine.stream_place = lambda: receiver.stream.offset
         self.machine.drop_stale = self.drop_stale
@@ -188,17 +197,13 @@ class Reception:
     def next_arrival(self) -> bool:
         """Handles the next thing in the bytes at hand. False: there is none, or nobody looks."""
         if self.machine.changed:
-            order = self.lanes.order
-            if len(order) == 1 and order[0].state is State.RECEIVING and not order[0].has_always:
-                self._one_waits(order[0])
-            else:
-                self._work_out_interest()
-        if self.interest is None:
+            self._work_out_expected()
+        if self.expected is None:
             if len(self.receiver.stream.buffer) > MOST_HELD:
                 self.drop_stale()
             return False
         receiver = self.receiver
-        event = None if receiver.is_idle else receiver.next(*self.interest)
+        event = None if receiver.is_idle else receiver.next(*self.expected)
         if event is None:
             waiting = receiver.waiting
             for run in self.lanes.order:
@@ -217,11 +222,31 @@ class Reception:
             self.machine.output.commands.append(Reopen("the stream is out of step"))
         return True
 
-    def _work_out_interest(self) -> None:
-        """Which frames are looked for now; None while those who will wait do not yet."""
+    def _work_out_expected(self) -> None:
+        """Which frames are looked for now, worked out once for the steps that wait."""
         self.machine.changed = False
+        own_gap = is_limited = False
+        waiting: list[Any] = [not self.lanes.order]
+        for run in self.lanes.order:
+            if run.state is State.RECEIVING:
+                top = run.top
+                waiting += (top.step, run.interest if run.has_always else top.d.expected)
+                own_gap = own_gap or run.gap is not None
+                is_limited = is_limited or run.complete is not None or run.longest < NEVER
+            elif run.state is State.HELD:
+                waiting.append(State.HELD)
+        pauses, steps = self.receiver.pauses, tuple(waiting)
+        pauses.own_gap, pauses.is_idle = not own_gap, not is_limited
+        if steps not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[steps] = self._expected_now()
+        self.expected = self._known[steps]
+
+    def _expected_now(self) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+        """The frames of the rows that wait, and the others; None while those who will wait do not yet."""
         names: dict[str, None] = {}
-        others = looks = own_gap = is_limited = held = False
+        looks = others = held = False
         for run in self.lanes.order:
             if run.state is State.HELD:
                 held = looks = others = True
@@ -229,40 +254,12 @@ class Reception:
                 looks = looks or bool(run.interest) or run.wants_others or "on_noise" in run.top.step.handlers
                 names.update(dict.fromkeys(run.interest))
                 others = others or run.wants_others
-                own_gap = own_gap or run.gap is not None
-                is_limited = is_limited or run.complete is not None or run.longest < NEVER
         if not self.lanes.order or (held and not names):
-            self.interest = (self._all, ())
-        elif not looks:
-            self.interest = None
-        else:
-            self.interest = self._pair(tuple(names), others)
-        self.receiver.pauses.own_gap = not own_gap
-        self.receiver.pauses.is_idle = not is_limited
-
-    def _one_waits(self, run: Run) -> None:
-        """The usual case: what a step looks for is worked out once."""
-        self.machine.changed = False
-        step, pauses = run.top.step, self.receiver.pauses
-        key = step, run.top.d.expected
-        if key not in self._known:
-            looks = bool(run.interest) or run.wants_others or "on_noise" in step.handlers
-            self._known[key] = self._pair(run.interest, run.wants_others) if looks else None
-        self.interest = self._known[key]
-        pauses.own_gap = run.gap is None
-        pauses.is_idle = run.complete is None and run.longest >= NEVER
-
-    def _pair(self, expected: tuple[str, ...], others: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The same pair of tuples for the same names, so that the receiver knows them again at once."""
-        known = self.interest
-        if known is not None and known[0] == expected:
-            expected = known[0]
-        if not others:
-            return expected, ()
-        rest = self._others.get(expected)
-        if rest is None:
-            rest = self._others[expected] = tuple(name for name in self._all if name not in expected)
-        return expected, rest
+            return self._all, ()
+        if not looks:
+            return None
+        expected = tuple(names)
+        return expected, tuple(name for name in self._all if name not in names) if others else ()
 
     def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> None:
         """The clock of a run for which a frame is arriving, or turned out not to be."""

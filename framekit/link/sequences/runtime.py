@@ -52,9 +52,10 @@ class QueueFull(OverflowError, ValueError):  # noqa: N818 - says what is the cas
 
 
 class Queues:
-    """The queues of an engine, by name."""
+    """The queues of an engine, by name. `is_due`: a row that waits for an item or for room may have it now."""
 
     def __init__(self, protocol: Protocol) -> None:
+        self.is_due = False
         self._items: dict[str, deque[Any]] = {name: deque() for name in protocol.queues}
         self._sizes = {name: queue.size for name, queue in protocol.queues.items()}
 
@@ -63,9 +64,11 @@ class Queues:
         if self.full(name):
             raise QueueFull(f"the queue '{name}' is full")
         self._items[name].append(item)
+        self.is_due = True
 
     def take(self, name: str) -> Any:
         """The oldest item. Raises IndexError when there is none."""
+        self.is_due = True
         return self._items[name].popleft()
 
     def first(self, name: str) -> Any:
@@ -98,7 +101,6 @@ class Machine:
         self.output = output
         self.late = LateReplies(scope.protocol, scope)
         self.queues = Queues(scope.protocol)
-        self.has_queues = bool(scope.protocol.queues)
         self.session = SessionState(None, scope)
         self.server: Server | None = None
         self.memory: MemoryAccess | None = None
@@ -553,6 +555,8 @@ def wait(a: CallFrame, step: CompiledStep) -> Next:
         run.interest = _with_always(run)
     run.candidate = None
     run.wait_number += 1
+    if step.queue_rows:
+        machine.queues.is_due = True
     if step.is_timed:
         begin_clock(run, machine.scope.now)
     else:
