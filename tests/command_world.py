@@ -8,8 +8,7 @@ from unittest.mock import patch
 from framekit.run.model import RunModel
 from framekit.runfile.devices import Device
 from framekit.runfile.run_file import load_run
-from framekit.service.device import DeviceService
-from framekit.service.ports import devices_of
+from framekit.service.device import DeviceService, devices_of
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -18,9 +18,9 @@ from framekit.link.engine import Engine
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
+from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
-from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import Faults, SimulatedLine
 

@@ -44,9 +44,8 @@ from framekit.run.commands import CommandBlocks, CommandEnd
 from framekit.runfile.channels import needs_own
 from framekit.runfile.devices import memory_of
 from framekit.service.client import Begin, ClientService
-from framekit.service.device import DeviceService
+from framekit.service.device import DeviceService, devices_of, port_for
 from framekit.service.polling import Polling
-from framekit.service.ports import devices_of, port_for
 from framekit.service.run import LONGEST_SHUTDOWN
 from framekit.transport.clock import AsyncioClock
 

@@ -19,8 +19,7 @@ from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import Device, DeviceSettings, load_devices, with_faults
-from framekit.service.serving import Serving
-from framekit.service.serving_ports import begin_serving, check_line, line_of
+from framekit.service.serving import Serving, begin_serving, check_line, line_of
 from framekit.transport.clock import AsyncioClock
 
 

@@ -127,7 +127,7 @@ def _run(path: Path) -> Checked:
     from framekit.definition.problems import DefinitionError
     from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import read_run
-    from framekit.service.ports import devices_of
+    from framekit.service.device import devices_of
     from framekit.service.simulation import loads_of
 
     loaded, channels, found = read_run(path)

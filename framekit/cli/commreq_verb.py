@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from framekit.run.block_state import Failure
     from framekit.run.commands import CommandBlocks, CommandEnd, CommandWords, Meaning
     from framekit.run.job_profile import JobProfile
-    from framekit.run.job_status import JobStatus
+    from framekit.run.job_table import JobStatus
     from framekit.service.jobs import JobLine
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from framekit.run.block_state import BlockState, BlockStatus
     from framekit.run.edit import Edit, RemovedBlocks
     from framekit.run.feasibility import BlockLoad, ChannelLoad
-    from framekit.run.job_status import JobStatus
+    from framekit.run.job_table import JobStatus
     from framekit.run.model import Block, RunModel
     from framekit.service.run import RunService
     from framekit.service.status import ChannelStatus, JobsStatus, RunStatus

@@ -73,8 +73,8 @@ def run_run(arguments: argparse.Namespace) -> int:
     from framekit.cli.run_output import JsonOutput, TextOutput
     from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import load_run
-    from framekit.service.file_watch import content_of
     from framekit.service.simulation import loads_of
+    from framekit.service.status import content_of
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
@@ -177,7 +177,7 @@ async def _real(
 
 async def _watch_file(watched: Watched, service: RunService, output: RunOutput) -> None:
     """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
-    from framekit.service.file_watch import FileWatch, reasons
+    from framekit.service.status import FileWatch, reasons
 
     files = FileWatch(
         watched.path,

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from framekit.link.observe import Seen
     from framekit.run.model import ConnectionLimits
     from framekit.runfile.devices import Device, DeviceSettings
-    from framekit.service.serving import Serving, ServingMonitor
-    from framekit.service.serving_ports import ServedAt
+    from framekit.service.serving import ServedAt, Serving, ServingMonitor
     from framekit.transport.port import Port
 
 
@@ -138,7 +137,7 @@ def _assigned(texts: Iterable[str], form: str) -> Iterable[tuple[str, str]]:
 def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None) -> list[Device]:
     """Raises DefinitionError, and WordsError for devices that can't share a line."""
     from framekit.runfile.devices import load_devices, with_faults
-    from framekit.service.serving_ports import check_line
+    from framekit.service.serving import check_line
 
     found = [device for name in names for device in load_devices(name, Path.cwd(), settings)]
     found = with_faults(found, faults, Path.cwd())
@@ -150,7 +149,7 @@ def _devices(names: Sequence[str], settings: DeviceSettings, faults: str | None)
 
 
 def _line(arguments: argparse.Namespace, device: Device) -> LineFormat | None:
-    from framekit.service.serving_ports import line_of
+    from framekit.service.serving import line_of
 
     try:
         return line_of(device, arguments.speed, arguments.format)
@@ -285,7 +284,7 @@ async def _open(
     url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: contextlib.ExitStack
 ) -> ServedAt:
     """Opens the port, or begins to listen; how it is called. Raises PortError when that can't be done."""
-    from framekit.service.serving_ports import begin_serving
+    from framekit.service.serving import begin_serving
 
     try:
         return await begin_serving(url, serving, clock, first_state, stack)
@@ -357,7 +356,7 @@ class ServeOutput:
 
     def reasons(self, serving: Serving, number: int) -> dict[str, int]:
         """Why a device has refused requests, and how often."""
-        from framekit.service.service_counters import refusal_text
+        from framekit.link.codes import refusal_text
 
         protocol, counters = self.devices[number].protocol, serving.stores[number].counters
         return {refusal_text(protocol, code): count for code, count in sorted(counters.refused.items())}

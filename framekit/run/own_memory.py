@@ -15,7 +15,7 @@ from framekit.definition.model.values import Table
 from framekit.definition.model.walk import bounds_of, flat
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError
+from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError
 from framekit.memory.profile import MemoryProfile
 from framekit.memory.views import as_float, as_signed, from_float
 from framekit.run.model import Block, OwnPlace
@@ -284,3 +284,36 @@ def field_reader(part: FramePart, place: OwnPlace, size: int | None, memory: Dev
 
 def _converted(part: FramePart, place: OwnPlace, read: Callable[[], bytes]) -> Any:
     return from_memory(part, place, read())
+
+
+Refresh = Callable[[], None]
+
+
+class AddressedMemory:
+    """`memory('M0', 24)` and `store` of the language on a device memory. Raises ValueError for what is not there."""
+
+    def __init__(self, memory: DeviceMemory, grammar: AddressGrammar, refresh: Refresh = lambda: None) -> None:
+        self.memory = memory
+        self.grammar = grammar
+        self.refresh = refresh
+
+    def read(self, address: str, size: int) -> bytes:
+        self.refresh()
+        place = self._place(address)
+        try:
+            return self.memory.read_bytes(place.area, place.first_bit // 8, size)
+        except DeviceMemoryError as error:
+            raise ValueError(str(error)) from None
+
+    def write(self, address: str, data: bytes) -> None:
+        place = self._place(address)
+        try:
+            self.memory.write_bytes(place.area, place.first_bit // 8, data, force=True)
+        except DeviceMemoryError as error:
+            raise ValueError(str(error)) from None
+
+    def _place(self, address: str) -> Address:
+        place = self.grammar.parse(address)
+        if place.first_bit % 8:
+            raise ValueError(f"{address} is in the middle of a byte")
+        return place

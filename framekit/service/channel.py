@@ -3,33 +3,73 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
+from framekit.link.codes import refusal_text
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor, Seen
 from framekit.link.services.client import Client
-from framekit.link.services.server import MemoryServer
+from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
 from framekit.run.block_state import Failure
 from framekit.run.model import STATIONED, Block, Channel, RunModel
+from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockTransfers, Ended, Read
-from framekit.service.device import DeviceService
+from framekit.service.device import DeviceService, devices_of, port_for
 from framekit.service.driver import Driver, Moment
-from framekit.service.listening_port import ListeningPort
-from framekit.service.memory_access import AddressedMemory
-from framekit.service.ports import devices_of, port_for
-from framekit.service.service_counters import ChannelCounters
+from framekit.service.serving import ListeningPort
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 REPEATS = "retries"
 """The parameter that says how often an exchange is repeated, where a protocol has it."""
+
+
+@dataclass(slots=True)
+class ChannelCounters:
+    """What a channel does beside the exchanges of blocks: requests `served` here, and transfers of jobs."""
+
+    served: ServiceCounters = field(default_factory=ServiceCounters)
+    done: int = 0
+    failed: Counter[str] = field(default_factory=Counter)
+
+    def ended(self, failure: str) -> None:
+        """A transfer of a job has ended, with a failure of that name or, '', well."""
+        if failure:
+            self.failed[failure] += 1
+        else:
+            self.done += 1
+
+    def add(self, other: ChannelCounters) -> None:
+        """What another channel counted, whose place this one takes."""
+        self.served.done += other.served.done
+        self.served.refused.update(other.served.refused)
+        self.done += other.done
+        self.failed.update(other.failed)
+
+    def clear(self) -> None:
+        """Counting begins anew."""
+        self.served.done = self.done = 0
+        self.served.refused.clear()
+        self.failed.clear()
+
+    @property
+    def services(self) -> int:
+        return self.served.done + self.done
+
+    def reasons(self, protocol: model.Protocol) -> Counter[str]:
+        """The errors by what they were."""
+        refused = {refusal_text(protocol, code): count for code, count in self.served.refused.items()}
+        return self.failed + Counter(refused)
 
 
 class ChannelOwner(Protocol):

@@ -32,8 +32,7 @@ from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandFaultError, StatusPlaceError
 from framekit.run.job_profile import JobProfile
 from framekit.run.job_records import RecordReader
-from framekit.run.job_status import Attempt
-from framekit.run.job_table import JobTable
+from framekit.run.job_table import Attempt, JobTable
 from framekit.run.model import (
     Block,
     Channel,
@@ -46,12 +45,10 @@ from framekit.run.model import (
     channel_to,
     is_address,
 )
-from framekit.run.own_memory import read_piece, store_pieces
+from framekit.run.own_memory import AddressedMemory, read_piece, store_pieces
 from framekit.runfile.devices import memory_of
 from framekit.service.channel import ChannelService
-from framekit.service.device import DeviceService
-from framekit.service.memory_access import AddressedMemory
-from framekit.service.ports import devices_of, port_for
+from framekit.service.device import DeviceService, devices_of, port_for
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 Found = Callable[[list[str] | None], None]

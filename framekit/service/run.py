@@ -20,7 +20,7 @@ from framekit.run.block_state import BlockState, BlockStatus, Failure, Prompt
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
 from framekit.run.model import Block, Channel, RunModel
-from framekit.run.own_memory import addresses_of
+from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import Resolve, awaited_bits
 from framekit.runfile.devices import put_values
@@ -28,9 +28,8 @@ from framekit.service.channel import ChannelService, Made, RunChannels, RunMonit
 from framekit.service.device import DeviceService
 from framekit.service.exchanges import Exchanges, rules_of
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
-from framekit.service.memory_access import AddressedMemory, date_at
 from framekit.service.state import StateFile, StateKeeper
-from framekit.transport.clock import Clock
+from framekit.transport.clock import Clock, date_at
 
 
 class RunLoop:

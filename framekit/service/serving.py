@@ -7,19 +7,26 @@ Each device has one store, however many connections there are. Nothing here prin
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from framekit.definition.times import NEVER, LineFormat
-from framekit.link.observe import Seen
-from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
+from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.exchange import Server
+from framekit.link.observe import LinkCounters, Monitor, Seen
+from framekit.link.services.server import ServiceCounters
+from framekit.run.model import DEFAULT_LIMITS, Channel, ConnectionLimits
+from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device
 from framekit.service.device import DeviceService, DeviceStore, stores_of
-from framekit.transport.clock import Clock
-from framekit.transport.port import AcceptedPort, Port, PortListener, SharedPort
-from framekit.transport.schemes import make_listener
+from framekit.service.line_load import LineLoad
+from framekit.transport.clock import AsyncioClock, Clock
+from framekit.transport.port import AcceptedPort, Port, PortEvents, PortListener, SharedPort
+from framekit.transport.schemes import make_listener, open_port, scheme_of
 
 ServingMonitor = Callable[[str, int, Seen], None]
 """Gets everything seen: the port's name, which of the devices saw it, and what it saw."""
@@ -172,3 +179,110 @@ class Serving:
         """The published variables of a device, those of scope line or session as its latest connection has them."""
         services = next(reversed(self.stations.values()), None)
         return {} if services is None else services[number].engine.status()
+
+
+@dataclass(frozen=True, slots=True)
+class ServedAt:
+    """Where it is served: `port`, as others have to name it, and `about`, for people, with the line's settings."""
+
+    port: str
+    about: str
+
+
+def check_line(devices: list[Device]) -> None:
+    """Whether devices can share a line. Raises ValueError with a sentence."""
+    alone = [device for device in devices if not device.shares]
+    for number, device in enumerate(alone):
+        others = alone[:number]
+        if any(device.own is not None and device.own == other.own for other in others):
+            raise ValueError(f"two devices have the station {device.own} – give one of them another")
+        if others and not set(device.protocol.sources) & set(others[0].protocol.sources):
+            protocols = f"{others[0].protocol.name} and {device.protocol.name}"
+            raise ValueError(f"{protocols} can't share a line – serve them on two ports")
+    if len(alone) > 1 and any(device.own is None for device in alone):
+        raise ValueError("several devices on one line need stations – add station to their files")
+
+
+def line_of(device: Device, speed: int | None, format: str | None) -> LineFormat | None:
+    """The line's settings, the protocol's own where nothing is given. Raises ValueError with a sentence."""
+    line = device.protocol.line
+    if line.kind == "stream":
+        if speed is not None or format is not None:
+            raise ValueError(f"{device.protocol.name} runs on connections, which have neither speed nor format")
+        return None
+    return parse_format(format or line.format, line.speed if speed is None else speed)
+
+
+async def begin_serving(
+    url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: ExitStack
+) -> ServedAt:
+    """Opens the port, or begins to listen. `first_state` is what the serving tells first of its port.
+
+    What has to be closed at the end goes on the stack. Raises ValueError for what is no port, OSError.
+    """
+    url = serving.stores[0].device.protocol.line.port_of(url)
+    kind = scheme_of(url)
+    if kind is not None and kind.listen is not None:
+        listener = await serving.listen(url)
+        return ServedAt(listener.reached, listener.reached)
+    port = open_port(url, serving.line, clock, serves=True)
+    stack.callback(port.release)
+    serving.serve(port)
+    reached = await first_state
+    if reached != "open":
+        raise OSError(reached if url in reached else f"{url}: {reached}")
+    return ServedAt(port.name, port.describes())
+
+
+class ListeningPort(Port):
+    """Listens where `channel` says. Raises ValueError for what is no address, and on a clock that is not real."""
+
+    def __init__(self, channel: Channel, clock: Clock) -> None:
+        self.listener = make_listener(channel.port, clock, self._accept)
+        self.channel = channel
+        self.clock = clock
+        self.name = channel.port
+        self.settings = None
+        self.serving: Serving | None = None
+
+    def answer(
+        self, access: AddressedMemory, server: Server | None, monitor: Monitor | None, counters: LinkCounters,
+        load: LineLoad, services: ServiceCounters,
+    ) -> None:  # fmt: skip
+        """From now on connections are answered from this memory by this server, and counted here."""
+        channel = self.channel
+        device = Device(
+            name=f"channel {channel.number}", protocol=channel.protocol, role=channel.role, own=channel.own,
+            params=channel.params, areas=(), grammar=access.grammar, profile=None, mapping=channel.mapping, initial=(),
+        )  # fmt: skip
+        store = DeviceStore(
+            device, self.clock, access=access, server=server, link=counters, load=load, counters=services
+        )
+        watch = None if monitor is None else lambda port, number, seen: monitor(seen)
+        self.serving = Serving([store], self.clock, channel.line, watch, limits=channel.limits)
+
+    def _accept(self, port: AcceptedPort) -> None:
+        assert self.serving is not None
+        self.serving.accept(port)
+
+    def open(self, events: PortEvents) -> None:
+        now = self.clock.now()
+        try:
+            self.listener.listen()
+        except OSError as error:
+            reason = f"{self.channel.port}: {error.strerror or error}"
+            self.clock.call_soon(lambda: events.closed(now, reason))
+            return
+        self.name = self.listener.name
+        self.clock.call_soon(lambda: events.opened(now))
+
+    def write(self, data: bytes) -> None:
+        """The port itself has no sender."""
+
+    def close(self) -> None:
+        self.listener.stop()
+        if self.serving is not None:
+            self.serving.stop()
+
+    def send_break(self, duration: int) -> None:
+        """The port itself has no sender."""

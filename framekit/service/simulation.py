@@ -16,11 +16,10 @@ from framekit.link.scope import Scope
 from framekit.run.block_state import Failure
 from framekit.run.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
 from framekit.run.model import Block, Channel, RunModel
-from framekit.run.own_memory import addresses_of
+from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.runfile.devices import Device, memory_of, put_values
 from framekit.service.channel import ChannelService
 from framekit.service.device import DeviceService
-from framekit.service.memory_access import AddressedMemory
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine, Transmission
 

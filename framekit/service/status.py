@@ -1,16 +1,20 @@
-"""The status of a run as one value, and the words by which a run is controlled from outside."""
+"""The status of a run as one value; how a run is controlled from outside, by words and by changes of its file."""
 
 from __future__ import annotations
 
+import asyncio
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from framekit.definition.problems import DefinitionError
 from framekit.run.block_state import BlockStatus
 from framekit.run.edit import RemovedBlocks
-from framekit.run.job_status import Event, JobStatus, TableCounters
-from framekit.run.model import BLOCKS_IN_SET
+from framekit.run.job_table import Event, JobStatus, TableCounters
+from framekit.run.model import BLOCKS_IN_SET, RunModel
+from framekit.runfile.run_file import load_run
 from framekit.service.monitor import USER_DEFINED
 from framekit.service.run import RunService
 
@@ -193,3 +197,68 @@ def _name(number: int) -> str:
     """A block as lines name it."""
     set_number, block = divmod(number, BLOCKS_IN_SET)
     return f"{set_number + 1}.{block}" if set_number else str(block)
+
+
+INTERVAL = 1.0
+"""Seconds between two looks; a content is taken when two looks in a row find it."""
+
+
+class FileWatch:
+    """Loads the run of `path` anew when its content has changed, or when `look_now` is called.
+
+    `changed` gets the run; what it raises as DefinitionError or ValueError, and what is wrong with the file, goes to
+    `refused`. One content is tried once; `known` is the one that the run began with.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        known: bytes | None,
+        changed: Callable[[RunModel], None],
+        refused: Callable[[ValueError], None],
+    ) -> None:
+        self.path = path
+        self.changed = changed
+        self.refused = refused
+        self._asked = asyncio.Event()
+        self._seen = self._tried = known
+
+    def look_now(self) -> None:
+        """Loads the file as it is, changed or not."""
+        self._asked.set()
+
+    async def watch(self) -> None:
+        """Goes on until it is cancelled."""
+        while True:
+            try:
+                await asyncio.wait_for(self._asked.wait(), INTERVAL)
+                self._asked.clear()
+                asked = True
+            except TimeoutError:
+                asked = False
+            content = await asyncio.to_thread(content_of, self.path)
+            settled, self._seen = content == self._seen, content
+            if asked or (settled and content is not None and content != self._tried):
+                self._tried = content
+                await self._load()
+
+    async def _load(self) -> None:
+        try:
+            self.changed(await asyncio.to_thread(load_run, self.path))
+        except ValueError as error:
+            self.refused(error)
+
+
+def content_of(path: Path) -> bytes | None:
+    """None: it cannot be read now, which an editor that replaces files may cause for a moment."""
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
+
+
+def reasons(error: ValueError) -> list[str]:
+    """Why an edit was refused, one sentence each, with places in files where there are any."""
+    if isinstance(error, DefinitionError):
+        return [str(problem) for problem in error.problems if not problem.warning]
+    return [str(error)]

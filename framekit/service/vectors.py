@@ -25,8 +25,8 @@ from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.tested_side import Starter
 from framekit.memory.memory import DeviceMemory
+from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
-from framekit.service.memory_access import AddressedMemory
 
 SUFFIX = ".vectors.yaml"
 

@@ -10,10 +10,12 @@ import heapq
 import itertools
 import time
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from functools import partial
 from typing import Protocol
 
 from framekit.definition.times import NEVER
+from framekit.link.clock import DEFAULT_START
 
 Callback = Callable[[], None]
 
@@ -365,3 +367,10 @@ class AsyncioClock(_CallHeap):
         finally:
             self._ringing = False
             self._set_timer()
+
+
+def date_at(clock: Clock) -> Callable[[int], datetime]:
+    """The date at a time of this clock: today's where it is real, and from 2000 on where it is not."""
+    if isinstance(clock, AsyncioClock):
+        return lambda now: datetime.now()
+    return lambda now: DEFAULT_START + timedelta(microseconds=now // 1000)

@@ -2,18 +2,292 @@
 
 A port keeps the order of bytes and breaks and knows when the last bit has left. Nothing that happens on the line
 raises: the owner is told that the port is closed, and why.
+
+A device with a file descriptor (POSIX) is watched by the loop: reads and writes never wait. Damaged characters and
+breaks are told where the driver marks them: with PARMRK a character with a parity or framing fault is read as FF 00 and
+the character, a break as FF 00 00, and a good FF as FF FF (termios(3), "Input modes"). A pseudo-terminal knows neither
+marks nor bit times. Where there is no descriptor (a pyserial URL, a device of Windows), opening, writing and closing
+may take seconds: two threads do all of it.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import struct
+import sys
+import threading
+from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from queue import SimpleQueue
+from typing import Any, Protocol
 
-from framekit.definition.times import PLAIN, LineFormat, LineSettings
-from framekit.link.events import CharacterFault
+from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
+from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
-from framekit.transport.serial_device import SERIAL_ERRORS, SerialConnection, ThreadConnection, is_device, reason_of
+
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
+READ_SIZE = 1024
+POLL = 0.05
+"""How long a thread waits at a time for a device without a file descriptor (s)."""
+SERIAL_ERRORS: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, KeyError)
+"""What pyserial raises when a device is not there, goes away, is closed while a thread reads it, or a URL is wrong."""
+SWITCH_ERRORS: tuple[type[Exception], ...] = (*SERIAL_ERRORS, NotImplementedError)
+"""What pyserial raises where a driver cannot switch the direction."""
+
+_REASONS = {
+    errno.ENOENT: "there is no such device",
+    errno.EACCES: "no permission to open it – its group, often dialout, has to be one of yours",
+    errno.EBUSY: "another program has it open",
+    errno.EAGAIN: "another program has it open",
+    errno.EIO: "the device is gone",
+    errno.ENXIO: "the device is gone",
+    errno.ENODEV: "the device is gone",
+    errno.ENOTTY: "this is no serial line – name one, such as /dev/ttyUSB0, or tcp://HOST:PORT",
+    errno.EISDIR: "this is a folder – name a device in it",
+}
+
+
+class SerialEvents(Protocol):
+    """What an open device tells; always in calls of the loop."""
+
+    def opened(self) -> None: ...
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None: ...
+
+    def line_break(self, now: int) -> None: ...
+
+    def lost(self, reason: str) -> None: ...
+
+
+class SerialConnection(ABC):
+    """A device from opening to closing. `has_bit_times`: bytes take their time on a line (they do not on a pty)."""
+
+    has_bit_times = True
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Hands bytes over to the device without waiting."""
+
+    @property
+    @abstractmethod
+    def waiting(self) -> int:
+        """How many bytes have not left yet, as far as that can be asked."""
+
+    @property
+    def has_carrier(self) -> bool | None:
+        """Whether a modem says that there is a carrier (DCD); None where that is not known."""
+        return None
+
+    @abstractmethod
+    def set_line(self, name: str, on: bool) -> None:
+        """Sets a pyserial attribute (`rts`, `break_condition`), where the device has it."""
+
+    @abstractmethod
+    def flush_input(self) -> None:
+        """Drops what has come and has not been read."""
+
+    @abstractmethod
+    def drop_output(self) -> None:
+        """Drops what has not left, where closing the device would wait for it."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Closes the device, soon; nothing is told any more."""
+
+
+def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PLAIN) -> Any:
+    """The pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`."""
+    import serial
+
+    line = settings or LineFormat(9600)
+    options: dict[str, Any] = {"timeout": POLL, "exclusive": True if is_device(url) and os.name == "posix" else None}
+    opened = serial.serial_for_url(
+        url,
+        baudrate=line.speed,
+        bytesize=line.data_bits,
+        parity=line.parity,
+        stopbits=line.stop_bits,
+        rtscts=wiring.handshake == "rtscts",
+        xonxoff=wiring.handshake == "xonxoff",
+        do_not_open=True,
+        **options,
+    )
+    if wiring.listen_only:
+        opened.rts = opened.dtr = False
+    opened.open()
+    if wiring.direction is not None and wiring.direction.by == "driver":
+        _let_driver_switch(opened, wiring.direction)
+    with contextlib.suppress(*SERIAL_ERRORS):
+        opened.reset_input_buffer()
+    return opened
+
+
+def _let_driver_switch(device: Any, direction: Direction) -> None:
+    """Hands the direction of the line over to the driver (TIOCSRS485). Raises OSError where it cannot do that."""
+    from serial.rs485 import RS485Settings
+
+    try:
+        device.rs485_mode = RS485Settings(
+            rts_level_for_tx=direction.high,
+            rts_level_for_rx=not direction.high,
+            delay_before_tx=direction.before / 1e9 or None,
+            delay_before_rx=direction.after / 1e9 or None,
+        )
+    except SWITCH_ERRORS as error:
+        device.close()
+        raise OSError("its driver cannot switch the direction – use direction: rts") from error
+
+
+def is_device(url: str) -> bool:
+    """Whether it is a device of this machine and no URL."""
+    return "://" not in url
+
+
+def reason_of(error: Exception) -> str:
+    """Why a device could not be opened or was lost, for people."""
+    number = getattr(error, "errno", None)
+    if number is None and error.__context__ is not None:  # pyserial hides what the system said of settings in words
+        number = next(iter(error.__context__.args), None)
+    if number in _REASONS:
+        return _REASONS[number]
+    return str(error) or type(error).__name__
+
+
+def set_attribute(device: Any, name: str, on: bool) -> None:
+    """Sets a line of a device; one that it does not have is passed over."""
+    with contextlib.suppress(*SERIAL_ERRORS, NotImplementedError):
+        setattr(device, name, on)
+
+
+Order = Callable[[Any], None]
+
+
+class ThreadConnection(SerialConnection):
+    """A device that is being opened, or is open. `previous` is closed before this one is opened."""
+
+    def __init__(
+        self,
+        url: str,
+        settings: LineFormat | None,
+        clock: AsyncioClock,
+        events: SerialEvents,
+        previous: ThreadConnection | None = None,
+        wiring: LineSettings = PLAIN,
+    ) -> None:
+        self.url = url
+        self.settings = settings
+        self.wiring = wiring
+        self.clock = clock
+        self.events = events
+        self.finished = threading.Event()
+        self._stopping = threading.Event()
+        self._heard = threading.Event()
+        self._orders: SimpleQueue[Order | None] = SimpleQueue()
+        self._unwritten = 0
+        self._closed = False
+        self._previous = previous.finished if previous is not None else None
+        threading.Thread(target=self._run, daemon=True, name=f"reads {url}").start()
+
+    # ---- in the threads -----------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        if self._previous is not None:
+            self._previous.wait()
+        try:
+            device = open_device(self.url, self.settings, self.wiring)
+        except SERIAL_ERRORS as error:
+            self._tell_lost(error)
+        else:
+            threading.Thread(target=self._write_forever, args=(device,), daemon=True, name=f"writes {self.url}").start()
+            self._tell(self.events.opened)
+            self._read_forever(device)
+            with contextlib.suppress(*SERIAL_ERRORS):
+                device.close()
+        finally:
+            self._orders.put(None)
+            self.finished.set()
+
+    def _read_forever(self, device: Any) -> None:
+        try:
+            while not self._stopping.is_set():
+                data = device.read(1)
+                while data and (more := device.in_waiting) and len(data) < READ_SIZE:
+                    data += device.read(min(more, READ_SIZE))
+                if data:
+                    self._heard.clear()
+                    self._tell(partial(self._received, bytes(data), self.clock.now()))
+                    while not self._heard.wait(POLL) and not self._stopping.is_set():
+                        pass
+        except SERIAL_ERRORS as error:
+            self._tell_lost(error)
+
+    def _write_forever(self, device: Any) -> None:
+        try:
+            while (order := self._orders.get()) is not None:
+                order(device)
+        except SERIAL_ERRORS as error:
+            self._tell_lost(error)
+            self._stopping.set()
+
+    def _tell_lost(self, error: Exception) -> None:
+        reason = reason_of(error)
+        self._tell(lambda: self.events.lost(reason))
+
+    def _tell(self, call: Callable[[], None]) -> None:
+        """A call of the loop, unless nobody is to be told any more or the loop is closed."""
+        with contextlib.suppress(RuntimeError):
+            self.clock.loop.call_soon_threadsafe(lambda: None if self._closed else call())
+
+    # ---- in the loop --------------------------------------------------------------------------------------
+
+    def _received(self, data: bytes, now: int) -> None:
+        """What has been read; the next is read when this has been dealt with."""
+        self._heard.set()
+        self.events.received(data, now, ())
+
+    def stop(self) -> None:
+        self._closed = True
+        self._stopping.set()
+        self._orders.put(None)
+
+    def write(self, data: bytes) -> None:
+        self._unwritten += len(data)
+
+        def order(device: Any) -> None:
+            device.write(data)
+            self._tell(lambda: self._written(len(data)))
+
+        self._orders.put(order)
+
+    def _written(self, count: int) -> None:
+        self._unwritten -= count
+
+    @property
+    def waiting(self) -> int:
+        return self._unwritten
+
+    def set_line(self, name: str, on: bool) -> None:
+        self._orders.put(lambda device: set_attribute(device, name, on))
+
+    def drop_output(self) -> None:
+        """Nothing: a thread of its own closes the device, and nobody waits for it."""
+
+    def flush_input(self) -> None:
+        def order(device: Any) -> None:
+            with contextlib.suppress(*SERIAL_ERRORS):
+                device.reset_input_buffer()
+
+        self._orders.put(order)
+
 
 SHORTEST_LOOK = 500_000
 """Between two looks at a driver's queue that is not empty yet, at least (ns)."""
@@ -49,8 +323,6 @@ class SerialPort(Port):
 
     def _connect(self, use: _SerialUse) -> SerialConnection:
         if is_device(self.name) and os.name == "posix":
-            from framekit.transport.serial_descriptor import DescriptorConnection
-
             return DescriptorConnection(self.name, self.settings, self.clock, use, self.wiring)
         previous = self._last_threads
         self._last_threads = ThreadConnection(self.name, self.settings, self.clock, use, previous, self.wiring)
@@ -204,3 +476,246 @@ class _SerialUse:
         self.set_line("break_condition", False)
         if not self._over:
             self._go_on()
+
+
+MARK = 0xFF
+READ_COUNTERS = 0x545D
+"""TIOCGICOUNT of Linux (tty_ioctl(2)): counts of interrupts and of damage; 20 native integers."""
+
+
+class Marks:
+    """Takes the marks out of a stream that may be cut anywhere."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def take_out(self, data: bytes) -> tuple[bytes, list[int]]:
+        """The characters, and which of them (indices) are marked; an unfinished mark is kept for the next time."""
+        if not self._rest and MARK not in data:
+            return data, []
+        data, self._rest = self._rest + data, b""
+        found, marked, place = bytearray(), [], 0
+        while place < len(data):
+            if data[place] != MARK:
+                found.append(data[place])
+                place += 1
+                continue
+            size = 3 if data[place + 1 : place + 2] == b"\x00" else 2
+            if len(data) < place + size:
+                self._rest = data[place:]
+                break
+            if size == 3:
+                marked.append(len(found))
+            found.append(data[place + size - 1])
+            place += size
+        return bytes(found), marked
+
+    def clear(self) -> None:
+        """The input has been dropped."""
+        self._rest = b""
+
+
+@dataclass(frozen=True, slots=True)
+class DamageCounts:
+    """How many characters a driver has found damaged, and how many breaks."""
+
+    framing: int = 0
+    parity: int = 0
+    breaks: int = 0
+
+    def since(self, earlier: DamageCounts) -> DamageCounts:
+        """What has been added."""
+        return DamageCounts(self.framing - earlier.framing, self.parity - earlier.parity, self.breaks - earlier.breaks)
+
+
+def damage_counts(descriptor: int) -> DamageCounts | None:
+    """The counts of a port's driver; None where there are none."""
+    if sys.platform != "linux":
+        return None
+    try:
+        counts = struct.unpack("20i", fcntl.ioctl(descriptor, READ_COUNTERS, bytes(80)))
+    except OSError:
+        return None
+    return DamageCounts(framing=counts[6], parity=counts[8], breaks=counts[9])
+
+
+def mark_damage(descriptor: int) -> bool:
+    """Switches the marks on, where the terminal can; whether it marks now. Raises nothing."""
+    try:
+        attributes = termios.tcgetattr(descriptor)
+        attributes[0] &= ~(termios.IGNPAR | termios.IGNBRK | termios.BRKINT | termios.ISTRIP)
+        attributes[0] |= termios.INPCK | termios.PARMRK
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+        return bool(termios.tcgetattr(descriptor)[0] & termios.PARMRK)
+    except (OSError, termios.error):
+        return False
+
+
+def read_at_least_one(descriptor: int) -> None:
+    """Makes "nothing there" and "the other end is gone" different answers to a non-blocking read. Raises nothing."""
+    try:
+        attributes = termios.tcgetattr(descriptor)
+        attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    except (OSError, termios.error):
+        return
+
+
+class DescriptorConnection(SerialConnection):
+    """An open device of this machine. Raises one of `SERIAL_ERRORS` when it cannot be opened."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: LineFormat | None,
+        clock: AsyncioClock,
+        events: SerialEvents,
+        wiring: LineSettings = PLAIN,
+    ) -> None:
+        self.clock = clock
+        self.events = events
+        self._device = device = _open(name, settings, wiring)
+        self._descriptor: int = device.fileno()
+        self.has_bit_times = not is_pseudo(self._descriptor)
+        self._fault = LineFault.FRAMING if settings is None or settings.parity == "N" else LineFault.PARITY
+        read_at_least_one(self._descriptor)
+        self._marks = Marks() if self.has_bit_times and mark_damage(self._descriptor) else None
+        self._counts = damage_counts(self._descriptor)
+        self._unsent = bytearray()
+        self._stopped = False
+        os.set_blocking(self._descriptor, False)
+        clock.loop.add_reader(self._descriptor, self._readable)
+        clock.call_soon(events.opened)
+
+    def stop(self) -> None:
+        if self._stopped:
+            return
+        self._stopped = True
+        self.clock.loop.remove_reader(self._descriptor)
+        self.clock.loop.remove_writer(self._descriptor)
+        with contextlib.suppress(*SERIAL_ERRORS):
+            self._device.close()
+
+    def _lost(self, reason: str) -> None:
+        self.stop()
+        self.events.lost(reason)
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    def _readable(self) -> None:
+        try:
+            data = os.read(self._descriptor, READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(reason_of(error))
+            return
+        now = self.clock.now()
+        if not data:
+            self._lost("the device is gone")
+        elif self._marks is None:
+            self.events.received(data, now, ())
+        else:
+            self._tell(*self._marks.take_out(data), now)
+
+    def _tell(self, data: bytes, marked: list[int], now: int) -> None:
+        """Tells of characters and breaks in their order."""
+        added = self._added() if marked else None
+        breaks = [index for index in marked if data[index] == 0]
+        if added is not None:
+            # A break is read as a marked 00, and so is a damaged 00; the driver's counts tell how many were breaks.
+            breaks = breaks[: max(0, added.breaks)]
+        fault = self._fault
+        if added is not None and (added.parity > 0) != (added.framing > 0):
+            fault = LineFault.PARITY if added.parity > 0 else LineFault.FRAMING
+        start = 0
+        for end in [*breaks, len(data)]:
+            if self._stopped:
+                return
+            if end > start:
+                faults = tuple(CharacterFault(index - start, fault) for index in marked if start <= index < end)
+                self.events.received(data[start:end], now, faults)
+            if end < len(data) and not self._stopped:
+                self.events.line_break(now)
+            start = end + 1
+
+    def _added(self) -> DamageCounts | None:
+        """The damage counted since the last time; None where nobody counts."""
+        before, self._counts = self._counts, damage_counts(self._descriptor)
+        return None if before is None or self._counts is None else self._counts.since(before)
+
+    def flush_input(self) -> None:
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self._descriptor, termios.TCIFLUSH)
+        if self._marks is not None:
+            self._marks.clear()
+
+    def drop_output(self) -> None:
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self._descriptor, termios.TCOFLUSH)
+        self._unsent.clear()
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    def write(self, data: bytes) -> None:
+        self._unsent += data
+        self._write_more()
+
+    def _write_more(self) -> None:
+        """Hands over what the driver takes now; the rest follows when it can."""
+        loop = self.clock.loop
+        try:
+            del self._unsent[: os.write(self._descriptor, self._unsent)]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self._unsent.clear()
+            loop.remove_writer(self._descriptor)
+            reason = reason_of(error)
+            self.clock.call_soon(lambda: None if self._stopped else self._lost(reason))
+            return
+        if self._unsent:
+            loop.add_writer(self._descriptor, self._write_more)
+        else:
+            loop.remove_writer(self._descriptor)
+
+    @property
+    def waiting(self) -> int:
+        with contextlib.suppress(*SERIAL_ERRORS):
+            return len(self._unsent) + int(self._device.out_waiting)
+        return len(self._unsent)
+
+    @property
+    def has_carrier(self) -> bool | None:
+        with contextlib.suppress(*SERIAL_ERRORS, AttributeError):
+            return bool(self._device.cd)
+        return None  # a pseudo-terminal has no such line
+
+    def set_line(self, name: str, on: bool) -> None:
+        set_attribute(self._device, name, on)
+
+
+def _open(name: str, settings: LineFormat | None, wiring: LineSettings) -> Any:
+    """A pseudo-terminal need not know the speed and format of a real line; any will do then."""
+    try:
+        try:
+            return open_device(name, settings, wiring)
+        except (ValueError, termios.error):
+            if not is_pseudo_name(name):
+                raise
+            return open_device(name, None, wiring)
+    except (ValueError, termios.error) as error:
+        raise OSError(f"the device cannot be set to {settings}: {error}") from error
+
+
+def is_pseudo(descriptor: int) -> bool:
+    """Whether it is a pseudo-terminal."""
+    try:
+        return is_pseudo_name(os.ttyname(descriptor))
+    except OSError:
+        return False
+
+
+def is_pseudo_name(name: str) -> bool:
+    """Whether a path, or what it links to, is a pseudo-terminal."""
+    return os.path.realpath(name).startswith(("/dev/pts/", "/dev/ttyp", "/dev/ttys0"))

@@ -11,8 +11,8 @@ from pathlib import Path
 from framekit.link.observe import Seen
 from framekit.run.model import ConnectionLimits
 from framekit.runfile.run_file import load_run
-from framekit.service.listening_port import ListeningPort
 from framekit.service.run import RunService
+from framekit.service.serving import ListeningPort
 from framekit.service.status import run_status
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.pty_pair import PtyPair

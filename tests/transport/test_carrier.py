@@ -8,8 +8,7 @@ import pytest
 
 from framekit.definition.times import PLAIN, LineSettings, Modem
 from framekit.transport.clock import VirtualClock
-from framekit.transport.serial_device import SerialConnection
-from framekit.transport.serial_port import SerialPort
+from framekit.transport.serial_port import SerialConnection, SerialPort
 
 SECOND = 1_000_000_000
 

@@ -14,10 +14,9 @@ from transport.real_world import Waiting, open_pty, opened, run
 
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
-from framekit.transport import serial_descriptor
+from framekit.transport import serial_port
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_descriptor import DamageCounts, Marks, damage_counts, mark_damage
-from framekit.transport.serial_port import SerialPort
+from framekit.transport.serial_port import DamageCounts, Marks, SerialPort, damage_counts, mark_damage
 
 
 def marked(characters: list[tuple[int, bool]]) -> bytes:
@@ -92,9 +91,9 @@ def test_a_port_tells_of_damage_and_breaks_in_order(
 ) -> None:
     """The terminal here is a pseudo-terminal: it is taken for a real one, and the marks are those it does not make."""
     counted = [DamageCounts(), added]
-    monkeypatch.setattr(serial_descriptor, "is_pseudo", lambda descriptor: False)
-    monkeypatch.setattr(serial_descriptor, "mark_damage", lambda descriptor: True)
-    monkeypatch.setattr(serial_descriptor, "damage_counts", lambda descriptor: counted.pop(0) if added else None)
+    monkeypatch.setattr(serial_port, "is_pseudo", lambda descriptor: False)
+    monkeypatch.setattr(serial_port, "mark_damage", lambda descriptor: True)
+    monkeypatch.setattr(serial_port, "damage_counts", lambda descriptor: counted.pop(0) if added else None)
 
     async def check() -> None:
         path, master = open_pty()

@@ -15,8 +15,7 @@ from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_pair import PtyPair
 from framekit.transport.schemes import host_and_port, open_port
-from framekit.transport.serial_device import open_device
-from framekit.transport.serial_port import SerialPort
+from framekit.transport.serial_port import SerialPort, open_device
 from framekit.transport.tcp import TcpListener, TcpPort
 
 

@@ -21,7 +21,7 @@ from framekit.cli.serve_verb import ServeSession
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.runfile.run_file import load_run
 from framekit.service.monitor import FrameFilter
-from framekit.service.serving_ports import line_of
+from framekit.service.serving import line_of
 from framekit.transport.pty_pair import PtyPair
 
 pytest.importorskip("textual")
