@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.link.codes import code_text
+from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
 from framekit.run.block_state import ErrorCode, error_code, error_table
 

@@ -8,24 +8,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import VerbError, add_json, add_protocol, near, print_json, status_of, told_once
 
 if TYPE_CHECKING:
+    from framekit.api.check import Checked
     from framekit.definition.problems import Problem
-    from framekit.run.feasibility import ChannelLoad
-
-
-@dataclass(frozen=True)
-class Checked:
-    """What a file is, in words, what is wrong with it, and the load of its channels."""
-
-    what: str
-    problems: list[Problem]
-    loads: tuple[ChannelLoad, ...] = ()
 
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +25,8 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
+    from framekit.api.check import check_file
+
     results = [(name, check_file(name)) for name in arguments.files]
     status = status_of(problem for _, checked in results for problem in checked.problems)
     if arguments.json:
@@ -80,140 +72,14 @@ def _as_json(problem: Problem) -> dict[str, object]:
     }
 
 
-def check_file(name: str) -> Checked:
-    """What a file is, and what is wrong with it."""
-    from framekit.definition.load.library import definition_path
-    from framekit.definition.nodes import read_nodes
-    from framekit.definition.problems import DefinitionError
-    from framekit.definition.schema import kind_of
-
-    try:
-        path = definition_path(name)
-        kind = kind_of(read_nodes(path, noted=[]))
-        checked = CHECKS[kind](path)
-        return Checked(checked.what, sorted(checked.problems), checked.loads)
-    except DefinitionError as error:
-        return Checked("", list(error.problems))
-
-
-def _protocol(path: Path) -> Checked:
-    from framekit.codec.ambiguity import check_matrices
-    from framekit.definition.load import load_protocol
-    from framekit.link.addresses import check_addresses
-
-    protocol = load_protocol(path)
-    problems = [*protocol.warnings, *check_matrices(protocol)]
-    problems += check_addresses(protocol.addresses, protocol.areas, protocol.tables)
-    roles = f", roles {', '.join(protocol.roles)}" if protocol.roles else ""
-    return Checked(f"{protocol.kind} {protocol.name}, {len(protocol.frames)} frames{roles}", problems)
-
-
-def _device(path: Path) -> Checked:
-    from framekit.runfile.devices import load_devices
-
-    devices = load_devices(path, path.parent)
-    name = devices[0].name
-    protocol = " and ".join(dict.fromkeys(device.protocol.name for device in devices))
-    alone = [device for device in devices if not device.shares]
-    if len(alone) == 1:
-        return Checked(f"device {name} speaking {protocol}", [])
-    stations = ", ".join(device.station for device in alone)
-    name = name.removesuffix(f" {devices[0].own}")
-    return Checked(f"device {name}, stations {stations}, speaking {protocol}", [])
-
-
-def _run(path: Path) -> Checked:
-    from framekit.codec.ambiguity import check_matrices
-    from framekit.definition.problems import DefinitionError
-    from framekit.run.feasibility import load_problems
-    from framekit.runfile.run_file import read_run
-    from framekit.service.device import devices_of
-    from framekit.service.simulation import loads_of
-
-    loaded, channels, found = read_run(path)
-    problems: list[Problem] = []
-    for channel in channels:
-        try:
-            devices_of(channel, path.parent)
-        except DefinitionError as error:
-            problems += error.problems
-    if loaded is None:
-        raise DefinitionError([*found, *problems])
-    for protocol in {id(channel.protocol): channel.protocol for channel in loaded.channels.values()}.values():
-        problems += [problem for problem in check_matrices(protocol) if not problem.warning]
-    if problems:
-        raise DefinitionError(problems)
-    loads = loads_of(loaded)
-    what = f"run {loaded.name}, {len(loaded.blocks)} blocks on {len(loaded.channels)} channels"
-    return Checked(what, [*loaded.warnings, *load_problems(loads)], loads)
-
-
-def _vectors(path: Path) -> Checked:
-    from framekit.definition.load import load_protocol
-    from framekit.definition.load.library import definition_path
-    from framekit.definition.load.vectors import read_vectors
-    from framekit.definition.problems import DefinitionError, Problem
-    from framekit.service.vectors import vector_problems
-
-    vectors, problems = read_vectors(path)
-    if vectors is None:
-        raise DefinitionError(problems)
-    try:
-        protocol = load_protocol(definition_path(vectors.protocol, path.parent))
-        problems = [*problems, *vector_problems(vectors, protocol)]
-    except DefinitionError as error:
-        if error.problems[0].at.file == vectors.protocol:
-            what, todo = error.problems[0].what, error.problems[0].todo
-        else:
-            what, todo = f"the definition of '{vectors.protocol}' is not right", f"framekit check {vectors.protocol}"
-        raise DefinitionError([*problems, Problem(vectors.protocol_at, what, todo)]) from None
-    if problems:
-        raise DefinitionError(problems)
-    what = f"vectors of {vectors.protocol}, {len(vectors.frames)} frames, {len(vectors.conversations)} conversations"
-    return Checked(what, [])
-
-
-def _memory(path: Path) -> Checked:
-    from framekit.link.addresses import check_addresses
-    from framekit.memory.profile import load_profile
-    from framekit.run.block_words import check_items
-    from framekit.runfile.devices import check_profile
-
-    profile = load_profile(path)
-    problems = check_addresses(profile.addresses, profile.areas, profile.tables)
-    problems += [*check_items(profile.flags.values()), *check_profile(profile)]
-    return Checked(f"memory {profile.name}, {len(profile.areas)} areas", problems)
-
-
-def _faults(path: Path) -> Checked:
-    from framekit.definition.problems import plural
-    from framekit.runfile.fault_plans import load_fault_plan
-
-    plan = load_fault_plan(path)
-    return Checked(f"faults {plan.name}, {plural(len(plan.rules), 'rule')}", [])
-
-
-def _jobs(path: Path) -> Checked:
-    from framekit.runfile.job_profiles import load_job_profile
-
-    profile = load_job_profile(path)
-    return Checked(f"jobs {profile.name}, {len(profile.slots)} slots, {profile.bits.size} status bits", [])
-
-
-CHECKS = {
-    "protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory, "faults": _faults,
-    "jobs": _jobs,
-}  # fmt: skip
-
-
 def add_test_arguments(parser: argparse.ArgumentParser) -> None:
     add_protocol(parser)
     add_json(parser)
 
 
 def run_test(arguments: argparse.Namespace) -> int:
+    from framekit.api.vectors import run_vectors, vectors_path
     from framekit.definition.load.library import definition_path
-    from framekit.service.vectors import run_vectors, vectors_path
 
     results = run_vectors(arguments.protocol, Path.cwd())
     if not results:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.codec.shown import explain
 
 if TYPE_CHECKING:
+    from framekit.api.monitor import FrameFilter
     from framekit.codec.plain import PlainValues
     from framekit.codec.stored import StoredCodec
     from framekit.definition.model.protocol import Protocol
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
     from framekit.link.observe import Seen
     from framekit.link.scope import Scope
-    from framekit.service.monitor import FrameFilter
 
 
 class VerbError(Exception):
@@ -264,7 +264,7 @@ def params_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def filter_of(arguments: argparse.Namespace) -> FrameFilter:
     """What the command line wants to see."""
-    from framekit.service.monitor import FrameFilter
+    from framekit.api.monitor import FrameFilter
 
     return FrameFilter(frame=arguments.frame_name, bad_only=arguments.bad, text=arguments.filter)
 
@@ -352,7 +352,7 @@ def what_was_seen(seen: Seen) -> str:
 
 def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOWN) -> str:
     """The bytes as hex pairs or as ASCII, no more than `longest` of them."""
-    from framekit.service.monitor import ascii_of
+    from framekit.api.monitor import ascii_of
 
     cut = " …" if len(data) > longest else ""
     return (ascii_of(data[:longest]) if as_ascii else spaced(data[:longest])) + cut

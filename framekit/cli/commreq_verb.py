@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import VerbError, WordsError, assignment, duration_of, load, print_json, why_not
 from framekit.cli.device_verbs import add_line, carry_out
+from framekit.codec.shown import code_text
 from framekit.definition.model.walk import parts_of
-from framekit.link.codes import code_text
 
 if TYPE_CHECKING:
     from framekit.api.client import Client

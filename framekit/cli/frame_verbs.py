@@ -34,7 +34,7 @@ from framekit.cli.common import (
     table,
     why_not,
 )
-from framekit.link.codes import code_text
+from framekit.codec.shown import code_text
 
 if TYPE_CHECKING:
     from framekit.codec.plain import PlainValues
@@ -215,10 +215,10 @@ def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Acti
 
 def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Prints everything; 1 when there was a bad frame or noise. Raises VerbError."""
+    from framekit.api.monitor import result_of
     from framekit.codec.plain import PlainValues
     from framekit.link.parameters import ParameterError
     from framekit.service.capture import CaptureDecoder, CaptureError
-    from framekit.service.monitor import result_of
 
     wanted, plain = filter_of(arguments), PlainValues(protocol)
     counts: Counter[str] = Counter()

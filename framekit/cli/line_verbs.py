@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.cli.common import (
     PortError,
     VerbError,
@@ -36,17 +37,16 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.service.monitor import FrameLog, LineOf, LiveView
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
+    from framekit.api.lines import LoopbackResult
+    from framekit.api.monitor import LineMonitor
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.times import LineFormat
     from framekit.link.observe import Seen
     from framekit.service.capture import Capture
-    from framekit.service.line_tests import LoopbackResult
-    from framekit.service.monitor import LineMonitor
     from framekit.transport.port import LineEvent, Port
 
 
@@ -97,7 +97,7 @@ class _Printer:
         self._wanted = filter_of(arguments)
 
     def show(self, seen: Seen) -> None:
-        from framekit.service.monitor import result_of
+        from framekit.api.monitor import result_of
 
         if seen.kind not in ("open", "closed") and not self._wanted.takes(1, seen):
             return
@@ -132,9 +132,9 @@ def monitor_of(
     on_state: Callable[[str], None] | None = None,
 ) -> tuple[LineMonitor, Capture | None]:
     """The monitor that a command line asks for, and its capture. Raises VerbError, OSError."""
+    from framekit.api.monitor import LineMonitor
     from framekit.link.parameters import ParameterError
     from framekit.service.capture import Capture
-    from framekit.service.monitor import LineMonitor
     from framekit.transport.schemes import open_port
 
     try:
@@ -285,7 +285,7 @@ def _events(arguments: argparse.Namespace) -> list[LineEvent]:
 
 
 async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
-    from framekit.service.line_tests import Replay
+    from framekit.api.lines import Replay
 
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[str] = loop.create_future()
@@ -380,7 +380,7 @@ def _lines(arguments: argparse.Namespace) -> list[LineFormat]:
 
 
 def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
-    from framekit.service.line_tests import Loopback
+    from framekit.api.lines import Loopback
     from framekit.transport.simulated_line import SimulatedLine
 
     clock = VirtualClock()
@@ -395,7 +395,7 @@ def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
 
 
 async def _real(url: str, lines: list[LineFormat]) -> list[LoopbackResult]:
-    from framekit.service.line_tests import Loopback
+    from framekit.api.lines import Loopback
     from framekit.transport.schemes import open_port
 
     loop = asyncio.get_running_loop()

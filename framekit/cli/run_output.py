@@ -8,13 +8,14 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import VerbError, seen_data, seen_text, table, told
+from framekit.codec.shown import code_text
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time
-from framekit.link.codes import code_text
 from framekit.memory.memory import unit_bits
 from framekit.run.feasibility import milliseconds
 
 if TYPE_CHECKING:
+    from framekit.api.status import ChannelStatus, JobsStatus, RunStatus
     from framekit.definition.model.segments import Segment
     from framekit.link.observe import Seen
     from framekit.run.block_state import BlockState, BlockStatus
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from framekit.run.job_table import JobStatus
     from framekit.run.model import Block, RunModel
     from framekit.service.run import RunService
-    from framekit.service.status import ChannelStatus, JobsStatus, RunStatus
     from framekit.transport.clock import Clock
 
 
@@ -303,8 +303,8 @@ class JsonOutput(RunOutput):
     """One JSON object a line: `seen` for what goes by, `block` and `channel` for each of these at the end."""
 
     def seen(self, channel: int, seen: Seen) -> None:
+        from framekit.api.monitor import result_of
         from framekit.codec.plain import PlainValues
-        from framekit.service.monitor import result_of
 
         assert self.at_work is not None
         model = self.at_work.channels[channel].channel

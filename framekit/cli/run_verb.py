@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.cli.common import (
     VerbError,
     WordsError,
@@ -29,7 +30,6 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.service.monitor import FrameLog, LineOf, LiveView
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
@@ -70,11 +70,11 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_run(arguments: argparse.Namespace) -> int:
+    from framekit.api.status import content_of
     from framekit.cli.run_output import JsonOutput, TextOutput
     from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import load_run
     from framekit.service.simulation import loads_of
-    from framekit.service.status import content_of
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
@@ -177,7 +177,7 @@ async def _real(
 
 async def _watch_file(watched: Watched, service: RunService, output: RunOutput) -> None:
     """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
-    from framekit.service.status import FileWatch, reasons
+    from framekit.api.status import FileWatch, reasons
 
     files = FileWatch(
         watched.path,
@@ -267,8 +267,8 @@ class RunWatch:
 
     def show(self) -> None:
         """Prints the status as it is now."""
+        from framekit.api.status import run_status
         from framekit.cli.run_output import status_data, status_text
-        from framekit.service.status import run_status
 
         if self._service is None:
             return
@@ -289,7 +289,7 @@ class RunWatch:
 
 def control(service: RunService, output: RunOutput, stop: Callable[[], None]) -> None:
     """Begins to read; the end of the input ends the control, not the run. `stop` is called for the line `stop`."""
-    from framekit.service.status import ControlError, carry_out
+    from framekit.api.status import ControlError, carry_out
 
     loop = asyncio.get_running_loop()
 
@@ -333,7 +333,7 @@ class RunSession(LiveSession):
         self._stopped = False
 
     def control(self, line: str) -> str:
-        from framekit.service.status import ControlError, carry_out
+        from framekit.api.status import ControlError, carry_out
 
         if line.strip().lower() == "stop":
             self._stopped = True

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.cli.common import (
     PortError,
     VerbError,
@@ -31,7 +32,6 @@ from framekit.cli.common import (
 )
 from framekit.cli.screen.session import LiveSession
 from framekit.service.line_load import LineLoad
-from framekit.service.monitor import FrameLog, LineOf, LiveView
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import help_on_ports
 
@@ -356,7 +356,7 @@ class ServeOutput:
 
     def reasons(self, serving: Serving, number: int) -> dict[str, int]:
         """Why a device has refused requests, and how often."""
-        from framekit.link.codes import refusal_text
+        from framekit.codec.shown import refusal_text
 
         protocol, counters = self.devices[number].protocol, serving.stores[number].counters
         return {refusal_text(protocol, code): count for code, count in sorted(counters.refused.items())}

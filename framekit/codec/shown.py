@@ -6,6 +6,8 @@ from opcode import opmap
 from pathlib import Path
 from typing import Any
 
+from framekit.definition.model.protocol import Protocol
+
 
 def shown(value: Any) -> Any:
     """JSON-ready values: bytes as upper-case hex pairs, the rest as it is."""
@@ -53,3 +55,17 @@ def _is_worded(error: Exception) -> bool:
     code = place.tb_frame.f_code
     is_ours = code.co_filename.startswith((_OURS, "<"))
     return is_ours and code.co_code[place.tb_lasti] == _RAISE
+
+
+def code_text(code: int, digits: int = 4) -> str:
+    """`0x0002`, `0xF007`: as a word, which is what they are in status words; larger ones have more digits."""
+    return f"0x{code:0{digits}X}" if code >= 0 else str(code)
+
+
+def refusal_text(protocol: Protocol, code: int) -> str:
+    """A refusal with its code in the protocol's way and what that means, where the protocol says it."""
+    names = () if protocol.errors is None else protocol.errors.names
+    ordered = sorted(names, key=lambda item: item.when is not None)  # which side it was does not show here
+    tables = (protocol.tables[item.table].entries for item in ordered if item.table in protocol.tables)
+    meaning = next((str(table[code]) for table in tables if code in table), "")
+    return f"refused {code_text(code)}" + (f" {meaning}" if meaning else "")

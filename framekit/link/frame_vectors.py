@@ -9,12 +9,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from framekit.codec.plain import PlainValues
-from framekit.codec.shown import explain
+from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.vectors import FrameVector
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
-from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.receiver import Receiver

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
-from framekit.codec.shown import explain
+from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
-from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameTable, ProtocolCodec

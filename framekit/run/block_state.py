@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, Protocol
 
-from framekit.link.codes import code_text
+from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
 from framekit.run.model import BLOCKS_IN_SET, STATIONED, Block
 from framekit.run.triggers import ArmedTriggers

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+from framekit.codec.shown import code_text
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.problems import Position
-from framekit.link.codes import code_text
 
 
 class CodeClass(Enum):

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
+from framekit.codec.shown import code_text
 from framekit.definition.times import NEVER
-from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.run.block_state import Failure
 from framekit.run.job_profile import OTHERWISE, AfterLate, CodeClass, EventCode, JobProfile, StatusBits

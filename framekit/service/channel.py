@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.shown import refusal_text
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
-from framekit.link.codes import refusal_text
 from framekit.link.engine import Engine
 from framekit.link.exchange import Asked, Server
 from framekit.link.observe import Monitor, Seen

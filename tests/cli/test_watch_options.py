@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from framekit.api.status import run_status
 from framekit.cli.common import begin_log
 from framekit.cli.main import main
 from framekit.runfile.run_file import load_run
 from framekit.service.capture import CaptureReader, _Sink
 from framekit.service.run import RunService
-from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 from framekit.transport.pty_pair import PtyPair
 

@@ -11,7 +11,7 @@ import pytest
 from construct_oracle import compile_construct
 from small_protocol import small_protocol
 
-from framekit.cli.check_verb import check_file
+from framekit.api.check import check_file
 from framekit.codec.ambiguity import ALIKE
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError

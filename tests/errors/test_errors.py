@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.cli import check_verb
+from framekit.api import check
 from framekit.cli.main import main
 from framekit.definition.problems import Problem
 
@@ -42,9 +42,9 @@ def as_written(path: Path, problems: list[Problem]) -> list[str]:
 def test_messages_and_exit_status(
     path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    checked = check_verb.check_file(str(path))
+    checked = check.check_file(str(path))
     assert as_written(path, checked.problems) == expected(path)
-    monkeypatch.setattr(check_verb, "check_file", lambda name: checked)  # the command line shows what was just found
+    monkeypatch.setattr(check, "check_file", lambda name: checked)  # the command line shows what was just found
     wrong = [line for line in expected(path) if ": warning: " not in line]
     assert main(["check", str(path)]) == (1 if wrong else 0)
     captured = capsys.readouterr()

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from errors.mutations import dumped, mutated
 
-from framekit.cli.check_verb import check_file
+from framekit.api.check import check_file
 
 ROOT = Path(__file__).parents[2]
 WANTED = int(os.environ.get("FRAMEKIT_MUTATIONS", "0"))

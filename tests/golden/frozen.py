@@ -16,6 +16,7 @@ from typing import Any
 
 from shipped import APPLICATIONS, FRAMES, PROTOCOLS
 
+from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.python.generate import generate_source
@@ -33,7 +34,6 @@ from framekit.link.observe import Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import plain
-from framekit.service.vectors import make_side
 
 NAMES = [*PROTOCOLS, *APPLICATIONS]
 KEPT_FRAMES = Path(__file__).parent / "frames"

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from link.link_world import compiled
 
+from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.load.vectors import load_vectors, parse_wire
@@ -15,7 +16,6 @@ from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
 from framekit.definition.problems import DefinitionError
 from framekit.link.conversation import SideUnderTest, run_conversation
 from framekit.link.frame_vectors import run_frame_vector
-from framekit.service.vectors import make_side
 
 FRAMES = Path(__file__).parents[2] / "frames"
 SHIPPED = sorted(FRAMES.glob("*.vectors.yaml"))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from framekit.api.status import run_status
 from framekit.run.block_state import ErrorCode
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
-from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from near_run import started
 
+from framekit.api.status import COMMANDS, ControlError, carry_out
 from framekit.service.run import RunService
-from framekit.service.status import COMMANDS, ControlError, carry_out
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from framekit.api.status import run_status
 from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen
 from framekit.run.edit import Edit, plan_edit
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
-from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000

@@ -9,7 +9,7 @@ from types import CodeType
 import pytest
 from job_bench import MS, SECOND, Bench
 
-from framekit.cli.check_verb import check_file
+from framekit.api.check import check_file
 from framekit.codec import codec
 from framekit.definition.model.protocol import Protocol
 from framekit.runfile.run_file import load_run

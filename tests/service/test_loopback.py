@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
+from framekit.api.lines import Loopback, LoopbackResult, pattern_of
 from framekit.definition.times import LineFormat
-from framekit.service.line_tests import Loopback, LoopbackResult, pattern_of
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port
 from framekit.transport.simulated_line import Fault, SimulatedLine, Transmission

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import pytest
 
+from framekit.api.lines import Replay
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
-from framekit.service.line_tests import Replay
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent
 from framekit.transport.simulated_line import SimulatedLine

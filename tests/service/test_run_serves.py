@@ -8,12 +8,12 @@ import select
 import socket
 from pathlib import Path
 
+from framekit.api.status import run_status
 from framekit.link.observe import Seen
 from framekit.run.model import ConnectionLimits
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.service.serving import ListeningPort
-from framekit.service.status import run_status
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.pty_pair import PtyPair
 

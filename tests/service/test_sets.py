@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from near_run import started
 
+from framekit.api.status import run_status
 from framekit.cli.run_output import status_data
 from framekit.service.run import RunService
-from framekit.service.status import run_status
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000

@@ -11,15 +11,15 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.widgets import DataTable, Footer, Header, Input, Static
 
+from framekit.api.monitor import FAULTY, FrameFilter
+from framekit.api.status import COMMANDS
 from framekit.cli.common import VerbError, shown_bytes, what_was_seen
 from framekit.cli.run_output import BLOCK_HEAD, block_row
-from framekit.service.monitor import FAULTY, FrameFilter
-from framekit.service.status import COMMANDS
 
 if TYPE_CHECKING:
+    from framekit.api.monitor import ChannelView, FieldRow, FrameEntry, LiveView
     from framekit.cli.screen.session import LiveSession
     from framekit.run.block_state import BlockStatus
-    from framekit.service.monitor import ChannelView, FieldRow, FrameEntry, LiveView
 
 
 MOST_ROWS = 500

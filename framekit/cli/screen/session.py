@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from framekit.service.monitor import LiveView
+    from framekit.api.monitor import LiveView
 
 
 class LiveSession:

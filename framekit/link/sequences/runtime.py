@@ -12,11 +12,10 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
-from framekit.codec.shown import explain
+from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.clock import with_date
-from framekit.link.codes import code_text
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable

@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 
+from framekit.api.monitor import FrameFilter
 from framekit.cli.main import build_parser, main
 from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.screen.app import parse_filter
 from framekit.cli.serve_verb import ServeSession
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.runfile.run_file import load_run
-from framekit.service.monitor import FrameFilter
 from framekit.service.serving import line_of
 from framekit.transport.pty_pair import PtyPair
 

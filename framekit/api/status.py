@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from framekit.api.monitor import USER_DEFINED
 from framekit.definition.problems import DefinitionError
 from framekit.run.block_state import BlockStatus
 from framekit.run.edit import RemovedBlocks
 from framekit.run.job_table import Event, JobStatus, TableCounters
 from framekit.run.model import BLOCKS_IN_SET, RunModel
 from framekit.runfile.run_file import load_run
-from framekit.service.monitor import USER_DEFINED
 from framekit.service.run import RunService
 
 if TYPE_CHECKING:
