@@ -46,7 +46,7 @@ class Engine:
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
     `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for.
     `monitor` is shown everything; without one that costs nothing. `on_fault` is shown everything but frames, `on_send`
-    is told of each frame that a sequence sends; neither has frames read.
+    is told of each frame that a sequence sends; neither has frames read. `is_stream`: of the port, see `Output`.
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
     what cannot be done is reported by outcomes and to the monitor.
     """
@@ -71,6 +71,7 @@ class Engine:
         clock_start: datetime = DEFAULT_START,
         device: DeviceState | None = None,
         counters: LinkCounters | None = None,
+        is_stream: bool = False,
     ) -> None:
         if line is None and protocol.line.kind == "serial":
             line = parse_format(protocol.line.format, protocol.line.speed)
@@ -85,7 +86,7 @@ class Engine:
         table = program.table
         self._context = Names({"request": None, "buffer": b""}, self.scope)
         self.receiver = Receiver(codec, protocol, self._context, table, self._frame_trouble)
-        self.output = Output(protocol.line, self.scope, self._commands)
+        self.output = Output(protocol.line, self.scope, self._commands, is_stream)
         self.machine = machine = Machine(self.scope, table, program.sequences, self.output)
         machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
         machine.on_fault, machine.on_send = on_fault, on_send
@@ -164,9 +165,10 @@ class Engine:
         """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
         self.scope.now = now
         machine = self.machine
-        item = self.output.left()
-        if item is not None:
+        items = self.output.left()
+        if items:
             self.receiver.answered()
+        for item in items:
             if item.run is not None:
                 machine.left(item.run)
             if item.on_sent is not None:
@@ -313,15 +315,16 @@ class Engine:
             deadline = min(deadline, self.receiver.deadline)
         if machine.late.items:
             deadline = min(deadline, machine.late.until)
-        if machine.session.is_open:
+        if machine.session.keep_alive is not None:
             deadline = min(deadline, self._keep_alive_at())
         return deadline
 
     def _keep_alive_at(self) -> int:
         """When the session has to be kept alive; never while there is other traffic under way."""
-        if not self.machine.session.is_open or self.output.outgoing is not None or not self.lanes.is_free:
+        session = self.machine.session
+        if session.keep_alive is None or self.output.outgoing is not None or not self.lanes.is_free:
             return NEVER
-        return self.machine.session.keep_alive_at(self.output.quiet_since)
+        return session.keep_alive_at(self.output.quiet_since)
 
     # ---- what follows -------------------------------------------------------------------------------------
 

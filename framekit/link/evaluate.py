@@ -37,11 +37,15 @@ class Names(dict[str, Any]):
         self.formulas = formulas
 
     def __missing__(self, name: str) -> Any:
-        if self.formulas is not None and name in self.formulas:
-            return self.formulas[name](self)
-        if self.parent is None:
-            raise KeyError(name)
-        return self.parent[name]
+        level: Names | None = self
+        while level is not None:
+            if name in level:
+                return level[name]
+            formulas = level.formulas
+            if formulas is not None and name in formulas:
+                return formulas[name](level)
+            level = level.parent
+        raise KeyError(name)
 
     def get(self, name: str, default: Any = None) -> Any:
         try:

@@ -265,7 +265,7 @@ class Lanes:
     @property
     def listens(self) -> bool:
         """Whether anything waits for frames."""
-        return any(run.state is State.RECEIVING for run in self.order)
+        return State.RECEIVING in [run.state for run in self.order]
 
     @property
     def held_until(self) -> int:

@@ -32,14 +32,17 @@ class OutputItem:
 class Output:
     """The queue to the line. `last_sent` and `last_received` are when the last character left or came (ns).
 
-    `is_immediate`: what is sent goes out without a pause or RTS before it.
+    `is_immediate`: what is sent goes out without a pause or RTS before it. `is_stream`: the port
+    has no times of its own, so frames that are due at once go out in one piece: `joined` leaves with `outgoing`.
     """
 
-    def __init__(self, line: Line, scope: Scope, commands: list[Command]) -> None:
+    def __init__(self, line: Line, scope: Scope, commands: list[Command], is_stream: bool = False) -> None:
         self.scope = scope
         self.commands = commands
         self.pending: deque[OutputItem] = deque()
         self.outgoing: OutputItem | None = None
+        self.joined: list[OutputItem] = []
+        self.is_stream = is_stream
         self.last_sent = self.last_received = scope.now - (1 << 62)
         self.clear_to_send = True
         self.is_open = False
@@ -59,8 +62,19 @@ class Output:
             self.outgoing = item
             self.commands.append(Send(item.data))
             return True
+        if outgoing is not None and self._joins(item):
+            return True
         self.pending.append(item)
         self.poll()
+        return True
+
+    def _joins(self, item: OutputItem) -> bool:
+        """Puts bytes behind those that are to be sent in this turn, if the port sends them as one."""
+        last = self.commands[-1] if self.is_stream and self.commands else None
+        if self.pending or not item.data or not self.is_immediate or type(last) is not Send or last.inside:
+            return False
+        self.commands[-1] = Send(last.data + item.data)
+        self.joined.append(item)
         return True
 
     def _fits_inside(self, outgoing: OutputItem, item: OutputItem) -> bool:
@@ -93,20 +107,25 @@ class Output:
             not_before = max(not_before, scope.now + int(self._key_delay(scope)))
         return not_before if not_before > scope.now else 0
 
-    def left(self) -> OutputItem | None:
-        """The last bit of what was given to the line has left it."""
-        item, self.outgoing = self.outgoing, None
+    def left(self) -> list[OutputItem]:
+        """The last bit of what was given to the line has left it: what was sent, nothing where that is forgotten."""
+        items = [] if self.outgoing is None else [self.outgoing]
+        if self.joined:
+            items += self.joined
+            self.joined = []
+        self.outgoing = None
         self.last_sent = self.scope.now
         if self.pending:
             self.poll()
         if self.outgoing is None and self._rts:
             self._rts = False
             self.commands.append(SetRts(False))
-        return item
+        return items
 
     def clear(self) -> None:
         """The connection is gone, and all that was to be sent with it."""
         self.pending.clear()
+        self.joined.clear()
         self.outgoing = None
         self._rts = False
 

@@ -12,7 +12,10 @@ from framekit.link.scope import Scope
 
 
 class SessionState:
-    """`is_open` between its opening and its end; `busy` while sequences open or close it."""
+    """`is_open` between its opening and its end; `busy` while sequences open or close it.
+
+    `keep_alive`: after how long a silence it has to be kept alive; None where it need not be.
+    """
 
     def __init__(self, session: Session | None, scope: Scope) -> None:
         self.session = session
@@ -21,18 +24,18 @@ class SessionState:
         self.busy = False
         self.station: Any = None
         self._one_station = _maybe(session and session.one_station)
-        self._keep_alive = _maybe(session and session.keep_alive_after)
+        self.keep_alive = _maybe(session and session.keep_alive_after)
 
     def plan(self, exchange: Exchange) -> list[tuple[str, str]]:
         """What has to run before an exchange: pairs of `close` or `open` and a sequence; `mark` has no sequence."""
         session = self.session
         if session is None:
             return []
+        if self.is_open and not exchange.outside_session and not self._another(exchange.station):
+            return []
         closing = [("close", name) for name in session.close] + [("ended", "")] if self.is_open else []
         if exchange.outside_session:
             return closing
-        if self.is_open and not self._another(exchange.station):
-            return []
         return [*closing, ("begin", ""), *(("open", name) for name in session.open), ("opened", "")]
 
     def is_ready(self, station: Any, outside: bool) -> bool:
@@ -71,9 +74,9 @@ class SessionState:
 
     def keep_alive_at(self, quiet_since: int) -> int:
         """When the line will have been quiet so long that the session has to be kept alive."""
-        if self._keep_alive is None or not self.is_open or self.busy:
+        if self.keep_alive is None or not self.is_open or self.busy:
             return NEVER
-        return min(quiet_since + int(self._keep_alive(self.scope)), NEVER)
+        return min(quiet_since + int(self.keep_alive(self.scope)), NEVER)
 
 
 def _maybe(expression: Any) -> Evaluate | None:

@@ -78,7 +78,7 @@ def attribute(value: Any, name: str) -> Any:
         if name == "refusal" and name not in value:
             return value.refusal or 0
         return value.field(name)
-    if isinstance(value, Mapping):
+    if type(value) is dict or isinstance(value, Mapping):
         return value[name]
     if isinstance(value, (list, tuple)):
         return [attribute(item, name) for item in value]

@@ -126,6 +126,7 @@ class ChannelService:
             on_frame=self._frame,
             monitor=monitor,
             on_send=self.counters.served.count if answers else None,
+            is_stream=port.is_stream,
         )
         self.engine.reception.on_bad = self._bad
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None

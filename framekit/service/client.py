@@ -118,6 +118,7 @@ class ClientService:
             ask=self._ask,
             on_frame=self._frame,
             monitor=monitor,
+            is_stream=port.is_stream,
         )
         self.tracking = _Tracking(engine)
         self.client = Client(protocol, codec, self.tracking)

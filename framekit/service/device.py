@@ -137,6 +137,7 @@ class DeviceService:
         self.store = store = DeviceStore(device, clock, faults) if store is None else store
         self.faults = store.faults
         self.memory = store.memory
+        line_port = port if self.faults is None else FaultyPort(port, self.faults)
         self.engine = Engine(
             device.protocol,
             compile_protocol(device.protocol),
@@ -152,8 +153,8 @@ class DeviceService:
             on_send=None if device.protocol.services else store.counters.count,
             device=store.state,
             counters=store.link,
+            is_stream=line_port.is_stream,
         )
-        line_port = port if self.faults is None else FaultyPort(port, self.faults)
         self.driver = Driver(self.engine, line_port, clock, on_state)
         if store.load is not None:
             self.driver.load = store.load

@@ -54,6 +54,8 @@ class Port(ABC):
     settings: LineFormat | None
     opens_again = True
     """Whether it can be opened again after it was closed."""
+    is_stream = False
+    """Whether what is written is only a row of bytes, without times or pieces that the other side sees."""
 
     @abstractmethod
     def open(self, events: PortEvents) -> None:

@@ -71,6 +71,8 @@ class Connection(asyncio.BufferedProtocol):
 class StreamPort(Port):
     """What connected and accepted ports have in common."""
 
+    is_stream = True
+
     def __init__(self, name: str, clock: AsyncioClock) -> None:
         self.name = name
         self.settings = None

@@ -158,6 +158,16 @@ def test_a_full_queue_is_answered() -> None:
     assert short == [b"\x06", b"\x06", b"\x06", b"\x15"], "one is being served, two wait, the fourth finds no room"
 
 
+def test_what_is_due_at_once_goes_out_in_one_piece_on_a_stream() -> None:
+    for is_stream, sent in ((True, [b"\x06\x06"]), (False, [b"\x06", b"\x06"])):
+        side = full(is_stream=is_stream)
+        side.gets(message("command", number=1, x=4) + message("command", number=2, x=5), whole=True)
+        side.run(10 * MS)
+        assert side.taken() == sent
+        side.run(20 * MS)
+        assert side.taken() == [message("reply", number=1, y=5)], "the line is free again"
+
+
 def test_two_full_sides_talk_both_ways() -> None:
     one, other = full(), full()
     for x in range(4):
