@@ -18,7 +18,6 @@ from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.samples import Sample, Sampler, beginning
-from framekit.definition.check.frames import takes_rest, title
 from framekit.definition.model.frames import Frame, StaticSizes, bytes_of
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
@@ -167,7 +166,7 @@ def _warning(
 ) -> Problem | None:
     sign = f"{end.data[0]:02X}"
     before = behind[: behind.index(end)]
-    open_ended = takes_rest(segment) or (isinstance(segment, Inner) and segment.size == "rest")
+    open_ended = segment.takes_rest or (isinstance(segment, Inner) and segment.size == "rest")
     if open_ended and end.data[0] in bytes_of([segment, *before], protocol.frames):
         guarded = any(check.verify == "error" for check in parts_of(behind, Check))
         where = f"the first {sign} with a fitting check code" if guarded else f"the first {sign}, whatever was meant"
@@ -177,12 +176,12 @@ def _warning(
         if end.data[0] not in bytes_of([segment], protocol.frames):
             holder = next(one for one in before if end.data[0] in bytes_of([one], protocol.frames))
             todo = "send it as digits, or put it after the end"
-        what = f"{title(holder)} may hold {sign}, which ends it: '{frame.name}' ends at {where}"
+        what = f"{holder.title} may hold {sign}, which ends it: '{frame.name}' ends at {where}"
         return Problem(holder.at, what, todo, warning=True)
     sized = protocol.profile is not None and isinstance(segment, Data) and isinstance(segment.size, int)
     if sized and not before and end in frame.tail and end.data[0] in bytes_of([segment]):
         what = (
-            f"{title(segment)} may hold {sign}, the first byte of the tail: '{frame.name}' ends by its size, not there"
+            f"{segment.title} may hold {sign}, the first byte of the tail: '{frame.name}' ends by its size, not there"
         )
         return Problem(segment.at, what, "nothing to do if the size is right", warning=True)
     return None

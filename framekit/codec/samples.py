@@ -29,7 +29,7 @@ from framekit.definition.expression.syntax import (
 )
 from framekit.definition.model import segments as model
 from framekit.definition.model.segments import FieldType, Require, Segment, Value
-from framekit.definition.model.walk import bounds_of, expressions_of, flat
+from framekit.definition.model.walk import expressions_of, flat
 
 Evaluate = Callable[[Node], Any]
 """The value of a part of an expression, or None when it cannot be told."""
@@ -414,7 +414,7 @@ class _Record:
     def _span(self, field: model.Field, unit: int) -> tuple[int, int]:
         """Least and greatest number on the wire less `plus`, in units."""
         type_ = field.type if field.long is None else field.long.type
-        bounds = bounds_of(type_) or (0, 10 ** min(self._size(type_.size), 8) - 1)
+        bounds = type_.bounds or (0, 10 ** min(self._size(type_.size), 8) - 1)
         least, most = bounds[0] - field.plus, bounds[1] - field.plus
         if field.zero_means is not None:
             least, most = max(least, 1), min(most, field.zero_means)
@@ -483,7 +483,7 @@ class _Record:
         times = self._times(repeat)
         self.sampler.count(times)
         if isinstance(repeat.of, FieldType):
-            least, most = bounds_of(repeat.of) or (0, 9)
+            least, most = repeat.of.bounds or (0, 9)
             return [self._some(least, most) for _ in range(times)]
         records: list[_Record] = []
         self.records[repeat.name] = records

@@ -12,7 +12,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, BitsPart, Count, Data, Field, FieldType, Length, Segment, Value
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
-from framekit.definition.model.walk import bounds_of, flat
+from framekit.definition.model.walk import flat
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError
@@ -170,7 +170,7 @@ def may_overflow(part: FramePart, place: OwnPlace) -> bool:
     """Whether there are binary numbers of this field that its place cannot hold."""
     if not isinstance(part, Field) or part.type.kind != "int" or part.limits is not None or part.unit is not None:
         return False
-    bounds = bounds_of(part.type)
+    bounds = part.type.bounds
     return bounds is not None and (bounds[1] - bounds[0]).bit_length() > place.address.unit_bits > 1
 
 
@@ -178,7 +178,7 @@ def no_number(part: FramePart | None, value: Any) -> str | None:
     """Why a field that holds plain numbers cannot be sent with a value; None when it can, or that is not known here."""
     if not isinstance(part, Field) or part.unit is not None or part.values or part.long or part.zero_means is not None:
         return None
-    bounds = bounds_of(part.type)
+    bounds = part.type.bounds
     if bounds is None:
         return None
     if not isinstance(value, int):

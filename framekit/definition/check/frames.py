@@ -4,30 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.check.segments import NUMBERS, check_segment
 from framekit.definition.expression.syntax import Expression, Logic, names_in
 from framekit.definition.model.frames import Frame, StaticSizes, all_fixed, fixed_size, least_size
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     MOST_BYTES,
-    Bits,
     Check,
     Choose,
     Const,
     Count,
     Data,
     Field,
-    FieldType,
     Inner,
     Length,
     Optional,
-    Record,
     Repeat,
-    Require,
     Segment,
     Segments,
-    Skip,
-    Value,
     Wrap,
 )
 from framekit.definition.model.walk import field_names, flat, parts_of
@@ -151,7 +144,7 @@ def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
     _values(segments, twice)
     yield from twice.values()
     for segment in flat(segments):
-        yield from check_segment(segment)
+        yield from segment.check()
         if isinstance(segment, Data) and isinstance(segment.size, Expression):
             yield from _computed(segment, segments)
         yield from _level(segment.inner_record or ())
@@ -193,9 +186,9 @@ def _order_of_sizes(
 ) -> Iterator[Problem]:
     """Sizes, repetitions, conditions and values may only use what stands before them, here and `outer`."""
     known, names = set(before), field_names(segments) | outer
-    values = {segment.name for segment in flat(segments) if isinstance(segment, Value)}
+    values = {segment.name for segment in flat(segments) if segment.follows is not None}
     for segment in flat(segments):
-        for what, expression in _needed(segment):
+        for what, expression in segment.needed():
             late = sorted((names_in(expression.root) & names) - known)
             for name in late:
                 moved = f"what '{name}' reads" if name in values else f"'{name}'"
@@ -210,34 +203,16 @@ def _order_of_sizes(
             known.add(segment.name)
 
 
-def _needed(segment: Segment) -> Iterator[tuple[str, Expression]]:
-    """The expressions of a segment that must be known when it is read."""
-    if segment.when is not None:
-        yield "condition", segment.when
-    if isinstance(segment, Value):
-        yield "value", segment.read
-    for key, what in (("size", "size"), ("times", "number of items"), ("on", "choice")):
-        value = getattr(segment, key, None)
-        if isinstance(value, Expression):
-            yield what, value
-    kind = getattr(segment, "type", None) or getattr(segment, "of", None)
-    if isinstance(kind, FieldType) and isinstance(kind.size, Expression):
-        yield "size", kind.size
-    if isinstance(segment, Require):
-        yield "condition", segment.condition
-
-
 def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
     """A number does not say how many bytes it takes: a length cannot count them and be their size."""
-    fields = {field.name: field for field in parts_of(frame.segments, Field) if field.type.kind in NUMBERS}
+    typed = {one.name: one.number_type for one in parts_of(frame.segments, Segment) if one.number_type is not None}
     for length in parts_of(frame.segments, Length):
-        for field in (fields[name] for name in length.of if name in fields):
-            size = field.type.size
+        for name in length.of:
+            type_ = typed.get(name)
+            size = type_.size if type_ is not None and type_.is_whole_number else None
             if isinstance(size, Expression) and length.name in names_in(size.root):
-                what = f"'{length.name}' counts the bytes of '{field.name}' and is their number: nothing says how many"
-                todo = (
-                    f"write {{field: {length.name}, …}}, which is given, or {{data: {field.name}, size: {length.name}}}"
-                )
+                what = f"'{length.name}' counts the bytes of '{name}' and is their number: nothing says how many"
+                todo = f"write {{field: {length.name}, …}}, which is given, or {{data: {name}, size: {length.name}}}"
                 yield Problem(length.at, what, todo)
 
 
@@ -267,12 +242,12 @@ class _Ends:
                 if open_part is not None:
                     yield Problem(
                         segment.at,
-                        f"two parts take the rest: nothing shows where {title(open_part)} ends",
+                        f"two parts take the rest: nothing shows where {open_part.title} ends",
                         "give one a size, or put a constant between them",
                     )
                 open_part = segment
             elif open_part is not None and not self._can_be_counted(segment, open_part):
-                what = f"nothing shows where {title(open_part)} ends and {title(segment)} begins"
+                what = f"nothing shows where {open_part.title} ends and {segment.title} begins"
                 todo = "give one of them a size, or put a constant between them"
                 yield Problem(segment.at, what, "give it a size" if _ends_itself(open_part) else todo)
 
@@ -280,7 +255,7 @@ class _Ends:
         """Whether the bytes of a segment behind a part that reaches on can be counted from the end."""
         if isinstance(part, Wrap) or _ends_itself(part):
             return self.sizes.present(segment).fixed is not None
-        return isinstance(segment, (Const, Check, Skip, Require, Value)) or _fixed(segment)
+        return not segment.takes_bytes or _fixed(segment)
 
     def _reaches_on(self, segment: Segment, known: frozenset[str] = frozenset()) -> bool:
         """Whether only what follows a segment, or silence, shows where it ends; `known` are the frames around it."""
@@ -295,7 +270,7 @@ class _Ends:
                 return any(self.is_open(frame.segments, known | {frame.name}) for frame in loose)
             case Inner(size=size):
                 return size == "rest"
-        return takes_rest(segment)
+        return segment.takes_rest
 
     def is_open(self, segments: Segments, known: frozenset[str] = frozenset()) -> bool:
         """Whether only what follows them, or silence, shows where segments end."""
@@ -322,9 +297,9 @@ def _is_end_of(constant: Const, part: Segment) -> bool:
 
 def _end_of_escape(wrap: Wrap, behind: Segments) -> Iterator[Problem]:
     """What ends a wrap is an escape byte that is not doubled."""
-    follows = next((one for one in behind if not isinstance(one, (Require, Value))), None)
+    follows = next((one for one in behind if one.takes_bytes), None)
     if follows is not None and not _begins_with(wrap.escape or 0, follows):
-        what = f"nothing shows where {title(wrap)} ends: no {wrap.escape or 0:02X} need follow it"
+        what = f"nothing shows where {wrap.title} ends: no {wrap.escape or 0:02X} need follow it"
         yield Problem(wrap.at, what, "put a constant that begins with the escape byte behind it, without when")
 
 
@@ -338,8 +313,8 @@ def _begins_with(byte: int, segment: Segment) -> bool:
 def _in_records(segments: Segments) -> Iterator[Segment]:
     """The segments with those of records in place of these."""
     for segment in segments:
-        if isinstance(segment, Record):
-            yield from _in_records(segment.of)
+        if segment.inner_record is not None and not segment.is_list:
+            yield from _in_records(segment.inner_record)
         else:
             yield segment
 
@@ -347,12 +322,12 @@ def _in_records(segments: Segments) -> Iterator[Segment]:
 def _there_or_not(frame: Frame) -> Iterator[Problem]:
     """What may be absent: nothing else may need it, and something has to say whether it is there."""
     for repeat in parts_of(frame.segments, Repeat):
-        rest = next((one for one in repeat.of if takes_rest(one)), None) if isinstance(repeat.of, tuple) else None
+        rest = next((one for one in repeat.inner_record or () if one.takes_rest), None)
         if rest is not None:
-            what = f"nothing shows where {title(rest)} ends in an item of '{repeat.name}'"
+            what = f"nothing shows where {rest.title} ends in an item of '{repeat.name}'"
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
     for optional in parts_of(frame.segments, Optional):
-        if not any(_is_given(one) for one in flat(optional.of)):
+        if not any(one.may_be_given for one in flat(optional.of)):
             what = "the optional part is never there: no value of it is given"
             yield Problem(optional.at, what, "put a field into it, or take when: instead")
     absent = {
@@ -374,37 +349,12 @@ def _implies(when: Expression | None, wanted: Expression | None) -> bool:
     return str(wanted) in [part.strip(" ()") for part in (str(when).split(" and ") if joined else [])] + [str(when)]
 
 
-def _is_given(segment: Segment) -> bool:
-    """Whether a value of the segment is given."""
-    if isinstance(segment, Bits):
-        return any(part.is_ is None for part in segment.parts)
-    if isinstance(segment, Field):
-        return segment.is_ is None
-    return isinstance(segment, (Data, Repeat, Record, Inner))
-
-
-def title(segment: Segment) -> str:
-    """What a segment is called in a message."""
-    if isinstance(segment, Const):
-        return f"the constant {segment.data.hex(' ').upper()}"
-    if segment.name and not segment.name.startswith("_"):
-        return f"'{segment.name}'"
-    return f"the {type(segment).__name__.lower()} part"
-
-
-def takes_rest(segment: Segment) -> bool:
-    """Whether a segment reaches to the end of its region."""
-    if isinstance(segment, (Data, Repeat)):
-        return (segment.size if isinstance(segment, Data) else segment.times) == "rest"
-    return isinstance(segment, Optional)
-
-
 def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
     """The segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
     for segment in segments:
         yield segment
-        if isinstance(segment, Record):
-            yield from _without_own_end(segment.of)
+        if segment.inner_record is not None and not segment.is_list:
+            yield from _without_own_end(segment.inner_record)
         if isinstance(segment, Choose) or (isinstance(segment, Wrap) and segment.how == "hex"):
             for block in segment.blocks:
                 yield from _without_own_end(block)
@@ -413,7 +363,7 @@ def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
 def _fixed(segment: Segment) -> bool:
     if fixed_size(segment) is not None:
         return True
-    return isinstance(segment, (Bits, Field, Length, Count)) and segment.type.size is not None
+    return segment.number_type is not None and segment.number_type.size is not None
 
 
 def _delimited(frame: Frame) -> Iterator[Problem]:
@@ -429,7 +379,7 @@ def _delimited(frame: Frame) -> Iterator[Problem]:
             verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
                 segment.at,
-                f"{title(segment)} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
+                f"{segment.title} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
                 "leave delimited out, or send it as ASCII digits",
             )
 
@@ -439,8 +389,8 @@ def _may_hold(segment: Segment, byte: int) -> bool:
         return byte in segment.data
     if isinstance(segment, Data):
         return segment.convert != "hex_to_ascii"
-    if isinstance(segment, (Field, Length, Count)):
-        return segment.type.kind in ("int", "float", "bcd", "bytes")
+    if segment.number_type is not None and segment.value_names == (segment.name,):
+        return segment.number_type.kind not in ("digits", "ascii")
     return isinstance(segment, Wrap) and segment.how == "escape"
 
 
@@ -459,8 +409,8 @@ def _items(segments: tuple[Segment, ...]) -> int:
 
 def _whole_size(frame: Frame) -> Iterator[Problem]:
     for segment in _without_own_end(frame.body) if frame.size is not None else ():
-        if takes_rest(segment):
-            what = f"{title(segment)} reaches to the end of the body, and would read what fills '{frame.name}' up"
+        if segment.takes_rest:
+            what = f"{segment.title} reaches to the end of the body, and would read what fills '{frame.name}' up"
             yield Problem(segment.at, what, "give it a size, such as that of a length, or leave the frame's size out")
     least = least_size(frame.segments)
     items = _items(frame.segments)

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from framekit.definition.expression.syntax import Compare, Expression, Text, walk
+from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Sequence
-from framekit.definition.model.segments import Segment
 from framekit.definition.model.walk import field_names, flat, parts_of
 
 BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})

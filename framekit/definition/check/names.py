@@ -22,10 +22,10 @@ from framekit.definition.check.known_names import (
 )
 from framekit.definition.check.services import item_names
 from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, names_in, walk
+from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, BitsPart, Field, Segment
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import Value
 from framekit.definition.model.walk import expressions_of, field_names, flat, parts_of
@@ -99,18 +99,15 @@ class NameChecker:
         known = set(outer) | field_names(segments)
         for segment in flat(segments):
             self._expressions(without_parts(segment), known)
-            for part in segment.parts if isinstance(segment, Bits) else [segment] if isinstance(segment, Field) else []:
-                self._from_itself(part, outer)
+            self._from_itself(segment, outer)
             if segment.inner_record is not None:
                 self._segments(segment.inner_record, known)
 
-    def _from_itself(self, part: Field | BitsPart, outer: Collection[str]) -> None:
+    def _from_itself(self, segment: Segment, outer: Collection[str]) -> None:
         """In what computes a value, its own name means something outside, if there is such a thing."""
-        default = part.default if isinstance(part, Field) else None
-        for expression in (part.is_, part.build, default):
-            own = expression is not None and part.name in names_in(expression.root)
-            if expression is not None and own and part.name not in {*self.globally, *outer, *self.broken}:
-                self._note(expression.at, f"'{part.name}' cannot be computed from itself", "name another value")
+        for name, expression in segment.computed():
+            if name in names_in(expression.root) and name not in {*self.globally, *outer, *self.broken}:
+                self._note(expression.at, f"'{name}' cannot be computed from itself", "name another value")
 
     def _echo(self, frame: Frame) -> None:
         """What a reply repeats: a field of its own, and something that some frame of the other side has."""

@@ -10,14 +10,14 @@ from framekit.definition.check.addresses import check_forms
 from framekit.definition.check.frames import check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
-from framekit.definition.check.segments import constant_number
 from framekit.definition.check.services import check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression.syntax import Bytes, Expression, List, Name, Number, Text
+from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, Queue, StateVariable
-from framekit.definition.model.segments import Check, Const, Data, Field, Inner, Segment, Skip
+from framekit.definition.model.segments import Check, Const, Data, Field, Segment, Skip
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
@@ -114,7 +114,7 @@ def check_commands(protocol: Protocol, broken: Collection[str] = ()) -> Iterator
 
 def _rules(protocol: Protocol, rules: CommandRules) -> Iterator[Problem]:
     frame = protocol.frames.get(rules.frame)
-    inner = {part.name: part for part in parts_of(frame, Inner)} if frame is not None else {}
+    inner = [part.name or "" for part in parts_of(frame, Segment) if part.frames_inside]
     if frame is not None and rules.request not in inner:
         hint = did_you_mean(rules.request, inner) or "give it {inner: NAME, of: GROUP}"
         yield Problem(rules.at, f"frame '{rules.frame}' carries no '{rules.request}'", hint)

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from framekit.definition.check.addresses import is_unit, parts_in
 from framekit.definition.check.known_names import OFFERED
-from framekit.definition.check.segments import constant_number
 from framekit.definition.expression.syntax import (
     Attribute,
     Binary,
@@ -23,10 +22,11 @@ from framekit.definition.expression.syntax import (
     children,
     names_in,
 )
+from framekit.definition.kinds.base import Segment
+from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Repeat
 from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import expressions_of, field_names, flat, names_always_there, names_needed, parts_of
@@ -102,9 +102,9 @@ def item_names(protocol: Protocol, row: ServiceRow) -> set[str]:
     sent, lists, found = [row.request, row.buffer], _list_names(row), set[str]()
     frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
     layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
-    for repeat in parts_of([holder.segments for holder in (*frames, *layouts) if holder is not None], Repeat):
-        if repeat.name in lists and isinstance(repeat.of, tuple):
-            found |= field_names(repeat.of)
+    for repeat in parts_of([holder.segments for holder in (*frames, *layouts) if holder is not None], Segment):
+        if repeat.is_list and repeat.name in lists:
+            found |= field_names(repeat.inner_record or ())
     return found
 
 
@@ -424,7 +424,7 @@ def _lists(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
         frame = protocol.frames.get(made.frame) if isinstance(made, FrameOf) else None
         if frame is None or not isinstance(made, FrameOf):
             continue
-        lists = {part.name for part in flat(frame.segments) if isinstance(part, Repeat)}
+        lists = {name for part in flat(frame.segments) if part.is_list for name in part.value_names}
         for name in lists & made.fields.keys():
             value = made.fields[name]
             if isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "data":

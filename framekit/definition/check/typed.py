@@ -7,7 +7,7 @@ what, and whether operators get what they can work with.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 from framekit.definition.expression.syntax import (
     FUNCTIONS,
@@ -29,30 +29,17 @@ from framekit.definition.expression.syntax import (
     Text,
     Unary,
 )
+from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
-from framekit.definition.model.segments import (
-    Bits,
-    Choose,
-    Count,
-    Data,
-    Field,
-    FieldType,
-    Inner,
-    Length,
-    Repeat,
-    Require,
-    Segment,
-    Value,
-    Wrap,
-)
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf
 from framekit.definition.model.walk import expressions_of, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.wire_types import ValueKind
 
-Kind = Literal["number", "time", "text", "bytes", "list", "frame", "table", "any"]
+Kind = ValueKind
 Attributes = Callable[[Attribute], Kind]
 
 WORDS: dict[str, str] = {
@@ -312,55 +299,28 @@ VARIABLE_KINDS: dict[str, Kind] = {
     "flag": "number", "number": "number", "time": "time", "text": "text", "choice": "text", "bytes": "bytes",
     "list": "list", "frame": "frame",
 }  # fmt: skip
-_TYPES: dict[str, Kind] = {"int": "number", "float": "number", "digits": "number", "bcd": "number", "ascii": "text"}
 
 
 def field_kinds(segments: Iterable[Segment]) -> dict[str, Kind]:
     """Kinds of the values of segments; a field whose numbers have names is `any`, since names stand for numbers."""
     found: dict[str, Kind] = {}
     for segment in flat(segments):
-        if isinstance(segment, Bits):
-            for part in segment.parts:
-                add_kind(found, part.name, "number" if part.values is None else "any")
-        elif segment.name:
-            add_kind(found, segment.name, kind_of_segment(segment))
+        for name, kind in segment.value_kinds():
+            add_kind(found, name, kind)
     return found
 
 
 def named_numbers(segments: Iterable[Segment]) -> frozenset[str]:
     """The names of values that are numbers for every function, and that a text may be compared with."""
-    values = [*flat(segments)]
-    fields = {one.name for one in values if isinstance(one, Field) and one.values is not None}
-    parts = {part.name for one in values if isinstance(one, Bits) for part in one.parts if part.values is not None}
-    others = {one.name for one in values if one.name and not (isinstance(one, Field) and one.values is not None)}
-    return frozenset((fields | parts) - others)
+    numbers = [(segment, dict(segment.numbers_with_names())) for segment in flat(segments)]
+    named = {name for _, names in numbers for name, values in names.items() if values is not None}
+    others = {segment.name for segment, names in numbers if segment.name and names.get(segment.name) is None}
+    return frozenset(named - others)
 
 
 def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
     """Notes the kind of a name; one with two kinds is `any`."""
     found[name] = kind if found.get(name, kind) == kind else "any"
-
-
-def kind_of_segment(segment: Segment) -> Kind:
-    """The kind of the value of a segment."""
-    match segment:
-        case Field(values=None, unit=None, type=type_):
-            return _kind_of_type(type_)
-        case Field(values=None):
-            return "time"
-        case Data():
-            return "bytes"
-        case Length() | Count():
-            return "number"
-        case Repeat():
-            return "list"
-        case Inner():
-            return "frame"
-    return "any"
-
-
-def _kind_of_type(type_: FieldType) -> Kind:
-    return _TYPES.get(type_.kind, "bytes")
 
 
 def kind_of_variable(type_: str) -> Kind:
@@ -462,32 +422,9 @@ class _Kinds:
                 self._segments(segment.inner_record, local)
 
     def _segment(self, checker: KindChecker, segment: Segment) -> None:
-        checker.wants(segment.when, "any")
-        for key in ("size", "times", "most"):
-            value = getattr(segment, key, None)
-            if isinstance(value, Expression):
-                checker.wants(value, "number")
-        match segment:
-            case Field(type=type_, values=values):
-                if isinstance(type_.size, Expression):
-                    checker.wants(type_.size, "number")
-                for expression in (segment.is_, segment.build, segment.default):
-                    if expression is not None:
-                        self._for_field(checker, expression, kind_of_segment(segment), values)
-            case Bits(parts=parts):
-                for part in parts:
-                    for expression in (part.is_, part.build):
-                        if expression is not None:
-                            self._for_field(checker, expression, "number", part.values)
-            case Require(condition=condition):
-                checker.wants(condition, "any")
-            case Value(read=read, build=build):
-                checker.wants(read, "any")
-                checker.wants(build, "any")
-            case Choose(on=on):
-                checker.wants(on, "any")
-            case Wrap(insert=insert):
-                checker.wants(insert, "any")
+        for expression, kind, values in segment.given():
+            if expression is not None:
+                self._for_field(checker, expression, kind, values)
 
     def _for_field(
         self, checker: KindChecker, expression: Expression, kind: Kind, values: Mapping[int, str] | None
@@ -589,15 +526,11 @@ class _Kinds:
         judged: set[int] = set()
         for made in parts_of(list(holders), FrameOf):
             frame = self.protocol.frames.get(made.frame)
-            fields = {} if frame is None else {segment.name: segment for segment in flat(frame.segments)}
+            fields = {} if frame is None else _known_values(frame)
             for name, value in made.fields.items():
-                segment = fields.get(name)
-                if isinstance(value, Expression) and isinstance(segment, Field):
+                if isinstance(value, Expression) and name in fields:
                     judged.add(id(value))
-                    self._for_field(checker, value, kind_of_segment(segment), segment.values)
-                elif isinstance(value, Expression) and isinstance(segment, (Data, Length, Count)):
-                    judged.add(id(value))
-                    checker.wants(value, kind_of_segment(segment))
+                    self._for_field(checker, value, *fields[name])
         for expression in expressions_of(list(holders)):
             if id(expression) not in judged:
                 checker.kind(expression)
@@ -616,6 +549,19 @@ class _Kinds:
         answering = self._checker({**local, "data": "bytes", "bytes": "number", "element_bytes": "number", **let})
         for reply in row.reply:
             self._made(answering, [reply.frame, reply.buffer])
+
+
+def _known_values(frame: Frame) -> dict[str, tuple[Kind, Mapping[int, str] | None]]:
+    """The values of a frame whose kind is known, with the names of their numbers."""
+    known: dict[str, tuple[Kind, Mapping[int, str] | None]] = {}
+    for segment in flat(frame.segments):
+        values = dict(segment.numbers_with_names())
+        for name, kind in segment.value_kinds():
+            if name == segment.name and kind not in ("list", "frame") and segment.value_names == (name,):
+                known[name] = (kind, values.get(name))
+            else:
+                known.pop(name, None)
+    return known
 
 
 def _results(node: Node) -> Iterable[Text]:

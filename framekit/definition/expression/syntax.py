@@ -217,3 +217,10 @@ FUNCTIONS: dict[str, KnownFunction] = {
     "memory": KnownFunction(2, 2, "bytes", needs_engine=True),
     "with_date": KnownFunction(3, 3, "any", needs_engine=True),
 }
+
+
+def both(first: Expression, second: Expression | None) -> Expression:
+    """`first and second`."""
+    if second is None:
+        return first
+    return Expression(f"({first}) and ({second})", Logic(first.at, "and", (first.root, second.root)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from framekit.definition.expression.syntax import names_in
+from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader, parse_key
 from framekit.definition.model.checks import CheckMethod, from_ready, ready_methods
@@ -181,7 +182,7 @@ class Namespace:
             return rest, self
         return None
 
-    def layout(self, node: Node) -> tuple[Sequence, Namespace]:
+    def layout(self, node: Node) -> tuple[Sequence, Meanings]:
         """The segments of a layout and the namespace they are to be read in. Raises Broken."""
         name = self.reader.text(node)
         space: Namespace = self

@@ -11,11 +11,11 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from framekit.definition.expression.syntax import Attribute, Compare, Expression, List, Name, Node, Number, Text
+from framekit.definition.kinds.base import Segment
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import StateVariable
-from framekit.definition.model.segments import Bits, Choose, Field, Segment
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.walk import flat
 from framekit.definition.problems import did_you_mean
@@ -35,25 +35,10 @@ def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
     if isinstance(value, dict):
         return {key: resolve_names(reader, item, numbers_of) for key, item in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        if isinstance(value, Choose):
-            value = _cases(reader, value, numbers_of)
+        if isinstance(value, Segment) and value.chooses_by is not None:
+            value = value.with_numbers(reader, _numbers(value.chooses_by.root, numbers_of))
         return _changed(value, lambda part: resolve_names(reader, part, numbers_of))
     return value
-
-
-def _cases(reader: Reader, choose: Choose, numbers_of: NumbersOf) -> Choose:
-    """A choice by a field whose numbers have names: its cases may be written with these names."""
-    numbers = _numbers(choose.on.root, numbers_of)
-    if numbers is None:
-        return choose
-
-    def number(key: int | str) -> int | str:
-        if isinstance(key, str) and key not in numbers:
-            what = f"'{key}' is not a name of this field's values"
-            reader.note(choose.at, what, did_you_mean(key, numbers))
-        return numbers.get(key, key) if isinstance(key, str) else key
-
-    return replace(choose, cases=tuple((tuple(map(number, keys)), segments) for keys, segments in choose.cases))
 
 
 def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
@@ -202,9 +187,6 @@ def _rows_changed(sequence: Sequence, change: Callable[[Row], Row]) -> Sequence:
 def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int, str] | None]]:
     found: list[tuple[str, Mapping[int, str] | None]] = []
     for segment in flat(segments):
-        if isinstance(segment, Field):
-            found.append((segment.name, segment.values))
-        elif isinstance(segment, Bits):
-            found.extend((part.name, part.values) for part in segment.parts)
+        found.extend(segment.numbers_with_names())
         found.extend(_named_fields(segment.inner_record or ()))
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from framekit.definition.kinds.numbers import value_names
 from framekit.definition.load.documents import Documents, SourceText, scalar_of
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.namespace import Namespace, Owned, names_mentioned, used_entries
@@ -245,7 +246,8 @@ class ProtocolLoader:
                     for key in ("list", "record"):
                         if "table" not in keys and (node := keys.value(key)) is not None:
                             space.layout(node)
-                    values = SegmentLoader(space, self.frames.find).values(keys.get("values"))
+                    named = keys.get("values")
+                    values = None if named is None else value_names(space, named)
                     result[section][name] = load_state(self.reader, owned.entry, values, name in announced)
 
         for section in result:

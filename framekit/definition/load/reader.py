@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from framekit.definition.expression.parse import ExpressionError, parse_expression
-from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import MOST_BYTES
+from framekit.definition.expression.syntax import Bytes, Expression
+from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import Position, Problem, did_you_mean
@@ -179,46 +179,11 @@ def inside(scalar: Scalar) -> Position:
     return Position(scalar.at.file, scalar.at.line, scalar.at.column + 1) if scalar.quoted else scalar.at
 
 
-CONTROL_NAMES = {
-    name: code
-    for code, name in enumerate(
-        [
-            "NUL",
-            "SOH",
-            "STX",
-            "ETX",
-            "EOT",
-            "ENQ",
-            "ACK",
-            "BEL",
-            "BS",
-            "HT",
-            "LF",
-            "VT",
-            "FF_",
-            "CR",
-            "SO",
-            "SI",
-            "DLE",
-            "DC1",
-            "DC2",
-            "DC3",
-            "DC4",
-            "NAK",
-            "SYN",
-            "ETB",
-            "CAN",
-            "EM",
-            "SUB",
-            "ESC",
-            "FS",
-            "GS",
-            "RS",
-            "US",
-        ]
-    )
-    if name != "FF_"
-} | {"SP": 0x20, "DEL": 0x7F, "TAB": 0x09, "XON": 0x11, "XOFF": 0x13}
+_CONTROLS = (
+    "NUL SOH STX ETX EOT ENQ ACK BEL BS HT LF VT - CR SO SI DLE DC1 DC2 DC3 DC4 NAK SYN ETB CAN EM SUB ESC FS GS RS US"
+)
+CONTROL_NAMES = {name: code for code, name in enumerate(_CONTROLS.split()) if name != "-"}
+CONTROL_NAMES |= {"SP": 0x20, "DEL": 0x7F, "TAB": 0x09, "XON": 0x11, "XOFF": 0x13}
 """Names of control characters; form feed has none, since `FF` is the byte."""
 
 FLAGS = {"yes": 1, "true": 1, "on": 1, "no": 0, "false": 0, "off": 0}
@@ -315,3 +280,8 @@ def parse_key(text: str) -> int | str:
     """A table's key: a number, or text."""
     text = text.strip()
     return parse_number(text) if _NUMBER.fullmatch(text) else text
+
+
+def literal_bytes(scalar: Scalar) -> Expression:
+    """Bytes written as hex pairs, as an expression. Raises ValueError."""
+    return Expression(scalar.text, Bytes(scalar.at, parse_bytes(scalar.text) if scalar.text.strip() else b""))

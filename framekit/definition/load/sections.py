@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from framekit.definition.expression.syntax import Bytes, Expression, List, Number, Text
-from framekit.definition.load.reader import FLAGS, Reader, inside
-from framekit.definition.load.segments import literal_bytes
+from framekit.definition.load.reader import FLAGS, Reader, inside, literal_bytes
 from framekit.definition.model.protocol import Line, Parameter, Queue, Receiver, StateVariable, StationType
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.times import parse_format

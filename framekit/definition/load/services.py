@@ -9,7 +9,6 @@ from itertools import pairwise
 from framekit.definition.expression.syntax import Expression, Text
 from framekit.definition.load.reader import MOST_ELEMENTS, Reader
 from framekit.definition.load.sections import item_type, literal_or_expression
-from framekit.definition.load.segments import given_order
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.services import (
     UNIT_BITS,
@@ -37,6 +36,7 @@ from framekit.definition.model.services import (
 from framekit.definition.model.values import Constant, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.wire_types import given_order
 
 SESSION_WORDS = ("new", "end")
 JOBS = ("job", "abort", "inspect")

@@ -8,34 +8,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import (
-    ANY,
-    Bits,
-    Check,
-    Choose,
-    Const,
-    Count,
-    Data,
-    Field,
-    FieldType,
-    Fill,
-    Inner,
-    Length,
-    Optional,
-    Record,
-    Repeat,
-    Require,
-    Segment,
-    Segments,
-    Sizes,
-    Skip,
-    Value,
-    Wrap,
-    of_any_frame,
-    sizes_of,
-)
+from framekit.definition.kinds.base import Segment, Segments, all_fixed, contents_of, fixed_size, least_size, sizes_of
+from framekit.definition.kinds.const import Fill, Skip
+from framekit.definition.model.static_size import ANY, Sizes
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position
+
+__all__ = ["Frame", "Group", "Layout", "Side", "StaticSizes", "all_fixed", "bytes_of", "fixed_size", "least_size"]
 
 Side = Literal["client", "server", "both", "none"]
 
@@ -150,7 +129,7 @@ class StaticSizes:
             here = wanted.pop()
             if any(part.refuse is not None for part in parts_of(here, Segment)):
                 return True
-            inner = {name for part in parts_of(here, Inner) for name in part.frames} - known
+            inner = {name for part in parts_of(here, Segment) for name in part.frames_inside} - known
             if any(self.frames[name].refuse is not None for name in inner):
                 return True
             known |= inner
@@ -158,74 +137,10 @@ class StaticSizes:
         return False
 
 
-def fixed_size(segment: Segment) -> int | None:
-    """Bytes a segment always takes; None when that depends on content, or on a frame inside."""
-    return all_fixed((segment,))
-
-
-def all_fixed(segments: Segments) -> int | None:
-    """Bytes that segments always take; None when that depends on content, or on a frame inside."""
-    return sizes_of(segments, of_any_frame).fixed
-
-
-def least_size(segments: Segments) -> int:
-    """Bytes that segments take at least; those of frames inside do not count."""
-    return sizes_of(segments, of_any_frame).least
-
-
-ANY_BYTE = frozenset(range(256))
-DIGITS = frozenset(b"0123456789ABCDEFabcdef")
-_BCD = frozenset(high << 4 | low for high in range(10) for low in range(10))
-
-
 def bytes_of(segments: Iterable[Segment], frames: Mapping[str, Frame] | None = None) -> frozenset[int]:
     """The bytes that may stand in these segments; every byte where that cannot be told.
 
     `frames` are those that `inner` segments name; without them an inner frame may hold every byte.
     """
-    found: frozenset[int] = frozenset()
-    for segment in segments:
-        if len(found) == 256:
-            break
-        found |= _bytes_of(segment, frames or {})
-    return found
-
-
-def _bytes_of(segment: Segment, frames: Mapping[str, Frame]) -> frozenset[int]:
-    match segment:
-        case Const(data=data):
-            return frozenset(data)
-        case Value() | Require():
-            return frozenset()
-        case Data(convert="hex_to_ascii") | Wrap(how="hex") | Check(form="hex" | "HEX" | "dec"):
-            return DIGITS
-        case Field(long=None):
-            return _small_numbers(segment) or _of_type(segment.type)
-        case Length(type=type_) | Count(type=type_) | Bits(type=type_):
-            return _of_type(type_)
-        case Repeat(of=of):
-            return _of_type(of) if isinstance(of, FieldType) else bytes_of(of, frames)
-        case Optional(of=of) | Record(of=of):
-            return bytes_of(of, frames)
-        case Choose(cases=cases, otherwise=otherwise):
-            every = [*(one for _, case in cases for one in case), *(otherwise or ())]
-            return bytes_of(every, frames)
-        case Inner(frames=names):
-            if any(name not in frames for name in names):
-                return ANY_BYTE
-            others = {name: frame for name, frame in frames.items() if name not in names}  # none stands inside itself
-            return bytes_of([one for name in names for one in frames[name].segments], others)
-    return ANY_BYTE
-
-
-def _small_numbers(field: Field) -> frozenset[int] | None:
-    """The bytes of a number of one byte that has a range, and goes out as it is."""
-    if field.type.kind != "int" or field.type.size != 1 or field.limits is None:
-        return None
-    if field.zero_means is not None or field.unit is not None or field.limits[0] + field.plus < 0:
-        return None
-    return frozenset(range(field.limits[0] + field.plus, min(field.limits[1] + field.plus, 255) + 1))
-
-
-def _of_type(type_: FieldType) -> frozenset[int]:
-    return DIGITS if type_.kind == "digits" else _BCD if type_.kind == "bcd" else ANY_BYTE
+    known = {} if frames is None else frames
+    return contents_of(segments, lambda name: known[name].segments if name in known else None)

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Data, Field, FieldType, Inner, Repeat, Require, Segment, Segments, Value
+from framekit.definition.kinds.base import Segment, Segments
 from framekit.definition.problems import Position
 
 T = TypeVar("T")
@@ -38,11 +38,10 @@ def everything(segments: Iterable[Segment]) -> Iterator[Segment]:
 def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
     """The segments that stand for bytes themselves, in order: what is in wraps, choices and records, not those."""
     for segment in segments:
-        is_list = isinstance(segment, Repeat)
-        inside = segment.blocks if is_list or segment.inner_record is None else (segment.inner_record,)
+        inside = segment.blocks if segment.is_list or segment.inner_record is None else (segment.inner_record,)
         for block in inside:
             yield from leaves(block)
-        if not inside and not isinstance(segment, (Value, Require)):
+        if not inside and segment.takes_bytes:
             yield segment
 
 
@@ -77,10 +76,7 @@ def without_when(segment: Segment) -> Segment:
 
 def field_names(segments: Iterable[Segment]) -> set[str]:
     """The names that values of these segments have."""
-    found: set[str] = set()
-    for segment in flat(segments):
-        found |= _own_names(segment)
-    return found
+    return {name for segment in flat(segments) for name in _own_names(segment)}
 
 
 def names_needed(segments: Iterable[Segment]) -> list[str]:
@@ -89,11 +85,7 @@ def names_needed(segments: Iterable[Segment]) -> list[str]:
     for segment, there in certain(segments):
         if segment.when is not None or not there:
             continue
-        if isinstance(segment, (Inner, Repeat)) or (isinstance(segment, Data) and segment.pad is None):
-            found.append(segment.name)
-        elif isinstance(segment, Field):
-            given = (segment.is_, segment.build, segment.default, segment.constants)
-            found += [segment.name] if all(one is None for one in given) else []
+        found += segment.wanted_names
     return found
 
 
@@ -110,19 +102,6 @@ def _own_names(segment: Segment) -> set[str]:
     if segment.value_names:
         return {name for name in segment.value_names if not name.startswith("_")}
     return {segment.name} if segment.name is not None and not segment.name.startswith("_") else set()
-
-
-def bounds_of(type_: FieldType) -> tuple[int, int] | None:
-    """Least and greatest number of a type; None when it holds no whole numbers or its size is computed."""
-    size = type_.fixed_size
-    if size is None:
-        return None
-    if type_.kind == "int":
-        bits = size * 8
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
-    if type_.kind == "digits":
-        return 0, type_.base**size - 1
-    return (0, 100**size - 1) if type_.kind == "bcd" else None
 
 
 # ---- parts of any kind --------------------------------------------------------------------------------------

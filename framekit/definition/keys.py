@@ -1,0 +1,144 @@
+"""One table of keys for each part of a definition: what a key is called, how its value looks, how it is read.
+
+The table of a part is its class in the model: each attribute that a key gives is declared with `key`. The schema of the
+part is written from it (`properties_of`), and a mapping is read by it (`read_keys`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Mapping as MappingOf
+from dataclasses import MISSING, field, fields
+from functools import cache
+from typing import Any, NamedTuple
+from typing import Protocol as Interface
+
+from framekit.definition.load.reader import Reader
+from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.values import Table
+from framekit.definition.nodes import Mapping, Node, Sequence
+
+Schema = MappingOf[str, Any]
+
+
+class Meanings(Interface):
+    """What names mean where something is read."""
+
+    reader: Reader
+    circles: set[frozenset[str]]
+    too_much: bool
+
+    def order(self, file: str) -> str: ...
+    def turns_conversions(self, file: str) -> bool: ...
+    def layout(self, node: Node) -> tuple[Sequence, Meanings]: ...
+    def table(self, name: str) -> Table | None: ...
+    def section(self, key: str) -> MappingOf[str, Any]: ...
+    def check(self, node: Node) -> CheckMethod: ...
+
+
+class KeyReading:
+    """A mapping that is being read into a class: its keys, what has been read of it, and who reads."""
+
+    def __init__(self, loader: Any, keys: Mapping) -> None:
+        self.loader = loader
+        self.space: Meanings = loader.space
+        self.reader: Reader = loader.space.reader
+        self.keys = keys
+        self.found: dict[str, Any] = {}
+
+
+class Form(NamedTuple):
+    """How the value of a key looks in the schema, and how it is read."""
+
+    schema: Schema
+    read: Callable[[KeyReading, Node], Any]
+
+    def with_schema(self, **more: Any) -> Form:
+        return self._replace(schema={**self.schema, **more})
+
+
+class Key(NamedTuple):
+    """The keys behind one attribute: their schemas by name, and how the attribute follows from the mapping."""
+
+    schemas: MappingOf[str, Schema]
+    read: Callable[[KeyReading], Any]
+    required: bool
+
+
+def key(name: str, form: Form, doc: str = "", *, default: Any = MISSING) -> Any:
+    """An attribute that one key gives; without `default` the key has to be there."""
+
+    def read(reading: KeyReading) -> Any:
+        node = reading.keys.get(name)
+        return default if node is None and default is not MISSING else form.read(reading, node)  # type: ignore[arg-type]
+
+    schema = {**form.schema, "description": doc} if doc else form.schema
+    return field(default=default, metadata={"key": Key({name: schema}, read, default is MISSING)})
+
+
+def keys(schemas: MappingOf[str, Schema], read: Callable[[KeyReading], Any], *, default: Any = MISSING) -> Any:
+    """An attribute that several keys give together."""
+    return field(default=default, metadata={"key": Key(schemas, read, default is MISSING)})
+
+
+@cache
+def table_of(part: type) -> MappingOf[str, Key]:
+    """The keys of a class by attribute."""
+    return {one.name: one.metadata["key"] for one in fields(part) if "key" in one.metadata}
+
+
+def properties_of(part: type) -> dict[str, Schema]:
+    """The schemas of all keys of a class."""
+    return {name: schema for one in table_of(part).values() for name, schema in one.schemas.items()}
+
+
+def required_of(part: type) -> Iterator[str]:
+    """The keys that have to be there."""
+    return (next(iter(one.schemas)) for one in table_of(part).values() if one.required)
+
+
+def read_keys(part: type, loader: Any, mapping: Mapping) -> dict[str, Any]:
+    """The attributes that the keys of a mapping give, in the order of the table. Raises Broken."""
+    reading = KeyReading(loader, mapping)
+    for attribute, one in table_of(part).items():
+        reading.found[attribute] = one.read(reading)
+    return reading.found
+
+
+def mapping_schema(part: type, title: str, *, required: Iterable[str] | None = None, **more: Any) -> dict[str, Any]:
+    """The schema of a mapping that is read into a class."""
+    wanted = list(required_of(part) if required is None else required)
+    head: dict[str, Any] = {"title": title, "type": "object", **({"required": wanted} if wanted else {}), **more}
+    return {**head, "properties": properties_of(part), "additionalProperties": False}
+
+
+# ---- forms of values ----------------------------------------------------------------------------------------
+
+
+def ref(name: str) -> Schema:
+    """The schema of that name among those that all files share."""
+    return {"$ref": f"common.schema.json#/$defs/{name}"}
+
+
+def here(name: str) -> Schema:
+    """The schema of that name in the file itself."""
+    return {"$ref": f"#/$defs/{name}"}
+
+
+def words(name: str, *known: str | int | bool) -> Schema:
+    """The schema of a word of a list; `name` is what messages call it."""
+    return {"enum": list(known), "x-name": name}
+
+
+TEXT = Form(ref("text"), lambda r, node: r.reader.text(node))
+IDENTIFIER = Form(ref("identifier"), lambda r, node: r.reader.text(node))
+LABEL = Form(ref("label"), lambda r, node: r.reader.text(node))
+LABELS = Form(ref("labels"), lambda r, node: r.reader.texts(node))
+ADDRESS = Form(ref("address"), lambda r, node: r.reader.text(node))
+NUMBER = Form(ref("number"), lambda r, node: r.reader.number(node))
+BYTES_AT_MOST = Form(ref("number"), lambda r, node: r.reader.bytes_at_most(node))
+FLAG = Form(ref("flag"), lambda r, node: r.reader.flag(node))
+BYTES = Form(ref("bytes"), lambda r, node: r.reader.bytes(node))
+BYTE = Form(ref("byte"), lambda r, node: r.reader.byte(node))
+RANGE = Form(ref("range"), lambda r, node: r.reader.range(node))
+EXPRESSION = Form(ref("expression"), lambda r, node: r.reader.expression(node))

@@ -1,0 +1,309 @@
+"""What there is of a kind of segment in a definition: keys, how it is read, what it holds, what can be wrong with it.
+
+A kind is a class with a module here, and a row of the list in `model/segments.py`. Loaders, the checker and all walks
+ask the properties below; none of them knows a kind. How it is read, built and measured stands in `codec/kinds`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Sequence as SequenceOf
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self, TypeVar
+from typing import Protocol as Interface
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import Meanings, here, mapping_schema, read_keys
+from framekit.definition.load.reader import Reader
+from framekit.definition.model.static_size import NOTHING, Sizes, exactly, of_any_frame
+from framekit.definition.nodes import Mapping as Keys
+from framekit.definition.nodes import Node, Scalar
+from framekit.definition.problems import Position, Problem
+from framekit.definition.wire_types import EVERY_BYTE, FieldType, ValueKind
+
+T = TypeVar("T")
+SegmentClass = TypeVar("SegmentClass", bound="type[Segment]")
+Segments = tuple["Segment", ...]
+"""Segments in the order in which they stand on the wire."""
+
+Contents = Callable[[str], Iterable["Segment"] | None]
+"""Gives the segments of a frame by name; None where they are not known."""
+
+Given = tuple[Expression | None, ValueKind, Mapping[int, str] | None]
+"""An expression, what it has to be, and the names of numbers that it may be instead."""
+
+
+class SegmentLoading(Interface):
+    """Who reads segments, for kinds that hold others. `side`: who sends the frame."""
+
+    space: Meanings
+    side: str | None
+    aliases: dict[str, tuple[str, ...]]
+
+    def load(self, node: Node | None) -> Segments: ...
+    def layout(self, node: Node) -> Segments: ...
+    def find_frames(self, space: Meanings, node: Node) -> tuple[str, ...]: ...
+    def common(self, keys: Keys, kind: str) -> dict[str, Any]: ...
+
+
+class References(Interface):
+    """What names of segments mean in a frame; what is not there is noted."""
+
+    reader: Reader
+
+    @property
+    def names(self) -> Mapping[str, Segment]: ...
+
+    def written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]: ...
+    def at_offset(self, offset: int, at: Position, which: int) -> str: ...
+    def inside(self, segments: Segments) -> Segments: ...
+
+
+class Fixing(Interface):
+    """What `where` fixes: constants as written, or what computes the value."""
+
+    @property
+    def constants(self) -> SequenceOf[Scalar]: ...
+    @property
+    def build(self) -> Expression | None: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Segment:
+    """What every segment may have, and what it can be asked.
+
+    `refuse` is the code of a fault here that is to be answered, not dropped. `KEY` names the kind in YAML; a kind that
+    no key names is made by others. `takes_bytes`: whether it stands on the wire.
+    """
+
+    KEY: ClassVar[str] = ""
+    takes_bytes: ClassVar[bool] = True
+
+    at: Position
+    name: str | None = None
+    when: Expression | None = None
+    refuse: int | None = None
+    doc: str = ""
+
+    # ---- in YAML ------------------------------------------------------------------------------------------
+
+    @classmethod
+    def schema(cls) -> dict[str, Any]:
+        """The schema of a segment of this kind."""
+        found = mapping_schema(cls, f"{cls.KEY} segment")
+        found["required"] = [one for one in found.get("required", ()) if one != cls.KEY]
+        if not found["required"]:
+            del found["required"]
+        properties: dict[str, Any] = found.pop("properties")
+        named = "name" in {one.name for one in cls.__dataclass_fields__.values() if "key" in one.metadata}
+        if named:
+            found["x-hints"] = {"name": f"the {cls.called()}'s name is what stands behind '{cls.KEY}:'"}
+        common = ("when", "refuse", "doc") if named else ("name", "when", "refuse", "doc")
+        properties |= {one: here("segment_name" if one == "name" else one) for one in common}
+        return {**{one: value for one, value in found.items() if one != "additionalProperties"},
+                "properties": properties, "additionalProperties": False}  # fmt: skip
+
+    @classmethod
+    def called(cls) -> str:
+        """What messages call the thing that the segment is."""
+        return cls.KEY
+
+    @classmethod
+    def load(cls, loader: SegmentLoading, keys: Keys) -> Segments:
+        """The segments that a mapping of this kind stands for. Raises Broken."""
+        common = loader.common(keys, cls.KEY)
+        return (cls(**{**common, **cls.attributes(loader, keys)}),)
+
+    @classmethod
+    def attributes(cls, loader: SegmentLoading, keys: Keys) -> dict[str, Any]:
+        """The attributes that the keys give. Raises Broken."""
+        return read_keys(cls, loader, keys)
+
+    # ---- what it holds ------------------------------------------------------------------------------------
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        """The names of the values that it holds itself."""
+        return ()
+
+    @property
+    def blocks(self) -> tuple[Segments, ...]:
+        """The lists of segments inside whose values belong to the same record as the segment."""
+        return ()
+
+    @property
+    def is_there_inside(self) -> bool:
+        """Whether what stands in `blocks` is there whenever the segment is."""
+        return False
+
+    @property
+    def inner_record(self) -> Segments | None:
+        """The segments inside whose values make records of their own; None if there is no such list."""
+        return None
+
+    @property
+    def is_list(self) -> bool:
+        """Whether its value is a list, so that what stands inside it may come several times."""
+        return False
+
+    @property
+    def frames_inside(self) -> tuple[str, ...]:
+        """The frames of which one stands in its place."""
+        return ()
+
+    def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
+        """The same segment with every list of `blocks` changed."""
+        return self
+
+    def with_record(self, change: Callable[[Segments], Segments]) -> Self:
+        """The same segment with the list of `inner_record` changed."""
+        return self
+
+    def with_lists(self, change: Callable[[Segments], Segments]) -> Self:
+        """The same segment with every list in it changed."""
+        return self.with_blocks(change).with_record(change)
+
+    # ---- bytes --------------------------------------------------------------------------------------------
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        """Bytes on the wire when it is there; `of_frame` gives the sizes of a frame by name."""
+        raise NotImplementedError
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        """The bytes that may stand in it; every byte where that cannot be told."""
+        inside = self.blocks if self.inner_record is None else (self.inner_record,)
+        return contents_of((one for block in inside for one in block), of_frame) if inside else EVERY_BYTE
+
+    @property
+    def whole_frame(self) -> int | None:
+        """The size of the whole frame, where the segment fills it up."""
+        return None
+
+    @property
+    def takes_rest(self) -> bool:
+        """Whether it reaches to the end of its region."""
+        return False
+
+    @property
+    def number_type(self) -> FieldType | None:
+        """The type of what stands on the wire, if that is one value of a type."""
+        return None
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
+        """The names that expressions may use, with what stands behind each."""
+        if self.name:
+            yield self.name, "any"
+
+    def numbers_with_names(self) -> Iterator[tuple[str, Mapping[int, str] | None]]:
+        """The values that are numbers of their own, with the names of these."""
+        return iter(())
+
+    @property
+    def wanted_names(self) -> tuple[str, ...]:
+        """The values without which no frame can be built where the segment is there."""
+        return ()
+
+    @property
+    def may_be_given(self) -> bool:
+        """Whether a value of it is given, and so tells that it is there."""
+        return False
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        """What must be known when it is read: what messages call it, and the expression."""
+        if self.when is not None:
+            yield "condition", self.when
+
+    def given(self) -> Iterator[Given]:
+        """Its expressions, with what each has to be."""
+        yield self.when, "any", None
+
+    def computed(self) -> Iterator[tuple[str, Expression]]:
+        """The expressions that give values, by the name of the value."""
+        return iter(())
+
+    @property
+    def follows(self) -> Expression | None:
+        """For a value that takes no bytes: what it follows from."""
+        return None
+
+    # ---- loading ------------------------------------------------------------------------------------------
+
+    def resolved(self, references: References) -> Segment:
+        """The same segment with the names of others in it written out, and looked for in lists inside."""
+        return self.with_record(references.inside)
+
+    def fixed(self, reader: Reader, wheres: Mapping[str, Fixing], used: set[str]) -> Segment:
+        """The same segment with what `where` says of its values; their names are put into `used`. Raises Broken."""
+        return self
+
+    def with_numbers(self, reader: Reader, numbers: Mapping[str, int] | None) -> Segment:
+        """The same segment with names of numbers replaced, where it chooses by a value whose numbers have names."""
+        return self
+
+    @property
+    def chooses_by(self) -> Expression | None:
+        """The value it chooses by."""
+        return None
+
+    # ---- checking -----------------------------------------------------------------------------------------
+
+    def check(self) -> Iterator[Problem]:
+        """What is wrong with it by itself."""
+        return iter(())
+
+    @property
+    def title(self) -> str:
+        """What messages call it."""
+        if self.name and not self.name.startswith("_"):
+            return f"'{self.name}'"
+        return f"the {type(self).__name__.lower()} part"
+
+
+def sizes_of(segments: Segments, of_frame: Callable[[str], Sizes]) -> Sizes:
+    """Bytes on the wire of a list; a segment under a condition may take none."""
+    total = NOTHING
+    for segment in segments:
+        if segment.whole_frame is not None:
+            return exactly(segment.whole_frame)
+        sizes = segment.sizes(of_frame)
+        total += sizes if segment.when is None else Sizes(0, sizes.most)
+    return total
+
+
+def contents_of(segments: Iterable[Segment], of_frame: Contents) -> frozenset[int]:
+    """The bytes that may stand in segments; every byte where that cannot be told."""
+    found: frozenset[int] = frozenset()
+    for segment in segments:
+        if len(found) == 256:
+            break
+        found |= segment.contents(of_frame)
+    return found
+
+
+def fixed_size(segment: Segment) -> int | None:
+    """Bytes a segment always takes; None when that depends on content, or on a frame inside."""
+    return all_fixed((segment,))
+
+
+def all_fixed(segments: Segments) -> int | None:
+    """Bytes that segments always take; None when that depends on content, or on a frame inside."""
+    return sizes_of(segments, of_any_frame).fixed
+
+
+def least_size(segments: Segments) -> int:
+    """Bytes that segments take at least; those of frames inside do not count."""
+    return sizes_of(segments, of_any_frame).least
+
+
+# ---- the kinds there are ------------------------------------------------------------------------------------
+
+KINDS: dict[str, type[Segment]] = {}
+"""The kinds by the keys that name them."""
+
+
+def add_kind(*kinds: type[Segment]) -> None:
+    """Kinds that definitions may use from now on."""
+    for kind in kinds:
+        KINDS[kind.KEY] = kind

@@ -1,0 +1,182 @@
+"""`bits`: a number cut into named bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from collections.abc import Mapping as MappingOf
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import KeyReading, keys, ref
+from framekit.definition.kinds.base import Contents, Fixing, Given, Segment
+from framekit.definition.kinds.numbers import VALUE_NAMES, constant_number, number_written
+from framekit.definition.load.reader import Reader
+from framekit.definition.model.static_size import Sizes
+from framekit.definition.problems import Position, Problem
+from framekit.definition.wire_types import FieldType, ValueKind, type_keys
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BitsPart:
+    """Bits `low`..`high` (bit 0 is the least significant) of a bits segment, with the same rules as a field."""
+
+    name: str
+    low: int
+    high: int
+    is_: Expression | None = None
+    build: Expression | None = None
+    values: MappingOf[int, str] | None = None
+    constants: tuple[int, ...] | None = None
+    at: Position
+
+    @property
+    def most(self) -> int | None:
+        """The greatest number that fits; None for so many bits that nobody means them."""
+        return (1 << self.high - self.low + 1) - 1 if self.high < 1024 else None
+
+    def check(self) -> Iterator[Problem]:
+        """Constants of bits fit into them."""
+        constants = [(number, self.at) for number in self.values or ()]
+        constants += [
+            (number, expression.at)
+            for expression in (self.is_, self.build)
+            if expression is not None and (number := constant_number(expression)) is not None
+        ]
+        for number, at in constants:
+            if self.most is not None and not 0 <= number <= self.most:
+                yield Problem(at, f"{number} does not fit: '{self.name}' holds 0 to {self.most}", "give it more bits")
+
+    def fixed(self, reader: Reader, where: Fixing) -> BitsPart:
+        """The same bits with what `where` says of them. Raises Broken."""
+        if where.build is not None:
+            return replace(self, build=where.build)
+        constants = tuple(number_written(reader, self, scalar) for scalar in where.constants)
+        most = (1 << self.high - self.low + 1) - 1
+        for scalar, number in zip(where.constants, constants, strict=True):
+            if not 0 <= number <= most:
+                reader.note(scalar.at, f"{number} does not fit: '{self.name}' holds 0 to {most}", "give it more bits")
+        return replace(self, constants=constants)
+
+
+_PLACES = {
+    "type": ["string", "integer"],
+    "pattern": "^\\s*[0-9]+\\s*(-\\s*[0-9]+\\s*)?$",
+    "x-expected": "a bit or bits (3 or 4-7)",
+}
+_SCHEMAS: dict[str, Any] = {
+    "bits": {
+        "description": "Named bits of one number, name: place or places (4-7).",
+        "type": "object",
+        "propertyNames": ref("identifier"),
+        "additionalProperties": _PLACES,
+    },
+    "is": {**ref("expressions"), "description": "Bits that are always this, name: expression."},
+    "build": {**ref("expressions"), "description": "Bits computed when building, name: expression."},
+    "values": {
+        "description": "Meanings of the numbers in some of the bits, name: table or {code: name}.",
+        "type": "object",
+        "additionalProperties": ref("value_names"),
+    },
+}
+
+
+def _parts(reading: KeyReading) -> tuple[BitsPart, ...]:
+    reader, keys_ = reading.reader, reading.keys
+    given = {
+        key: {entry.key.text: entry.value for entry in reader.entries(keys_.get(key))}
+        for key in ("is", "build", "values")
+    }
+    parts = []
+    for entry in reader.entries(keys_.get("bits")):
+        low, high = reader.places(entry.value)
+        name = entry.key.text
+        values = given["values"].pop(name, None)
+        parts.append(
+            BitsPart(
+                name=name,
+                low=low,
+                high=high,
+                is_=reader.maybe(reader.expression, given["is"].pop(name, None)),
+                build=reader.maybe(reader.expression, given["build"].pop(name, None)),
+                values=None if values is None else VALUE_NAMES.read(reading, values),
+                at=entry.key.at,
+            )
+        )
+    for names in given.values():
+        for name, node in names.items():
+            reader.note(node.at, f"there are no bits '{name}' here", "name one of the bits above")
+    return tuple(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bits(Segment):
+    """A number cut into named bits; `type` is its form on the wire. Bits without a name are 0 and not looked at."""
+
+    KEY: ClassVar[str] = "bits"
+
+    type: FieldType = type_keys("of", "Type of the number they are bits of.")
+    parts: tuple[BitsPart, ...] = keys(_SCHEMAS, _parts)
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return tuple(part.name for part in self.parts)
+
+    @property
+    def number_type(self) -> FieldType:
+        return self.type
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return self.type.sizes
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        return self.type.contents
+
+    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
+        return ((part.name, "number" if part.values is None else "any") for part in self.parts)
+
+    def numbers_with_names(self) -> Iterator[tuple[str, MappingOf[int, str] | None]]:
+        return ((part.name, part.values) for part in self.parts)
+
+    @property
+    def may_be_given(self) -> bool:
+        return any(part.is_ is None for part in self.parts)
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        if isinstance(self.type.size, Expression):
+            yield "size", self.type.size
+
+    def given(self) -> Iterator[Given]:
+        yield from Segment.given(self)
+        for part in self.parts:
+            for expression in (part.is_, part.build):
+                yield expression, "number", part.values
+
+    def computed(self) -> Iterator[tuple[str, Expression]]:
+        for part in self.parts:
+            for expression in (part.is_, part.build):
+                if expression is not None:
+                    yield part.name, expression
+
+    def fixed(self, reader: Reader, wheres: MappingOf[str, Fixing], used: set[str]) -> Segment:
+        parts = tuple(part.fixed(reader, wheres[part.name]) if part.name in wheres else part for part in self.parts)
+        used.update(part.name for part in self.parts)
+        return replace(self, parts=parts)
+
+    def check(self) -> Iterator[Problem]:
+        if not self.type.is_whole_number:
+            yield Problem(self.at, "bits are taken from a whole number", "use of: u8, u16, hex, …")
+            return
+        size = self.type.fixed_size
+        width = 0 if size is None else size * self.type.digit_bits
+        taken: dict[int, str] = {}
+        for part in self.parts:
+            if size is not None and part.high >= width:
+                yield Problem(part.at, f"bit {part.high} is beyond the {width} bits there are", "use a wider type")
+            for place in range(part.low, min(part.high, 1024) + 1):
+                if place in taken:
+                    yield Problem(part.at, f"bit {place} belongs to '{taken[place]}' already", "give each bit one name")
+                    break
+                taken[place] = part.name
+            yield from part.check()

@@ -1,0 +1,126 @@
+"""`data`: bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, key, words
+from framekit.definition.kinds.base import Contents, Given, Segment
+from framekit.definition.kinds.numbers import constant_number
+from framekit.definition.model.static_size import Sizes, exactly
+from framekit.definition.nodes import Node
+from framekit.definition.problems import Problem
+from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, ValueKind
+
+
+def _conversion(reading: KeyReading, node: Node) -> Literal["hex_to_ascii", "ascii_to_hex"] | None:
+    """From memory to wire, whatever the definition's way to name it."""
+    reader, side = reading.reader, reading.loader.side
+    name = reader.text(node)
+    if name not in ("hex_to_ascii", "ascii_to_hex"):
+        return None
+    if not reading.space.turns_conversions(node.at.file):
+        return "hex_to_ascii" if name == "hex_to_ascii" else "ascii_to_hex"
+    if side not in ("client", "server"):
+        what = "conversions are named by the direction of the frame, and this has none"
+        todo = "say from: client or server in its group, or leave conversions: out"
+        raise reader.broken(node.at, what, todo)
+    to_digits = (name == "hex_to_ascii") == (side == "client")
+    return "hex_to_ascii" if to_digits else "ascii_to_hex"
+
+
+def _swap(reading: KeyReading, node: Node) -> int:
+    reader = reading.reader
+    swap = reader.number(node)
+    if swap not in (0, 2, 4, 8):
+        raise reader.broken(reading.keys.at, f"a swap of {swap} bytes does not exist", "use 2, 4 or 8")
+    size, at = reading.found["size"], reading.keys.get("size")
+    if swap and isinstance(size, int) and size % swap and at is not None:
+        reader.warn(at.at, f"{size} bytes are not full units of {swap}", "the rest stays as it is")
+    return swap
+
+
+CONVERSION = Form(words("a conversion", "hex_to_ascii", "ascii_to_hex"), _conversion)
+SWAP = Form(words("a swap", "2", "4", "8", 2, 4, 8), _swap)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Data(Segment):
+    """Bytes. `size` counts them in memory, before conversion; `pad` fills shorter ones; `least` is the least number."""
+
+    KEY: ClassVar[str] = "data"
+
+    name: str = key("data", IDENTIFIER, "Name of the bytes.")
+    size: Size = key("size", SIZE, "Number of bytes in memory; an expression; or rest, up to the end of the region.")
+    swap: int = key(
+        "swap", SWAP, "Bytes that are turned round together, before conversion when sending: 2, 4 or 8.", default=0
+    )
+    convert: Literal["hex_to_ascii", "ascii_to_hex"] | None = key(
+        "convert",
+        CONVERSION,
+        "hex_to_ascii: a byte in memory is two digits on the wire; ascii_to_hex: the reverse.",
+        default=None,
+    )
+    pad: int | None = key("pad", BYTE, "Byte that fills shorter data.", default=None)
+    least: int = key("min", NUMBER, "Least number of bytes.", default=0)
+    memory: str | None = key(
+        "memory", ADDRESS, "Where SEND and RECEIVE blocks take or put the bytes, if they do not say.", default=None
+    )
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    def on_wire(self, size: int) -> int:
+        """Bytes on the wire for so many in memory."""
+        return size * 2 if self.convert == "hex_to_ascii" else size // 2 if self.convert == "ascii_to_hex" else size
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        if isinstance(self.size, int):
+            return exactly(self.on_wire(self.size))
+        return Sizes(self.on_wire(self.least), None)
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        return DIGITS if self.convert == "hex_to_ascii" else EVERY_BYTE
+
+    @property
+    def takes_rest(self) -> bool:
+        return self.size == "rest"
+
+    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
+        yield self.name, "bytes"
+
+    @property
+    def wanted_names(self) -> tuple[str, ...]:
+        return (self.name,) if self.pad is None else ()
+
+    @property
+    def may_be_given(self) -> bool:
+        return True
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        if isinstance(self.size, Expression):
+            yield "size", self.size
+
+    def given(self) -> Iterator[Given]:
+        yield from Segment.given(self)
+        yield self.size if isinstance(self.size, Expression) else None, "number", None
+
+    def check(self) -> Iterator[Problem]:
+        number = constant_number(self.size) if isinstance(self.size, Expression) else None
+        if number is not None and number < 0:
+            yield Problem(self.at, f"a size of {number} bytes cannot be", "give 0 or more, rest, or an expression")
+        if isinstance(self.size, int):
+            if self.least > self.size:
+                what = f"'{self.name}' has {self.size} bytes and wants at least {self.least}"
+                yield Problem(self.at, what, "leave min out")
+            if self.convert == "ascii_to_hex" and self.size % 2:
+                what = f"'{self.name}' has {self.size} digits in memory, two of them make one byte"
+                yield Problem(self.at, what, "give an even size")
+        elif self.size == "rest" and self.pad is not None:
+            what = f"'{self.name}' takes the rest: nothing is filled up"
+            yield Problem(self.at, what, "leave pad out, or give a size")

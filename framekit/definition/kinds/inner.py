@@ -1,0 +1,87 @@
+"""`inner`: a frame inside this one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import IDENTIFIER, Form, KeyReading, key, ref
+from framekit.definition.kinds.base import Contents, Given, Segment, contents_of
+from framekit.definition.model.static_size import ANY, Sizes, either, exactly
+from framekit.definition.nodes import Node
+from framekit.definition.problems import Problem
+from framekit.definition.wire_types import EVERY_BYTE, SIZE, Size, ValueKind
+
+
+def _frames(reading: KeyReading, node: Node) -> tuple[str, ...]:
+    loader = reading.loader
+    found = (name for item in reading.reader.items(node) for name in loader.find_frames(loader.space, item))
+    return tuple(dict.fromkeys(found))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inner(Segment):
+    """A frame inside this one. `frames` are the candidates in the order they are tried; value `{frame: fields}`."""
+
+    KEY: ClassVar[str] = "inner"
+
+    name: str = key("inner", IDENTIFIER, "Name of the frame inside this one.")
+    frames: tuple[str, ...] = key(
+        "of",
+        Form(ref("labels"), _frames),
+        "Groups or frames it may be, tried in this order; FILE.group for one of a used file.",
+    )
+    size: Size | None = key("size", SIZE, "Number of bytes it takes, if that is known.", default=None)
+
+    @classmethod
+    def called(cls) -> str:
+        return "inner frame"
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def frames_inside(self) -> tuple[str, ...]:
+        return self.frames
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        if isinstance(self.size, int):
+            return exactly(self.size)
+        return ANY if self.size is not None else either(of_frame(name) for name in self.frames)
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        found: frozenset[int] = frozenset()
+        for name in self.frames:
+            segments = of_frame(name)
+            if segments is None:
+                return EVERY_BYTE
+            # none of them stands inside itself
+            found |= contents_of(segments, lambda inside: None if inside in self.frames else of_frame(inside))
+        return found
+
+    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
+        yield self.name, "frame"
+
+    @property
+    def wanted_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def may_be_given(self) -> bool:
+        return True
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        if isinstance(self.size, Expression):
+            yield "size", self.size
+
+    def given(self) -> Iterator[Given]:
+        yield from Segment.given(self)
+        yield self.size if isinstance(self.size, Expression) else None, "number", None
+
+    def check(self) -> Iterator[Problem]:
+        if not self.frames:
+            yield Problem(self.at, f"'{self.name}' can hold no frame", "name a group that has frames")

@@ -1,0 +1,73 @@
+"""`value`, `require`: a value that takes no bytes, and a condition that must hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import EXPRESSION, IDENTIFIER, key
+from framekit.definition.kinds.base import Contents, Given, Segment
+from framekit.definition.model.static_size import NOTHING, Sizes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Value(Segment):
+    """A value without bytes: `read` derives it from what was read; building: given, else `build`, else `read`."""
+
+    KEY: ClassVar[str] = "value"
+    takes_bytes: ClassVar[bool] = False
+
+    name: str = key("value", IDENTIFIER, "Name of a value that takes no bytes.")
+    read: Expression = key("read", EXPRESSION, "How it follows from what was read.")
+    build: Expression | None = key(
+        "build", EXPRESSION, "How it follows when building, if it is not given; default: as read.", default=None
+    )
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def follows(self) -> Expression | None:
+        return self.read
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return NOTHING
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        return frozenset()
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        yield "value", self.read
+
+    def given(self) -> Iterator[Given]:
+        yield from Segment.given(self)
+        yield self.read, "any", None
+        yield self.build, "any", None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Require(Segment):
+    """A condition that must hold, when building and when reading."""
+
+    KEY: ClassVar[str] = "require"
+    takes_bytes: ClassVar[bool] = False
+
+    condition: Expression = key("require", EXPRESSION, "What must hold.")
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return NOTHING
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        return frozenset()
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        yield "condition", self.condition
+
+    def given(self) -> Iterator[Given]:
+        yield from Segment.given(self)
+        yield self.condition, "any", None

@@ -1,0 +1,67 @@
+"""The parts of `schemas/` that follow from tables of keys: `python -m framekit.definition.schema_files` writes them.
+
+The files stand in the repository for editors, and are read at work; a test holds them equal to the tables.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from framekit.definition.kinds.base import KINDS
+from framekit.definition.model import segments
+from framekit.definition.sources import shipped_folder
+from framekit.definition.wire_types import TYPES
+
+WIDTH = 140
+"""Characters of a line, where what stands in it holds other mappings."""
+
+Schemas = dict[str, dict[str, Any]]
+
+
+def with_tables(schemas: Schemas) -> Schemas:
+    """The schemas, by the name of their file, with everything in them that tables of keys say."""
+    assert segments.Segment in KINDS["field"].__mro__  # the kinds are there
+    protocol, common = schemas["protocol.schema.json"]["$defs"], schemas["common.schema.json"]["$defs"]
+    names = {f"{key}_segment": kind.schema() for key, kind in KINDS.items()}
+    protocol["segment"]["oneOf"] = [{"required": [key]} for key in KINDS]
+    protocol["segment"]["allOf"] = [_of_kind(key) for key in KINDS]
+    common["type_name"]["enum"] = list(TYPES)
+    protocol.update(names)
+    return schemas
+
+
+def _of_kind(key: str) -> dict[str, Any]:
+    return {"if": {"required": [key]}, "then": {"$ref": f"#/$defs/{key}_segment"}}
+
+
+def read_files(folder: Path) -> Schemas:
+    return {file.name: json.loads(file.read_text("utf-8")) for file in sorted(folder.glob("*.schema.json"))}
+
+
+def text_of(schema: Any, indent: int = 0) -> str:
+    """A schema as its file shows it: what holds nothing but words in one line."""
+    flat = json.dumps(schema, ensure_ascii=False)
+    parts = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
+    deep = any(isinstance(part, dict) for part in parts)
+    if not parts or not deep or (len(flat) + indent <= WIDTH and isinstance(schema, list)):
+        return flat
+    short = isinstance(schema, dict) and len(flat) + indent <= WIDTH and not schema.keys() & {"properties", "$defs"}
+    if short:
+        return flat
+    space, end = " " * (indent + 2), " " * indent
+    if isinstance(schema, dict):
+        lines = [f"{space}{json.dumps(key)}: {text_of(part, indent + 2)}" for key, part in schema.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{end}}}"
+    return "[\n" + ",\n".join(f"{space}{text_of(part, indent + 2)}" for part in schema) + f"\n{end}]"
+
+
+def main() -> None:
+    folder = shipped_folder("schemas")
+    for name, schema in with_tables(read_files(folder)).items():
+        (folder / name).write_text(text_of(schema) + "\n", "utf-8")
+
+
+if __name__ == "__main__":
+    main()
