@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -79,7 +80,7 @@ class FormMatcher:
 
     def __init__(self, form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
         self.form = form
-        self.areas = areas
+        self.areas, self.tables = areas, tables
         entries = tables[form.units_table].entries if form.units_table is not None else {}
         self.units = {str(key): str(unit) for key, unit in entries.items()}
         self._units_read = {self._folded(key): unit for key, unit in self.units.items()}
@@ -341,7 +342,21 @@ class Address:
 
 NOT_READ: Any = object()
 MOST_KNOWN = 1024
-"""So many texts and what they mean are kept; then all are forgotten."""
+"""So many texts and what they mean, and so many forms made ready, are kept; then all are forgotten."""
+
+
+_made: dict[tuple[int, int, int], FormMatcher] = {}
+
+
+def _matcher(form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> FormMatcher:
+    """A form made ready once for all grammars of a definition: nothing changes in it."""
+    key = id(form), id(areas), id(tables)
+    found = _made.get(key)
+    if found is None:
+        if len(_made) >= MOST_KNOWN:
+            _made.clear()
+        found = _made[key] = FormMatcher(form, areas, tables)
+    return found
 
 
 class AddressGrammar:
@@ -354,10 +369,16 @@ class AddressGrammar:
         self.areas = areas
         self.views: dict[str, AreaView] = area_views(areas, tables)
         self._tables = Names({name: table_values(table) for name, table in tables.items()})
-        self._forms = [FormMatcher(form, areas, tables) for form in forms]
+        self._forms = [_matcher(form, areas, tables) for form in forms]
         self.serves: Callable[[Address], bool] = lambda address: True
         self._read_before: dict[str, Address | None] = {}
         self._wire = [form for form in self._forms if form.form.wire]
+
+    def naming(self, serves: Callable[[Address], bool]) -> AddressGrammar:
+        """The same addresses; messages name only places that `serves` takes."""
+        same = copy(self)
+        same.serves = serves
+        return same
 
     # ---- reading ------------------------------------------------------------------------------------------
 

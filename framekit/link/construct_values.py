@@ -13,7 +13,7 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.model import protocol as model
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.evaluate import Names, compile_expression
-from framekit.link.frame_table import FrameTable, ProtocolCodec
+from framekit.link.frame_table import FrameTable, ProtocolCodec, table_of
 from framekit.link.values import FrameValue, plain
 
 Compute = Callable[[Names], Any]
@@ -30,7 +30,7 @@ def compile_value(
 
     `table` spares making a new one. Evaluating raises `EVALUATION_ERRORS`; what a codec refuses is a ValueError.
     """
-    return ValueCompiler(codec, (table or FrameTable(protocol, codec)).made).compile(value)
+    return ValueCompiler(codec, (table or table_of(protocol, codec)).made).compile(value)
 
 
 class ValueCompiler:

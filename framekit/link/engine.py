@@ -24,7 +24,6 @@ from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes, Shutdown
-from framekit.link.late import replies_of
 from framekit.link.observe import LinkCounters, Monitor
 from framekit.link.output import Output, OutputItem
 from framekit.link.receiver import Receiver
@@ -94,7 +93,7 @@ class Engine:
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]
-        machine.late.replies = replies_of(protocol, model)
+        machine.late.replies = program.replies_of(role)
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.shutdown = Shutdown(machine, self.lanes, self.output)

@@ -1,13 +1,13 @@
 """What the link knows of every frame before any byte comes: codec, beginning, inner frames, echo, announcements.
 
-Made once when an engine starts. It knows the codec only by the contract below, and no sequences.
+Made once for a codec. It knows the codec only by the contract below, and no sequences.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from framekit.definition.model import protocol as model
 from framekit.definition.model.segments import (
@@ -19,6 +19,7 @@ from framekit.link.frame_info import FrameCodec, FrameInfo, Shape
 from framekit.link.values import FrameValue, plain
 
 Context = Mapping[str, Any]
+Made = TypeVar("Made")
 
 
 class ProtocolCodec(Protocol):
@@ -32,6 +33,20 @@ class ProtocolCodec(Protocol):
     def QUIET(self) -> int: ...  # noqa: N802 - a constant of the generated module
     @property
     def LOST(self) -> int: ...  # noqa: N802
+
+
+def made_once(protocol: model.Protocol, codec: ProtocolCodec, kind: type[Made], make: Callable[[], Made]) -> Made:
+    """What `make` makes of a protocol, made once for all who use this codec of it."""
+    kept: dict[Any, tuple[model.Protocol, Made]] = getattr(codec, "kept", {})
+    found = kept.get(kind)
+    if found is None or found[0] is not protocol:
+        found = kept[kind] = protocol, make()
+    return found[1]
+
+
+def table_of(protocol: model.Protocol, codec: ProtocolCodec) -> FrameTable:
+    """The table of all frames of a protocol, made once for a codec."""
+    return made_once(protocol, codec, FrameTable, lambda: FrameTable(protocol, codec))
 
 
 class FrameTable:

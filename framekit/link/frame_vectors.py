@@ -15,7 +15,7 @@ from framekit.definition.model.vectors import FrameVector
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_table import FrameTable, ProtocolCodec
+from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue
@@ -43,7 +43,7 @@ class _Case:
         self.vector = vector
         self.protocol = protocol
         self.codec = codec
-        self.table = FrameTable(protocol, codec)
+        self.table = table_of(protocol, codec)
         self.plain = PlainValues(protocol)
         scope = Scope(protocol, params=vector.params, line=default_line(protocol))
         set_state(scope, vector.state)

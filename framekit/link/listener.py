@@ -15,7 +15,7 @@ from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault
-from framekit.link.frame_table import FrameTable, ProtocolCodec
+from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.observe import Kind, LinkCounters, Monitor, Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
@@ -63,7 +63,7 @@ class Listener:
         self.monitor = monitor
         self.counters = LinkCounters()
         self.scope = Scope(protocol, line=line, params=params, now=now)
-        self.table = FrameTable(protocol, codec)
+        self.table = table_of(protocol, codec)
         self._codec = codec
         self._names = Names({"request": None, "buffer": b""}, self.scope)
         self._client = client

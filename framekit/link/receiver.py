@@ -19,7 +19,7 @@ from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.expected import ExpectedFrames, Left
 from framekit.link.frame_info import FrameInfo
-from framekit.link.frame_table import FrameTable, ProtocolCodec
+from framekit.link.frame_table import FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 
@@ -64,7 +64,7 @@ class Receiver:
         table: FrameTable | None = None,
         trouble: Trouble = _ignore,
     ) -> None:
-        self.table = table or FrameTable(protocol, codec)
+        self.table = table or table_of(protocol, codec)
         self.stream = Stream()
         self.pauses = Pauses(protocol.receiver, names, self.stream)
         self.broken = False

@@ -9,6 +9,7 @@ import asyncio
 import heapq
 import itertools
 import time
+from collections import deque
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from functools import partial
@@ -287,11 +288,76 @@ class VirtualClock(_CallHeap):
         return True
 
 
+MOST = 1_536
+"""So much work is done in one turn of a loop: 10 ms where a byte costs 6 µs."""
+
+PIECE = 12
+"""What comes in one piece costs as much as so many bytes, however short it is."""
+
+LONGEST = 4_000_000
+"""When so much time of a turn has gone (ns), no other piece and no other call that is due begins in it."""
+
+FEWEST = 64
+"""As many bytes as this come in one piece where others wait, so that none of them has to wait for long."""
+
+
+class Turns:
+    """Shares the turns of a loop among all ports: at most `MOST` of work in each, the rest in the next ones, in order.
+
+    The work of a piece is its bytes and `PIECE`. Where pieces need more time than that, a turn ends after `LONGEST`.
+    `used`: the work of this turn; `waiting`: pieces that are to come.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, now: Callable[[], int] = time.monotonic_ns) -> None:
+        self.used = 0
+        self._loop = loop
+        self.now = now
+        self._until = 0
+        self._waiting: deque[tuple[int, Callback]] = deque()
+        self._ends = False
+
+    @property
+    def waiting(self) -> int:
+        return len(self._waiting)
+
+    @property
+    def room(self) -> int:
+        """So many bytes a piece should have."""
+        return FEWEST if self._waiting else max(FEWEST, MOST - PIECE - self.used)
+
+    def take(self, size: int, callback: Callback) -> bool:
+        """Makes the call that deals with `size` bytes: now (True), or when those before it have had their turn."""
+        work = size + PIECE
+        if not self._waiting and self._has_room(work):
+            self._use(work, callback)
+            return True
+        self._waiting.append((work, callback))
+        return False
+
+    def _has_room(self, work: int) -> bool:
+        return not self.used or (self.used + work <= MOST and self.now() < self._until)
+
+    def _use(self, work: int, callback: Callback) -> None:
+        if not self.used:
+            self._until = self.now() + LONGEST
+        self.used += work
+        if not self._ends:
+            self._ends = True
+            self._loop.call_soon(self._next)
+        callback()
+
+    def _next(self) -> None:
+        """A turn is over: those who wait are first in the next one."""
+        self._ends, self.used = False, 0
+        while self._waiting and self._has_room(self._waiting[0][0]):
+            self._use(*self._waiting.popleft())
+
+
 class AsyncioClock(_CallHeap):
     """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`; threads may ask for `now`.
 
     However late the loop is, calls come in order of time, then of asking (timers of a loop alone do not).
-    `heard`: bytes that connections have taken in this turn of the loop.
+    `turns`: what ports hear is dealt with in these.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -301,16 +367,7 @@ class AsyncioClock(_CallHeap):
         self._timer_at = 0
         self._soon = False
         self._ringing = False
-        self.heard = 0
-
-    def hear(self, count: int) -> None:
-        """A connection takes so many bytes in this turn."""
-        if not self.heard:
-            self.loop.call_soon(self._next_turn)
-        self.heard += count
-
-    def _next_turn(self) -> None:
-        self.heard = 0
+        self.turns = Turns(loop)
 
     now = staticmethod(time.monotonic_ns)
 
@@ -355,15 +412,21 @@ class AsyncioClock(_CallHeap):
         self._ring()
 
     def _ring(self) -> None:
-        """Makes what is due. What a call raises goes to the loop, and the others come all the same."""
+        """Makes what is due, in the next turn what is left when this one has taken long.
+
+        What a call raises goes to the loop, and the others come all the same.
+        """
         self._soon = False
         self._ringing = True
-        now = time.monotonic_ns()
+        now, elapsed = time.monotonic_ns(), self.turns.now
+        until = elapsed() + LONGEST
         try:
             while (due := self.next_call) is not None and due <= now:
                 if self._lagging and self._catch_up(due):
                     continue
                 heapq.heappop(self._calls)[2].make()
+                if elapsed() > until:
+                    break
         finally:
             self._ringing = False
             self._set_timer()

@@ -250,9 +250,13 @@ class ThreadConnection(SerialConnection):
     # ---- in the loop --------------------------------------------------------------------------------------
 
     def _received(self, data: bytes, now: int) -> None:
-        """What has been read; the next is read when this has been dealt with."""
+        """What has been read has its turn; the next is read after that."""
+        self.clock.turns.take(len(data), lambda: self._take(data, now))
+
+    def _take(self, data: bytes, now: int) -> None:
         self._heard.set()
-        self.events.received(data, now, ())
+        if not self._closed:
+            self.events.received(data, now, ())
 
     def stop(self) -> None:
         self._closed = True
@@ -583,6 +587,7 @@ class DescriptorConnection(SerialConnection):
         self._counts = damage_counts(self._descriptor)
         self._unsent = bytearray()
         self._stopped = False
+        self._waits = False
         os.set_blocking(self._descriptor, False)
         clock.loop.add_reader(self._descriptor, self._readable)
         clock.call_soon(events.opened)
@@ -603,6 +608,8 @@ class DescriptorConnection(SerialConnection):
     # ---- reading ------------------------------------------------------------------------------------------
 
     def _readable(self) -> None:
+        if self._waits:
+            return
         try:
             data = os.read(self._descriptor, READ_SIZE)
         except BlockingIOError:
@@ -613,7 +620,15 @@ class DescriptorConnection(SerialConnection):
         now = self.clock.now()
         if not data:
             self._lost("the device is gone")
-        elif self._marks is None:
+        else:
+            self._waits = True
+            self.clock.turns.take(len(data), lambda: self._take(data, now))
+
+    def _take(self, data: bytes, now: int) -> None:
+        self._waits = False
+        if self._stopped:
+            return
+        if self._marks is None:
             self.events.received(data, now, ())
         else:
             self._tell(*self._marks.take_out(data), now)

@@ -7,24 +7,22 @@ import contextlib
 import os
 import socket
 
-from framekit.transport.clock import AsyncioClock
+from framekit.transport.clock import MOST, AsyncioClock
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener
 
 CONNECT_WITHIN = 10.0
 """How long making a connection may take (s); some networks never refuse one."""
 FAR_END_CLOSED = "the other side has closed the connection"
 
-MOST = 1_536
-"""So many bytes all connections together take in one turn of the loop: 10 ms where a byte costs 6 µs."""
-
-FEWEST = 16
-"""So many bytes each connection may take all the same."""
+NEWCOMER = 128
+"""To make a connection ready costs as much as so many bytes."""
 
 
 class Connection(asyncio.BufferedProtocol):
     """One connection, for as long as its port takes it for its own; what comes of it later is nobody's.
 
     What is sent in one go is dealt with in many turns, with those of others in between; the rest waits in the network.
+    Where others have used up a turn, the piece that has been read waits for the next, and no more is read.
     """
 
     def __init__(self, port: StreamPort) -> None:
@@ -32,6 +30,7 @@ class Connection(asyncio.BufferedProtocol):
         self._taken = memoryview(bytearray(MOST))
         self.transport: asyncio.Transport | None = None
         self.is_full = False
+        self.waits = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -47,12 +46,21 @@ class Connection(asyncio.BufferedProtocol):
             transport.abort()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return self._taken[: max(FEWEST, MOST - self.port.clock.heard)]
+        return self._taken[: self.port.clock.turns.room]
 
     def buffer_updated(self, nbytes: int) -> None:
-        if self.port.connection is self:
-            self.port.clock.hear(nbytes)
-            self.port.hear(self._taken[:nbytes].tobytes())
+        data = self._taken[:nbytes].tobytes()
+        self.waits = not self.port.clock.turns.take(nbytes, lambda: self._hear(data))
+        if self.waits and self.transport is not None:
+            self.transport.pause_reading()
+
+    def _hear(self, data: bytes) -> None:
+        waited, self.waits = self.waits, False
+        if self.port.connection is not self:
+            return
+        self.port.hear(data)
+        if waited and self.port.connection is self:
+            self.port.pace()
 
     def pause_writing(self) -> None:
         self.is_full = True
@@ -90,6 +98,17 @@ class StreamPort(Port):
         """Bytes have come."""
         if self.events is not None:
             self.events.received(data, self.clock.now())
+
+    def pace(self) -> None:
+        """More is read, but not while a piece waits for its turn."""
+        transport = self._transport
+        if transport is not None and not self._holds_back:
+            transport.resume_reading()
+
+    @property
+    def _holds_back(self) -> bool:
+        """Whether nothing is to be read now."""
+        return self.connection is not None and self.connection.waits
 
     def lost(self, reason: str) -> None:
         """The connection is over, or could not be made."""
@@ -207,18 +226,18 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
 
     def hear(self, data: bytes) -> None:
         super().hear(data)
-        self._pace()
+        if self._sent_due and self._transport is not None:
+            self._transport.pause_reading()
+        else:
+            self.pace()
 
     def left(self) -> None:
         super().left()
-        self._pace()
+        self.pace()
 
-    def _pace(self) -> None:
-        transport = self._transport
-        if transport is not None and self._sent_due:
-            transport.pause_reading()
-        elif transport is not None:
-            transport.resume_reading()
+    @property
+    def _holds_back(self) -> bool:
+        return self._sent_due or super()._holds_back
 
     def _begin(self, events: PortEvents, connection: Connection | None) -> None:
         if self.events is not events or self.connection is not connection:
@@ -293,4 +312,8 @@ class _AcceptedConnection(Connection):
         self.port.name = f"tcp://{bracketed(host)}:{number}"
         self.accepted_port.host = str(host)
         super().connection_made(transport)
-        self.accepted(self.accepted_port)
+        self.port.clock.turns.take(NEWCOMER, self._offer)
+
+    def _offer(self) -> None:
+        if self.transport is not None:
+            self.accepted(self.accepted_port)

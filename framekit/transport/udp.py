@@ -15,48 +15,48 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, cast
 
-from framekit.transport.clock import AsyncioClock
+from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener
 from framekit.transport.tcp import bracketed
 
 LARGEST = 65_507
 """Bytes that fit into a datagram (IPv4)."""
 
-MOST = 1_536
-"""So many bytes of datagrams are told in one turn of the loop; the rest of a larger one follows in the next turns."""
-
 MOST_WAITING = 256
 """So many pieces wait for their turn; datagrams that come all the same are lost, as datagrams may be."""
 
 
 class Datagrams:
-    """What came in datagrams, told with its sender, few bytes a turn of the loop and without a pause between them."""
+    """What came in datagrams, told with its sender in turns of the loop; a large one in pieces without a pause."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, tell: Callable[[bytes, Any], None]) -> None:
-        self._loop = loop
+    def __init__(self, turns: Turns, tell: Callable[[bytes, Any], None]) -> None:
+        self._turns = turns
         self._tell = tell
         self._waiting: deque[tuple[bytes, Any]] = deque()
+        self._comes = self._asks = False
 
     def add(self, data: bytes, sender: Any) -> None:
         """A datagram came."""
-        if self._waiting:
-            if len(self._waiting) < MOST_WAITING:
-                self._put(data, sender)
-            return
-        if len(data) > MOST:
-            self._put(data[MOST:], sender)
-            self._loop.call_soon(self._next)
-        self._tell(data[:MOST], sender)
+        if len(self._waiting) < MOST_WAITING:
+            size = MOST - PIECE
+            self._waiting.extend((data[at : at + size], sender) for at in range(0, max(len(data), 1), size))
+            self._ask()
 
-    def _put(self, data: bytes, sender: Any) -> None:
-        self._waiting.extend((data[at : at + MOST], sender) for at in range(0, max(len(data), 1), MOST))
+    def _ask(self) -> None:
+        """For a turn for the first that waits, and as long as there is room for the next."""
+        if self._asks:
+            return
+        self._asks = True
+        while self._waiting and not self._comes:
+            self._comes = True
+            self._turns.take(len(self._waiting[0][0]), self._next)
+        self._asks = False
 
     def _next(self) -> None:
+        self._comes = False
         if self._waiting:
-            data, sender = self._waiting.popleft()
-            if self._waiting:
-                self._loop.call_soon(self._next)
-            self._tell(data, sender)
+            self._tell(*self._waiting.popleft())
+            self._ask()
 
     def clear(self) -> None:
         """Nothing more is told."""
@@ -165,7 +165,7 @@ class _Endpoint(asyncio.DatagramProtocol):
     def __init__(self, port: UdpPort) -> None:
         self.port = port
         self.transport: asyncio.DatagramTransport | None = None
-        self._came = Datagrams(port.clock.loop, lambda data, sender: port.hear(self, data, sender))
+        self._came = Datagrams(port.clock.turns, lambda data, sender: port.hear(self, data, sender))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
@@ -258,7 +258,7 @@ class UdpListener(asyncio.DatagramProtocol, PortListener):
         self.clock = clock
         self.accepted = accepted
         self.senders: dict[Any, SenderPort] = {}
-        self._came = Datagrams(clock.loop, self._hear)
+        self._came = Datagrams(clock.turns, self._hear)
         self._socket: socket.socket | None = None
         self._opening: asyncio.Task[None] | None = None
         self._transport: asyncio.DatagramTransport | None = None

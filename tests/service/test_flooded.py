@@ -9,9 +9,11 @@ import socket
 from pathlib import Path
 from random import Random
 
+import pytest
+
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
-from framekit.transport.clock import AsyncioClock
+from framekit.transport.clock import MOST, AsyncioClock, Callback, Turns
 
 LONGEST = 60
 FEW = 40
@@ -30,14 +32,30 @@ READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 REPLY = bytes.fromhex("0001 0000 0005 01 03 02 1234")
 
 
+class Counted(Turns):
+    """Counts the pieces that connections take, and the most work of one turn."""
+
+    pieces = most = 0
+
+    def take(self, size: int, callback: Callback) -> bool:
+        def counted() -> None:
+            self.pieces += 1
+            self.most = max(self.most, self.used)
+            callback()
+
+        return super().take(size, counted)
+
+
 class Counting(AsyncioClock):
-    """Counts what connections take."""
+    """Its turns are counted."""
 
-    pieces = 0
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__(loop)
+        self.turns = self.counted = Counted(loop)
 
-    def hear(self, count: int) -> None:
-        self.pieces += 1
-        super().hear(count)
+    @property
+    def pieces(self) -> int:
+        return self.counted.pieces
 
 
 def free_port() -> int:
@@ -97,3 +115,53 @@ async def scenario(folder: Path) -> None:
 
 def test_another_channel_and_a_signal_have_their_turn_while_noise_comes(tmp_path: Path) -> None:
     asyncio.run(asyncio.wait_for(scenario(tmp_path), LONGEST))
+
+
+CROWD = 200
+"""So many clients send at once; the other channel waits for each of them about once, however much they send."""
+
+ASKED = """
+run: crowded
+memory: masterlogic
+channels:
+  1: {{port: "tcp-listen://127.0.0.1:{crowded}", protocol: {protocol}, role: server, own: 3, map: {{holding: M100}}, clients: {{connections: 256}}}}
+  2: {{port: "tcp-listen://127.0.0.1:{asking}", protocol: modbus-tcp, role: server, own: 1, map: {{holding: M100}}}}
+set: {{M100: [0x1234]}}
+blocks: {{}}
+"""  # noqa: E501
+
+
+async def crowd(folder: Path, protocol: str, data: bytes) -> None:
+    loop = asyncio.get_running_loop()
+    crowded, asking = free_port(), free_port()
+    path = folder / "crowded.run.yaml"
+    path.write_text(ASKED.format(crowded=crowded, asking=asking, protocol=protocol), "utf-8")
+    clock = Counting(loop)
+    service = RunService(load_run(path), clock, lambda channel, seen: None)
+    service.start()
+    clients: list[asyncio.StreamWriter] = []
+    try:
+        reader, writer = await connected(asking)
+        clients += [(await connected(crowded))[1] for _ in range(CROWD)]
+        for client in clients:
+            client.write(data * (4000 // len(data)))
+        while clock.pieces < 2 * CROWD:
+            await asyncio.sleep(0)
+        for _ in range(3):
+            before = clock.pieces
+            writer.write(READ)
+            assert await reader.readexactly(len(REPLY)) == REPLY
+            assert clock.pieces - before < 2 * CROWD, "none of the others has had many turns"
+        assert clock.counted.most <= MOST
+    finally:
+        for client in clients:
+            client.transport.abort()
+        service.stop()
+
+
+@pytest.mark.parametrize("protocol", ["modbus-tcp", "modbus-rtu"])
+@pytest.mark.parametrize("data", [READ, Random(3).randbytes(1000)], ids=["requests", "noise"])
+def test_many_clients_at_once_share_a_turn_and_leave_another_channel_its_own(
+    protocol: str, data: bytes, tmp_path: Path
+) -> None:
+    asyncio.run(asyncio.wait_for(crowd(tmp_path, protocol, data), LONGEST))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.transport.clock import AsyncioClock, VirtualClock
+from framekit.transport.clock import LONGEST, MOST, PIECE, AsyncioClock, Turns, VirtualClock
 
 
 def test_calls_come_in_order_of_time_then_of_asking() -> None:
@@ -198,3 +199,58 @@ def test_in_real_time_too_cancelled_calls_do_not_come_or_pile_up() -> None:
         return seen
 
     assert asyncio.run(check()) == ["IndexError"]
+
+
+# ---- turns --------------------------------------------------------------------------------------------------
+
+
+async def taken(sizes: list[int], each: int = 0) -> list[list[int]]:
+    """Which pieces are dealt with in each turn of the loop, where one of them takes `each` ns."""
+    loop = asyncio.get_running_loop()
+    time, found = [0], [[]]
+    turns = Turns(loop, lambda: time[0])
+
+    def deal(number: int) -> None:
+        found[-1].append(number)
+        time[0] += each
+
+    for number, size in enumerate(sizes):
+        turns.take(size, lambda number=number: deal(number))
+    while turns.waiting:
+        found.append([])
+        await asyncio.sleep(0)
+    return [turn for turn in found if turn]
+
+
+@given(st.lists(st.integers(1, 3 * MOST), max_size=60), st.sampled_from([0, LONGEST // 3, 2 * LONGEST]))
+def test_turns_are_shared_in_order_and_none_has_too_much(sizes: list[int], each: int) -> None:
+    turns = asyncio.run(taken(sizes, each))
+    assert [number for turn in turns for number in turn] == list(range(len(sizes)))
+    for turn in turns:
+        assert len(turn) == 1 or sum(sizes[number] + PIECE for number in turn) <= MOST
+        assert len(turn) == 1 or (len(turn) - 1) * each < LONGEST
+    for turn, later in pairwise(turns):
+        there = sum(sizes[number] + PIECE for number in turn) + sizes[later[0]] + PIECE
+        assert there > MOST or len(turn) * each >= LONGEST, "no turn ends early"
+
+
+def test_calls_that_are_due_leave_others_their_turn() -> None:
+    async def check() -> None:
+        clock = AsyncioClock(asyncio.get_running_loop())
+        time, seen = [0], []
+        clock.turns.now = lambda: time[0]
+
+        def work(number: int) -> None:
+            seen.append(number)
+            time[0] += LONGEST // 2
+
+        for number in range(9):
+            clock.call_soon(lambda number=number: work(number))
+        counts = []
+        while len(seen) < 9:
+            await asyncio.sleep(0)
+            counts.append(len(seen))
+        assert seen == list(range(9))
+        assert max(after - before for before, after in pairwise([0, *counts])) <= 3
+
+    asyncio.run(check())

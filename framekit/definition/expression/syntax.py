@@ -154,8 +154,15 @@ class Expression:
 
 def children(node: Node) -> Iterator[Node]:
     """The direct parts of a node, in order."""
-    for field in fields(node):
-        yield from _nodes_in(getattr(node, field.name))
+    names = _fields.get(node.__class__)
+    if names is None:
+        names = _fields[node.__class__] = tuple(field.name for field in fields(node))
+    for name in names:
+        yield from _nodes_in(getattr(node, name))
+
+
+_fields: dict[type[Node], tuple[str, ...]] = {}
+"""The names of the fields of each class of nodes."""
 
 
 def _nodes_in(value: object) -> Iterator[Node]:

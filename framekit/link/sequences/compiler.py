@@ -21,8 +21,8 @@ from framekit.definition.model.walk import parts_of
 from framekit.definition.sources import current_keeper
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.frame_table import FrameTable, ProtocolCodec
-from framekit.link.late import is_numbered
+from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
+from framekit.link.late import is_numbered, replies_of
 from framekit.link.sequences import runtime
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledSequence, CompiledStep, Rows, State, begin_clock
 from framekit.link.sequences.step_keys import STEP_KEYS
@@ -49,20 +49,24 @@ class Program:
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
-        self.table = table = FrameTable(protocol, codec)
+        self.table = table = table_of(protocol, codec)
         keeper = current_keeper()
         make = partial(sequence_code, protocol, table)
         code = make() if keeper is None else keeper.code(protocol, "sequences", make)
         self.sequences, self.need_names = load_sequences(code, protocol, table)
+        self._replies: dict[str | None, frozenset[str]] = {}
+
+    def replies_of(self, role: str | None) -> frozenset[str]:
+        """The frames that exchanges of a role wait for, and that repeat no number of their request."""
+        found = self._replies.get(role)
+        if found is None:
+            found = self._replies[role] = replies_of(self.protocol, None if role is None else self.protocol.roles[role])
+        return found
 
 
 def program_of(protocol: Protocol, codec: ProtocolCodec) -> Program:
     """The program of a protocol, made once for a codec."""
-    kept: dict[Any, Any] = getattr(codec, "kept", {})
-    found: Program | None = kept.get(Program)
-    if found is None or found.protocol is not protocol:
-        found = kept[Program] = Program(protocol, codec)
-    return found
+    return made_once(protocol, codec, Program, lambda: Program(protocol, codec))
 
 
 def sequence_code(protocol: Protocol, table: FrameTable) -> CodeType:

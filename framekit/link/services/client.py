@@ -26,7 +26,7 @@ from framekit.link.packing import cut_memory, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.planning import Piece, Plan, Planner, ServiceError, arguments_of
 from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
-from framekit.link.services.rows import RowFacts, ServiceRows
+from framekit.link.services.rows import RowFacts, rows_of
 from framekit.link.values import FrameValue
 from framekit.memory.memory import unit_bits
 
@@ -371,10 +371,9 @@ class Client:
 
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec, engine: Starts) -> None:
         self.engine = engine
-        self.shared = ServiceRows(protocol, codec)
-        self.grammar = self.shared.grammar
+        self.shared = rows_of(protocol, codec)
         self.planner = Planner(self.shared)
-        self.grammar.serves = lambda address: self.planner.serves(address, self._names(None, None))
+        self.grammar = self.shared.grammar.naming(lambda address: self.planner.serves(address, self._names(None, None)))
         errors = ErrorReader(self.shared)
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())

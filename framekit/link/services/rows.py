@@ -16,7 +16,7 @@ from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.walk import everything, expressions_of, parts_of
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import Evaluate, compile_expression
-from framekit.link.frame_table import FrameTable, ProtocolCodec
+from framekit.link.frame_table import ProtocolCodec, made_once, table_of
 from framekit.link.invert import bare_name
 from framekit.link.packing import Packer
 
@@ -30,10 +30,10 @@ COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
 class ServiceRows:
     """Everything the services of one protocol share; `rows` ask, `served` are answered, in the order of the file."""
 
-    def __init__(self, protocol: Protocol, codec: ProtocolCodec, table: FrameTable | None = None) -> None:
+    def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
         self.codec = codec
-        self.table = table or FrameTable(protocol, codec)
+        self.table = table_of(protocol, codec)
         self.grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
         rows = {service: tuple(RowFacts(row, self) for row in rows) for service, rows in protocol.services.items()}
         asking = {name: tuple(facts for facts in one if not facts.row.server_only) for name, one in rows.items()}
@@ -46,6 +46,11 @@ class ServiceRows:
         errors = self.protocol.errors
         frames = () if errors is None else errors.frames
         return tuple(frame for name in frames for frame in self.protocol.frames_of(name))
+
+
+def rows_of(protocol: Protocol, codec: ProtocolCodec) -> ServiceRows:
+    """The rows of a protocol, made once for a codec: clients and servers, however many there are, share them."""
+    return made_once(protocol, codec, ServiceRows, lambda: ServiceRows(protocol, codec))
 
 
 class RowFacts:

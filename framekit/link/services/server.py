@@ -33,7 +33,7 @@ from framekit.link.services.matching import (
     RefusedMatchError,
     Serve,
 )
-from framekit.link.services.rows import RowFacts, ServiceRows
+from framekit.link.services.rows import RowFacts, rows_of
 from framekit.link.services.work import BlockRefusedError, CompiledBlock, StartBlock, Work
 from framekit.link.values import FrameValue
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
@@ -183,7 +183,7 @@ class MemoryServer:
         self.refuses = refuses
         self.counters = ServiceCounters() if counters is None else counters
         self.areas = DeviceAreas(protocol, codec, memory, mapping)
-        self.shared = ServiceRows(protocol, codec)
+        self.shared = rows_of(protocol, codec)
         self._refuse = rules(protocol.server_refusals)
         self._rows: dict[str, list[ServedRow]] = {}
         self._serving: dict[str, list[tuple[Serve, str]]] = {}
