@@ -6,27 +6,39 @@ what it does is told at `AsyncClient`.
 
 from __future__ import annotations
 
+import functools
 import weakref
-from collections.abc import Callable, Coroutine, Mapping, Sequence
-from types import TracebackType
-from typing import Any, TypeVar, overload
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, Concatenate, ParamSpec, TypeVar, overload
 
-from framekit.api.async_client import OPEN_WITHIN, AsyncClient
+from framekit.api.async_client import AsyncClient, aconnect
 from framekit.api.errors import LineClosedError
-from framekit.api.loop_thread import LoopStoppedError, LoopThread
-from framekit.api.settings import ProtocolGiven, line_settings
-from framekit.api.values import Answer, FloatType, Frame, IntType, Reading, TextType, Value
+from framekit.api.loop_thread import Closing, LoopStoppedError, LoopThread, with_arguments_of
+from framekit.api.settings import ProtocolGiven
+from framekit.api.values import FloatType, IntType, Reading, TextType
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address
-from framekit.link.observe import Seen
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import Order
-from framekit.run.commands import CommandBlocks, CommandEnd
+from framekit.run.commands import CommandBlocks
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
-class Client:
+def _waiting(
+    method: Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[Client, P], T]:
+    """The call that waits for the end of the async client's."""
+
+    @functools.wraps(method)
+    def call(self: Client, /, *arguments: P.args, **options: P.kwargs) -> T:
+        return self.wait(method(self.client, *arguments, **options))
+
+    return call
+
+
+class Client(Closing):
     """A client on an open port, made by `framekit.connect`; `with` or `close` closes it.
 
     Threads may call it side by side. Where a program forgets to close it, the port is closed when nobody has the client
@@ -34,49 +46,42 @@ class Client:
     """
 
     def __init__(self, client: AsyncClient) -> None:
-        self._client = client
+        self.client = client
         self._thread = LoopThread(f"framekit {client.settings.port}")
-        self._end = weakref.finalize(self, _end, self._thread, client)
+        self._end = weakref.finalize(self, self._thread.end_with, client.close_now, client.close)
         try:
-            self._wait(client.open())
+            self.wait(client.open())
         except BaseException:
             self._end()
             raise
 
     def __repr__(self) -> str:
-        return repr(self._client).replace("Async", "", 1)
+        return repr(self.client).replace("Async", "", 1)
 
     def close(self) -> None:
         """Closes the port; calls under way in other threads raise LineClosedError. Closing twice does nothing."""
         self._end()
 
-    def __enter__(self) -> Client:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     @property
     def is_open(self) -> bool:
         """Whether the port is open now. One that was lost is opened again by itself."""
-        return self._client.is_open
+        return self.client.is_open
 
     @property
     def protocol(self) -> Protocol:
         """The definition that is spoken."""
-        return self._client.protocol
+        return self.client.protocol
 
     def place(self, address: str) -> Address:
         """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
-        return self._client.place(address)
+        return self.client.place(address)
 
-    def _wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
+    def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """The result of a coroutine of `client`."""
         try:
             return self._thread.wait(coroutine)
         except LoopStoppedError:
-            raise LineClosedError(f"{self._client.settings.port} is not open: it was closed", "closed") from None
+            raise LineClosedError(f"{self.client.settings.port} is not open: it was closed", "closed") from None
 
     # ---- read and write -----------------------------------------------------------------------------------
 
@@ -105,90 +110,25 @@ class Client:
         order: Order | None = None, params: Mapping[str, Any] | None = None,
     ) -> Reading[Any]:  # fmt: skip
         """`count` values from an address on."""
-        return self._wait(self._client.read(address, count, station=station, type=type, order=order, params=params))
+        return self.wait(self.client.read(address, count, station=station, type=type, order=order, params=params))
 
-    def read_many(
-        self, addresses: Sequence[str], *, station: Any = None, type: str | None = None, order: Order | None = None,
-        params: Mapping[str, Any] | None = None,
-    ) -> Reading[Any]:  # fmt: skip
-        """One value of each address, in their order."""
-        return self._wait(self._client.read_many(addresses, station=station, type=type, order=order, params=params))
-
-    def write(
-        self, address: str, values: Value | Sequence[Value], *, station: Any = None, type: str | None = None,
-        order: Order | None = None, count: int | None = None, params: Mapping[str, Any] | None = None,
-    ) -> None:  # fmt: skip
-        """Writes one value, or several from an address on."""
-        self._wait(
-            self._client.write(address, values, station=station, type=type, order=order, count=count, params=params)
-        )
-
-    def write_many(
-        self, values: Mapping[str, int | float], *, station: Any = None, type: str | None = None,
-        order: Order | None = None, params: Mapping[str, Any] | None = None,
-    ) -> None:  # fmt: skip
-        """Writes one value to each address."""
-        self._wait(self._client.write_many(values, station=station, type=type, order=order, params=params))
+    read_many = _waiting(AsyncClient.read_many)
+    write = _waiting(AsyncClient.write)
+    write_many = _waiting(AsyncClient.write_many)
+    call = _waiting(AsyncClient.call)
+    command = _waiting(AsyncClient.command)
+    send = _waiting(AsyncClient.send)
+    wait_for = _waiting(AsyncClient.wait_for)
 
     def command_blocks(
         self, application: ProtocolGiven | None = None, memory: DeviceMemory | None = None
     ) -> CommandBlocks:
         """Command blocks on this line."""
-        return self._client.command_blocks(application, memory)
-
-    def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
-        """Carries a command block out."""
-        return self._wait(self._client.command(blocks, words))
-
-    def call(
-        self, service: str, arguments: Mapping[str, Any] | None = None, *, station: Any = None,
-        addresses: Sequence[str] = (), unit: str | None = None, count: int = 1,
-        params: Mapping[str, Any] | None = None,
-    ) -> Answer:  # fmt: skip
-        """Runs any other service of the protocol."""
-        return self._wait(
-            self._client.call(
-                service, arguments, station=station, addresses=addresses, unit=unit, count=count, params=params
-            )
-        )
-
-    # ---- frames -------------------------------------------------------------------------------------------
-
-    def send(self, frame: str, fields: Mapping[str, Any] | None = None) -> None:
-        """Sends a frame by itself and returns when it has left."""
-        self._wait(self._client.send(frame, fields))
-
-    def wait_for(self, *frames: str, timeout: float | None = None) -> Frame:
-        """The next frame of one of these names that no exchange took; `timeout` in seconds."""
-        return self._wait(self._client.wait_for(*frames, timeout=timeout))
+        return self.client.command_blocks(application, memory)
 
 
-def _end(thread: LoopThread, client: AsyncClient) -> None:
-    """Closes the port and ends the thread."""
-    try:
-        if thread.is_here:
-            client.close_now()
-        else:
-            thread.wait(client.close())
-    except LoopStoppedError:
-        return
-    thread.stop()
-
-
-def connect(
-    protocol: ProtocolGiven,
-    port: str,
-    *,
-    station: Any = None,
-    speed: int | None = None,
-    format: str | None = None,
-    params: Mapping[str, Any] | None = None,
-    role: str | None = None,
-    own: Any = None,
-    frames_alone: bool = False,
-    open_within: float = OPEN_WITHIN,
-    monitor: Callable[[Seen], None] | None = None,
-) -> Client:
+@with_arguments_of(aconnect)
+def connect(client: AsyncClient) -> Client:
     """Opens a port and speaks a protocol on it; `framekit.aconnect` does the same for asyncio.
 
     `protocol`: name or file of a definition, or what `framekit.load` gave. `port`: a device (`/dev/ttyUSB0`),
@@ -200,8 +140,4 @@ def connect(
 
     Raises DefinitionError for a wrong definition, RequestError for settings that do not fit it, and LineClosedError.
     """
-    settings = line_settings(
-        protocol, port, role=role, frames_alone=frames_alone, speed=speed, format=format, own=own, station=station,
-        params=params,
-    )  # fmt: skip
-    return Client(AsyncClient(settings, open_within=open_within, monitor=monitor))
+    return Client(client)

@@ -14,10 +14,10 @@ from framekit.api.values import Frame
 from framekit.codec.batch.result import Batch, Cut
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
+from framekit.codec.functions import candidates, fitting, nearest, reason
 from framekit.definition.model import protocol as model
 from framekit.definition.problems import did_you_mean
 from framekit.link.evaluate import Names
-from framekit.link.fitting import candidates, fitting, nearest, reason
 from framekit.link.scope import Scope
 
 if TYPE_CHECKING:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from framekit.codec.shown import code_text
-from framekit.link.services.client import TransferResult
-from framekit.run.block_state import ErrorCode, error_code, error_table
+
+if TYPE_CHECKING:
+    from framekit.link.services.client import TransferResult
+    from framekit.run.block_state import ErrorCode
 
 NO_REPLY = ("no_reply", "timeout")
 BAD_REPLIES = ("damaged_reply", "unfit_reply", "exhausted")
@@ -35,6 +39,8 @@ class ExchangeError(FramekitError):
     @property
     def error_code(self) -> ErrorCode:
         """framekit's code of the outcome (docs/error-codes.md)."""
+        from framekit.run.block_state import error_code
+
         return error_code(self.outcome)
 
 
@@ -61,6 +67,8 @@ class LineClosedError(ExchangeError, ConnectionError):
 
 def error_of(result: TransferResult, trouble: str = "") -> ExchangeError:
     """What a failed transfer is. `trouble`: what a simulated device could not do meanwhile."""
+    from framekit.run.block_state import error_table
+
     more = f" – {trouble}" if trouble else ""
     if result.code is not None and result.outcome not in NO_REPLY:
         meaning = f": {result.meaning}" if result.meaning else ""

@@ -1,15 +1,24 @@
-"""A capture sent again, in its own time or faster, and a port that is wired back to itself, tested."""
+"""Lines without a run: captures decoded, or sent again in their own time or faster; ports wired back to themselves."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
+from framekit.api.errors import LineClosedError, RequestError
+from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
-from framekit.transport.clock import Clock, Handle
-from framekit.transport.port import LineEvent, Port
+from framekit.link.parameters import ParameterError
+from framekit.service.capture import CaptureDecoder, CaptureReader
+from framekit.transport.clock import AsyncioClock, Clock, Handle, VirtualClock
+from framekit.transport.port import AcceptedPort, Port
+from framekit.transport.port import LineEvent as LineEvent
+from framekit.transport.schemes import make_listener, open_port, scheme_of
+from framekit.transport.simulated_line import SimulatedLine
 
 
 class Replay:
@@ -265,3 +274,102 @@ class _Trial:
             self._result.problems.append(f"it took {told}: the line is slower than set")
         elif measured * SLOW < expected:
             self._result.remarks.append(f"it took {told}: bytes have no bit times here")
+
+
+# ---- on ports ---------------------------------------------------------------------------------------------
+
+SIMULATED = "sim:loop"
+"""The port of a simulated line that is wired back to itself."""
+
+
+def decoder(
+    path: Path, protocol: Protocol, *, line: LineFormat | None, params: Mapping[str, Any], client: Literal["in", "out"]
+) -> CaptureDecoder:
+    """What decodes a capture. Raises CaptureError (a ValueError), RequestError for parameters that do not fit."""
+    try:
+        return CaptureDecoder(path, protocol, line=line, params=params, client=client)
+    except ParameterError as error:
+        raise RequestError(str(error)) from None
+
+
+def recorded(path: Path, direction: Literal["in", "out"], channel: int | None) -> list[LineEvent]:
+    """The bytes of one channel and direction in a capture. Raises CaptureError (a ValueError), RequestError."""
+    with CaptureReader(path) as reader:
+        found = [
+            (number, event)
+            for number, event in reader.events()
+            if event.kind == "data" and event.direction == direction
+        ]
+    channels = sorted({number for number, _ in found})
+    if channel is None and len(channels) > 1:
+        raise RequestError(f"the capture has the channels {', '.join(map(str, channels))} – choose one with --channel")
+    events = [event for number, event in found if channel in (None, number)]
+    if not events:
+        raise RequestError(f"the capture has no bytes of direction {direction} there – try --direction")
+    return events
+
+
+async def replay(
+    events: Iterable[LineEvent], url: str, line: LineFormat, *, direction: Literal["in", "out"],
+    speed_up: float | None, waiting: Callable[[str], None], begun: Callable[[Replay], None],
+) -> tuple[Replay, str]:  # fmt: skip
+    """Sends a capture on a port, or to the first that connects to it; why it ended, '' when all has been sent.
+
+    `waiting` is told where to connect, `begun` is given the replay. Raises RequestError, LineClosedError.
+    """
+    ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    clock = AsyncioClock(asyncio.get_running_loop())
+    port = await _port_at(url, line, clock, waiting)
+    sending = Replay(events, port, clock, ended.set_result, direction=direction, speed_up=speed_up)
+    begun(sending)
+    sending.start()
+    return sending, await ended
+
+
+async def _port_at(url: str, line: LineFormat, clock: AsyncioClock, waiting: Callable[[str], None]) -> Port:
+    """The port, not yet opened; where it is to be a listener, the first connection."""
+    first: asyncio.Future[AcceptedPort] = clock.loop.create_future()
+
+    def accepted(port: AcceptedPort) -> None:
+        if first.done():
+            port.close()
+        else:
+            first.set_result(port)
+
+    kind = scheme_of(url)
+    try:
+        if kind is None or kind.open is not None:
+            return open_port(url, line, clock)
+        listener = make_listener(url, clock, accepted)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    try:
+        await listener.start()
+    except OSError as error:
+        raise LineClosedError(f"{url}: {error.strerror or error}", "closed") from None
+    waiting(listener.reached.partition("://")[2])
+    try:
+        return await first
+    finally:
+        listener.stop()
+
+
+def loopback(url: str, lines: Sequence[LineFormat]) -> list[LoopbackResult]:
+    """Tests a port that is wired back to itself with each of `lines`. Raises RequestError for what is no port."""
+    if url != SIMULATED:
+        return asyncio.run(_real_loopback(url, lines))
+    clock = VirtualClock()
+    found: list[LoopbackResult] = []
+    Loopback(lambda line: SimulatedLine(clock, line, echo=True).port("loop"), clock, lines, found.extend).start()
+    clock.run_until_idle(1 << 60)
+    return found
+
+
+async def _real_loopback(url: str, lines: Sequence[LineFormat]) -> list[LoopbackResult]:
+    clock = AsyncioClock(asyncio.get_running_loop())
+    ended: asyncio.Future[list[LoopbackResult]] = clock.loop.create_future()
+    try:
+        Loopback(lambda line: open_port(url, line, clock), clock, lines, ended.set_result).start()
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    return await ended

@@ -6,12 +6,17 @@ The thread is a daemon: a program ends whether or not anybody has stopped it.
 from __future__ import annotations
 
 import asyncio
+import functools
+import inspect
 import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import CancelledError, Future
-from typing import Any, TypeVar
+from types import TracebackType
+from typing import Any, ParamSpec, Self, TypeVar
 
 T = TypeVar("T")
+Made = TypeVar("Made")
+P = ParamSpec("P")
 
 
 class LoopStoppedError(RuntimeError):
@@ -98,6 +103,17 @@ class LoopThread:
             self._thread.join()
             return action()
 
+    def end_with(self, close_now: Callable[[], None], close: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Closes what the loop works for, and ends the thread; from inside of the loop without waiting."""
+        try:
+            if self.is_here:
+                close_now()
+            else:
+                self.wait(close())
+        except LoopStoppedError:
+            return
+        self.stop()
+
     def stop(self) -> None:
         """Cancels what is under way and ends the thread. Stopping twice does nothing."""
         with self._lock:
@@ -117,3 +133,34 @@ def _copy(task: asyncio.Task[T], done: Future[T]) -> None:
         done.set_exception(error)
     else:
         done.set_result(task.result())
+
+
+class Closing:
+    """Something that `with` closes."""
+
+    def close(self) -> None:
+        """Ends it. Twice does nothing."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def with_arguments_of(make: Callable[P, Made]) -> Callable[[Callable[[Made], T]], Callable[P, T]]:
+    """The function takes the arguments of `make`, and is given what that makes of them."""
+
+    def decorate(use: Callable[[Made], T]) -> Callable[P, T]:
+        @functools.wraps(use)
+        def call(*arguments: P.args, **options: P.kwargs) -> T:
+            return use(make(*arguments, **options))
+
+        returns = inspect.signature(use).return_annotation
+        call.__signature__ = inspect.signature(make).replace(return_annotation=returns)  # type: ignore[attr-defined]
+        return call
+
+    return decorate

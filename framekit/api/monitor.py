@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from framekit.api.errors import RequestError
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import LineFormat
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import CharacterFault, Command
 from framekit.link.listener import Listener
 from framekit.link.observe import Monitor, Seen
 from framekit.link.scope import Scope
 from framekit.run.block_state import BlockStatus
+from framekit.service.capture import Capture
 from framekit.service.driver import Driver
 from framekit.service.line_load import LineLoad
-from framekit.transport.clock import Clock
+from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
+from framekit.transport.schemes import open_port
 
 UNKNOWN = "unknown"
 USER_DEFINED = "user-defined"
@@ -222,7 +228,10 @@ class _Listening:
 
 
 class LineMonitor:
-    """Tells `monitor` everything that goes over the line. Raises ParameterError for parameters that do not fit."""
+    """Tells `monitor` everything that goes over the line. Raises ParameterError for parameters that do not fit.
+
+    `lost`: what is not in its capture, known after `stop`.
+    """
 
     def __init__(
         self,
@@ -240,7 +249,30 @@ class LineMonitor:
         self.listener = Listener(
             protocol, compile_protocol(protocol), monitor, params=params, line=port.settings, now=clock.now()
         )
+        self.lost: list[str] = []
+        self._capture: Capture | None = None
         self._driver = Driver(_Listening(self.listener, monitor), port, clock, on_state)
+
+    @classmethod
+    def at(
+        cls, protocol: Protocol, url: str, monitor: Monitor, *, line: LineFormat | None,
+        params: Mapping[str, Any] | None = None, capture: Path | None = None,
+        on_state: Callable[[str], None] | None = None,
+    ) -> LineMonitor:  # fmt: skip
+        """A monitor of a port, in the running loop, with all it hears in the file `capture`.
+
+        Raises RequestError; OSError for a capture that cannot be written.
+        """
+        clock = AsyncioClock(asyncio.get_running_loop())
+        try:
+            port = open_port(protocol.line.port_of(url), line, clock, listen_only=True)
+            capturing = None if capture is None else Capture(capture, (1,), clock)
+            tapped = port if capturing is None else capturing.around(1, port)
+            found = cls(protocol, tapped, clock, monitor, params=params, on_state=on_state)
+        except ValueError as error:
+            raise RequestError(str(error)) from None
+        found._capture = capturing
+        return found
 
     @property
     def load(self) -> LineLoad:
@@ -255,22 +287,14 @@ class LineMonitor:
         """Closes the port; what is unfinished is told."""
         self._driver.stop()
         self.listener.ended(self.clock.now())
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelView:
-    """One line: what it is called, whether it is open, and the part of the time it is busy, lately and altogether."""
-
-    number: int
-    name: str
-    state: str
-    load_now: float | None
-    load: float | None
+        if self._capture is not None:
+            self._capture.close()
+            self.lost = self._capture.troubles
 
 
 @dataclass(frozen=True, slots=True)
 class LineOf:
-    """Where a channel's data comes from."""
+    """One line that is shown: what it is called, how it is doing (open, or why not), how busy it is."""
 
     name: str
     state: Callable[[], str]
@@ -278,34 +302,26 @@ class LineOf:
 
 
 class LiveView:
-    """`blocks` tells how the blocks are doing; without blocks there are none."""
+    """What a display shows of `lines`. `now` tells the time, `blocks` how the blocks are doing, where there are any."""
 
     def __init__(
         self,
         log: FrameLog,
-        clock: Clock,
+        now: Callable[[], int],
         lines: Mapping[int, LineOf],
         blocks: Callable[[], list[BlockStatus]] = list,
     ) -> None:
         self.log = log
+        self.now = now
+        self.lines = lines
         self.blocks = blocks
-        self._clock = clock
-        self._lines = lines
-        self.began = clock.now()
+        self.began = now()
 
     @property
     def elapsed(self) -> int:
         """Since it began (ns)."""
-        return self._clock.now() - self.began
+        return self.now() - self.began
 
     def seconds(self, at: int) -> float:
         """A time of the clock in seconds since it began."""
         return (at - self.began) / 1e9
-
-    def channels(self) -> list[ChannelView]:
-        """The lines as they are now; `load_now` is of the time since this was asked the last time."""
-        now = self._clock.now()
-        return [
-            ChannelView(number, line.name, line.state(), line.load.since_last(now), line.load.share(now))
-            for number, line in self._lines.items()
-        ]

@@ -4,29 +4,47 @@ from __future__ import annotations
 
 import asyncio
 import weakref
+from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from framekit.api.errors import LineClosedError, RequestError
-from framekit.api.loop_thread import LoopStoppedError, LoopThread
+from framekit.api.loop_thread import Closing, LoopThread, with_arguments_of
 from framekit.api.memory import Do, Memory
 from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
+from framekit.codec.shown import refusal_text
 from framekit.definition.times import LineFormat
 from framekit.link.observe import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
-from framekit.runfile.devices import Device, DeviceSettings, load_devices, with_faults
-from framekit.service.serving import Serving, begin_serving, check_line, line_of
+from framekit.runfile.devices import Device as Device
+from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
+from framekit.service.capture import Capture
+from framekit.service.line_load import LineLoad
+from framekit.service.serving import Serving, ServingMonitor, check_line, line_of
 from framekit.transport.clock import AsyncioClock
+
+
+@dataclass(frozen=True, slots=True)
+class ServedDevice:
+    """What one device has done: services carried out and refused, the refusals by their text, its published status."""
+
+    device: Device
+    services: int
+    errors: int
+    reasons: Mapping[str, int]
+    status: Mapping[str, Any]
 
 
 class AsyncServer:
     """Devices on a port, made by `framekit.aserve`. `async with` opens and closes it; so do `await` and `close`.
 
-    `port` is where others reach it. Its memory may be used as soon as it is open.
+    `port` is where others reach it, `about` the same for people. Its memory may be used as soon as it is open. `watch`
+    is told what goes over the line, with the port and the number of the device; what all devices hear, once. `capture`
+    is a file for it; `lost` says after the end what is not in there. `load`: how busy the line is.
     """
 
     def __init__(
@@ -34,47 +52,60 @@ class AsyncServer:
         monitor: Callable[[Seen], None] | None = None, limits: ConnectionLimits = DEFAULT_LIMITS,
     ) -> None:  # fmt: skip
         self.devices = tuple(devices)
-        self.port = port
+        self.port = self.about = port
         self.do: Do = lambda action: action()
-        self._line = line
+        self.line = line
+        self.load = LineLoad(line, 0)
+        self.watch: ServingMonitor | None = None
+        self.capture: Path | None = None
+        self.lost: list[str] = []
         self._initial = initial
         self._monitor = monitor
         self._limits = limits
         self._serving: Serving | None = None
-        self._stack = ExitStack()
+        self._capturing: Capture | None = None
 
     async def open(self) -> Self:
-        """Begins to serve. Raises LineClosedError, RequestError for what is no port or does not fit the memory."""
+        """Begins to serve. Raises LineClosedError, RequestError for what is no port or does not fit the memory.
+
+        OSError for a capture that cannot be written.
+        """
         if self._serving is not None:
             return self
-        loop = asyncio.get_running_loop()
-        clock = AsyncioClock(loop)
-        first_state: asyncio.Future[str] = loop.create_future()
-
-        def state(port: str, text: str) -> None:
-            if not first_state.done():
-                first_state.set_result(text)
-
-        self._serving = serving = Serving(
-            self.devices, clock, self._line, self._watch(), on_state=state, limits=self._limits
-        )
-        self._stack.callback(serving.stop)
+        clock = AsyncioClock(asyncio.get_running_loop())
+        self.load.begin(clock.now())
+        wrap = None
+        if self.capture is not None:
+            self._capturing = Capture(self.capture, (1,), clock)
+            wrap = self._capturing.around_next
+        watch = None if self._monitor is None and self.watch is None else self._seen
+        self._serving = serving = Serving(self.devices, clock, self.line, watch, wrap=wrap, limits=self._limits)
         try:
             for address, values in self._initial.items():
                 self._memory(0, lambda action: action()).write(address, values)
-            self.port = (await begin_serving(self.port, serving, clock, first_state, self._stack)).port
+            served = await serving.begin(self.port)
+            self.port, self.about = served.port, served.about
         except BaseException as error:
             self.close_now()
             if isinstance(error, OSError):
-                raise LineClosedError(f"{self.port}: {error.strerror or error}", "closed", str(error)) from None
+                text = f"{self.port}: {error.strerror}" if error.strerror else str(error)
+                raise LineClosedError(text, "closed", str(error)) from None
             if isinstance(error, ValueError):
                 raise RequestError(str(error)) from None
             raise
         return self
 
-    def _watch(self) -> Callable[[str, int, Seen], None] | None:
-        monitor = self._monitor
-        return None if monitor is None else lambda port, number, seen: monitor(seen)
+    def _seen(self, port: str, number: int, seen: Seen) -> None:
+        if self._monitor is not None:
+            self._monitor(seen)
+        sent = seen.direction == "out"
+        if self.watch is None or (number and not sent and seen.kind != "trouble"):
+            return
+        if sent:
+            self.load.bytes_out += len(seen.raw)
+        else:
+            self.load.bytes_in += len(seen.raw)
+        self.watch(port, number, seen)
 
     async def close(self) -> None:
         """Answers no more, and closes the port. Closing twice does nothing."""
@@ -83,7 +114,12 @@ class AsyncServer:
 
     def close_now(self) -> None:
         """As `close`, without letting the loop go on: network connections are told at its next turn."""
-        self._stack.close()
+        if self._serving is not None:
+            self._serving.stop()
+        capture, self._capturing = self._capturing, None
+        if capture is not None:
+            capture.close()
+            self.lost += capture.troubles
 
     def __await__(self) -> Generator[Any, None, Self]:
         return self.open().__await__()
@@ -120,6 +156,8 @@ class AsyncServer:
             raise RequestError("it has no memory before it is opened")
         return self._serving
 
+    # ---- what has been done -------------------------------------------------------------------------------
+
     @property
     def done(self) -> int:
         """How many requests have been carried out."""
@@ -128,10 +166,28 @@ class AsyncServer:
     @property
     def refused(self) -> dict[int, int]:
         """How many requests were refused, by the code they were refused with."""
-        found: dict[int, int] = {}
+        found: Counter[int] = Counter()
         for store in self._opened().stores:
-            for code, count in store.counters.refused.items():
-                found[code] = found.get(code, 0) + count
+            found.update(store.counters.refused)
+        return dict(found)
+
+    @property
+    def connections(self) -> int:
+        """How many have been made."""
+        return self._opened().connections
+
+    @property
+    def line_errors(self) -> Mapping[str, int]:
+        """What was wrong on the line: bad frames by their cause, noise, connections that were refused or closed."""
+        return self._opened().line_errors
+
+    def status(self) -> list[ServedDevice]:
+        """What each device has done so far."""
+        serving, found = self._opened(), []
+        for number, store in enumerate(serving.stores):
+            protocol, counters = store.device.protocol, store.counters
+            reasons = {refusal_text(protocol, code): count for code, count in sorted(counters.refused.items())}
+            found.append(ServedDevice(store.device, counters.done, counters.errors, reasons, serving.published(number)))
         return found
 
 
@@ -152,6 +208,7 @@ def aserve(
     monitor: Callable[[Seen], None] | None = None,
     idle_timeout: str | float = DEFAULT_LIMITS.idle / 1e9,
     connections: int = DEFAULT_LIMITS.per_address,
+    texts: Mapping[str, str] | None = None,
 ) -> AsyncServer:
     """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
     if memory is not None and not isinstance(memory, str):
@@ -161,6 +218,7 @@ def aserve(
         stations=tuple(_text(one) for one in stations),
         role=role,
         memory=memory,
+        initial=dict(texts or {}),
         sizes={name: _text(value) for name, value in (sizes or {}).items()},
         params={name: _text(value) for name, value in (params or {}).items()},
         mapping=dict(map or {}),
@@ -184,14 +242,14 @@ def _text(value: Any) -> str:
     return value.hex(" ") if isinstance(value, bytes) else str(value)
 
 
-class Server:
+class Server(Closing):
     """Devices at work on a port, made by `framekit.serve`; `with` or `close` ends them. Threads may share it."""
 
     def __init__(self, server: AsyncServer) -> None:
         self._server = server
         self._thread = thread = LoopThread(f"framekit serves {server.port}")
         server.do = thread.do_even_stopped
-        self._end = weakref.finalize(self, _end, thread, server)
+        self._end = weakref.finalize(self, thread.end_with, server.close_now, server.close)
         try:
             thread.wait(server.open())
         except BaseException:
@@ -201,14 +259,6 @@ class Server:
     def close(self) -> None:
         """Answers no more, and closes the port. Closing twice does nothing."""
         self._end()
-
-    def __enter__(self) -> Server:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def port(self) -> str:
@@ -240,35 +290,8 @@ class Server:
         return self._thread.do(lambda: self._server.refused)
 
 
-def _end(thread: LoopThread, server: AsyncServer) -> None:
-    try:
-        if thread.is_here:
-            server.close_now()
-        else:
-            thread.wait(server.close())
-    except LoopStoppedError:
-        return
-    thread.stop()
-
-
-def serve(
-    device: str | Path | Sequence[str | Path],
-    port: str,
-    *,
-    station: Any = None,
-    memory: str | None = None,
-    initial: Mapping[str, Any] | None = None,
-    sizes: Mapping[str, int] | None = None,
-    map: Mapping[str, str] | None = None,
-    params: Mapping[str, Any] | None = None,
-    role: str | None = None,
-    speed: int | None = None,
-    format: str | None = None,
-    faults: str | None = None,
-    monitor: Callable[[Seen], None] | None = None,
-    idle_timeout: str | float = DEFAULT_LIMITS.idle / 1e9,
-    connections: int = DEFAULT_LIMITS.per_address,
-) -> Server:
+@with_arguments_of(aserve)
+def serve(server: AsyncServer) -> Server:
     """Simulated devices that answer on a port at once; `framekit.aserve` does the same for asyncio.
 
     `device`: a protocol, whose services are served, or a device file; several share the line. `port`:
@@ -276,16 +299,11 @@ def serve(
     pseudo-terminal, else a port as for `connect`. `station`: a number, or a list for as many devices. `memory`: a
     profile, instead of the protocol's own areas; `map`: where areas of the protocol begin in it. `initial`: ADDRESS →
     value or values. `sizes`: ADDRESS → elements of the area there, also of one the protocol has not by itself.
+    `texts`: as `initial`, with texts as device files have them.
     `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with
     what the devices send. `idle_timeout` (seconds, a time such as `10 min`, or `never`): how long a connection may go
     without a good frame; `connections`: of one client address.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """
-    return Server(
-        aserve(
-            device, port, station=station, memory=memory, initial=initial, sizes=sizes, map=map, params=params,
-            role=role, speed=speed, format=format, faults=faults, monitor=monitor, idle_timeout=idle_timeout,
-            connections=connections,
-        )
-    )  # fmt: skip
+    return Server(server)

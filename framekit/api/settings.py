@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import re
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from framekit.api.errors import RequestError
+from framekit.codec.shown import explain
 from framekit.definition.load import load_protocol
+from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE, Position, did_you_mean
-from framekit.definition.times import LineFormat, parse_format
+from framekit.definition.times import LineFormat, parse_format, parse_time
+from framekit.link.evaluate import Names as Names
 from framekit.link.parameters import ParameterError, given_value
+from framekit.link.scope import Scope
 from framekit.run.model import Channel
 from framekit.runfile.channels import needs_own, needs_station, parse_station
 
@@ -159,3 +163,31 @@ def _line(protocol: Protocol, speed: int | None, format: str | None) -> LineForm
         return parse_format(line.format if format is None else format, line.speed if speed is None else speed)
     except ValueError as error:
         raise RequestError(str(error)) from None
+
+
+def names_of(protocol: Protocol, given: Mapping[str, Any]) -> Names:
+    """What the bytes of frames depend on, as it is at the start: parameters and variables, with the values `given`.
+
+    Values may be text. Raises RequestError for those that do not fit.
+    """
+    try:
+        scope = Scope(protocol, params={name: value for name, value in given.items() if name in protocol.params})
+        for name, value in given.items():
+            if name not in protocol.params:
+                _set_variable(scope, protocol, name, value)
+    except ParameterError as error:
+        raise RequestError(str(error)) from None
+    return scope
+
+
+def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
+    """Sets a state variable from its text."""
+    if name not in protocol.state:
+        hint = did_you_mean(name, [*protocol.params, *protocol.state])
+        raise RequestError(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
+    parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
+    parse = parsers.get(protocol.state[name].type, parse_number)
+    try:
+        scope.set(name, parse(value) if isinstance(value, str) else value)
+    except (ValueError, TypeError) as error:
+        raise RequestError(f"variable '{name}': {explain(error)}") from None

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import logging
+import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.codec.shown import explain
-
 if TYPE_CHECKING:
+    from framekit import Seen
     from framekit.api.monitor import FrameFilter
+    from framekit.api.settings import Names
     from framekit.codec.plain import PlainValues
     from framekit.codec.stored import StoredCodec
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.problems import Problem
     from framekit.definition.times import LineFormat
-    from framekit.link.observe import Seen
-    from framekit.link.scope import Scope
 
 
 class VerbError(Exception):
@@ -179,37 +179,12 @@ def assignment(text: str) -> tuple[str, Any]:
     return name, value
 
 
-def scope_of(protocol: Protocol, settings: Iterable[str], **options: Any) -> Scope:
+def scope_of(protocol: Protocol, settings: Iterable[str]) -> Names:
     """Names for a codec: parameters and state with the given settings. Raises WordsError for those that do not fit."""
-    from framekit.link.parameters import ParameterError
-    from framekit.link.scope import Scope
+    from framekit.api.settings import names_of
 
-    given = dict(assignment(text) for text in settings)
-    try:
-        scope = Scope(protocol, params={n: v for n, v in given.items() if n in protocol.params}, **options)
-        for name, value in given.items():
-            if name not in protocol.params:
-                set_variable(scope, protocol, name, value)
-    except ParameterError as error:
-        raise WordsError(str(error)) from None
-    return scope
-
-
-def set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
-    """Sets a state variable from its text."""
-    from framekit.definition.load.reader import parse_bytes, parse_number
-    from framekit.definition.problems import did_you_mean
-    from framekit.definition.times import parse_time
-
-    if name not in protocol.state:
-        hint = did_you_mean(name, [*protocol.params, *protocol.state])
-        raise WordsError(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
-    parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
-    parse = parsers.get(protocol.state[name].type, parse_number)
-    try:
-        scope.set(name, parse(value) if isinstance(value, str) else value)
-    except (ValueError, TypeError) as error:
-        raise WordsError(f"variable '{name}': {explain(error)}") from None
+    with in_words():
+        return names_of(protocol, dict(assignment(text) for text in settings))
 
 
 def duration_of(text: str | None) -> int | None:
@@ -294,6 +269,31 @@ def begin_log(level: str | None) -> None:
         logger.setLevel(level.upper())
 
 
+def on_stop(stop: Callable[[], object]) -> None:
+    """From now on SIGINT and SIGTERM ask to stop."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop)
+
+
+async def until(ended: asyncio.Event, duration: int | None) -> None:
+    """Waits for the event, or until the time (ns) is over."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
+
+
+@contextlib.contextmanager
+def in_words() -> Iterator[None]:
+    """What the API refuses is a wrong command line, or a port that cannot be had."""
+    from framekit.api.errors import LineClosedError, RequestError
+
+    try:
+        yield
+    except RequestError as error:
+        raise WordsError(str(error)) from None
+    except LineClosedError as error:
+        raise PortError(str(error)) from None
+
+
 def spaced(data: bytes) -> str:
     """Upper-case hex pairs."""
     return data.hex(" ").upper()
@@ -306,6 +306,11 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
     )
+
+
+def plain(value: Any) -> Any:
+    """Bytes as hex pairs, anything else as it is."""
+    return spaced(value) if isinstance(value, bytes) else value
 
 
 def print_json(value: Any) -> None:

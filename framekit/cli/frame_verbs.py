@@ -23,6 +23,7 @@ from framekit.cli.common import (
     existing,
     filter_of,
     hex_bytes,
+    in_words,
     line_of,
     load,
     load_codec,
@@ -37,14 +38,14 @@ from framekit.cli.common import (
 from framekit.codec.shown import code_text
 
 if TYPE_CHECKING:
+    from framekit import Seen
+    from framekit.api.settings import Names
+    from framekit.codec.functions import Fit
     from framekit.codec.plain import PlainValues
     from framekit.codec.stored import StoredCodec
     from framekit.definition.model.frames import Frame
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.model.segments import Segment
-    from framekit.link.fitting import Fit
-    from framekit.link.observe import Seen
-    from framekit.link.scope import Scope
 
 
 def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -93,7 +94,7 @@ def add_decode_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_decode(arguments: argparse.Namespace) -> int:
-    from framekit.link.fitting import fitting, reason
+    from framekit.codec.functions import fitting, reason
 
     codec = load_codec(arguments.protocol)
     if arguments.capture is not None:
@@ -118,7 +119,7 @@ class StartNames(dict[str, Any]):
     def __init__(self, codec: StoredCodec) -> None:
         super().__init__(codec.defaults)
         self._codec = codec
-        self._scope: Scope | None = None
+        self._scope: Names | None = None
 
     def __missing__(self, name: str) -> Any:
         if self._scope is None:
@@ -139,7 +140,7 @@ def context(codec: StoredCodec, settings: list[str]) -> Mapping[str, Any]:
 
 def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> list[str]:
     """The frames to try. Raises WordsError for one there is not."""
-    from framekit.link.fitting import candidates, of_side
+    from framekit.codec.functions import candidates, of_side
 
     if frame is None:
         return of_side(codec.catalogue, side)
@@ -215,39 +216,30 @@ def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Acti
 
 def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Prints everything; 1 when there was a bad frame or noise. Raises VerbError."""
+    from framekit.api.lines import decoder
     from framekit.api.monitor import result_of
     from framekit.codec.plain import PlainValues
-    from framekit.link.parameters import ParameterError
-    from framekit.service.capture import CaptureDecoder, CaptureError
 
     wanted, plain = filter_of(arguments), PlainValues(protocol)
     counts: Counter[str] = Counter()
+    path, line = existing(arguments.capture), line_of(protocol, arguments)
+    given = dict(assignment(text) for text in arguments.set)
     try:
-        decoder = CaptureDecoder(
-            existing(arguments.capture),
-            protocol,
-            line=line_of(protocol, arguments),
-            params=dict(assignment(text) for text in arguments.set),
-            client=arguments.client,
-        )
-        for channel, seen in decoder.seen():
+        with in_words():
+            found = decoder(path, protocol, line=line, params=given, client=arguments.client)
+        for channel, seen in found.seen():
             if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
                 counts[seen.kind] += 1
             if not wanted.takes(channel, seen):
                 continue
             if arguments.json:
-                print_json(
-                    seen_data(
-                        seen, seen.at / 1e9, plain, time_ns=seen.at, channel=channel, result=result_of(protocol, seen)
-                    )
-                )
+                more = {"time_ns": seen.at, "channel": channel, "result": result_of(protocol, seen)}
+                print_json(seen_data(seen, seen.at / 1e9, plain, **more))
             else:
                 print(_text(plain, channel, seen, arguments.ascii))
-    except CaptureError as error:
+    except ValueError as error:
         raise VerbError(str(error)) from None
-    except ParameterError as error:
-        raise WordsError(str(error)) from None
-    if decoder.is_cut:
+    if found.is_cut:
         print(f"{arguments.capture}: the last record is not whole – its writer was stopped", file=sys.stderr)
     if not arguments.json:
         print(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise")

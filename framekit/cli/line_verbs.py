@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.cli.common import (
     PortError,
     VerbError,
@@ -27,27 +26,27 @@ from framekit.cli.common import (
     duration_of,
     existing,
     filter_of,
+    in_words,
     line_of,
     load,
+    on_stop,
     params_of,
     print_json,
     seen_data,
     seen_text,
     table,
+    until,
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
-    from framekit.api.lines import LoopbackResult
-    from framekit.api.monitor import LineMonitor
+    from framekit import Seen
+    from framekit.api.lines import LineEvent, LoopbackResult
+    from framekit.api.monitor import LineMonitor, LiveView
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.times import LineFormat
-    from framekit.link.observe import Seen
-    from framekit.service.capture import Capture
-    from framekit.transport.port import LineEvent, Port
 
 
 def add_monitor_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,19 +68,14 @@ def run_monitor(arguments: argparse.Namespace) -> int:
     duration = duration_of(arguments.duration)
     begin_log(arguments.log)
     if arguments.screen:
-        return _live(protocol, arguments, duration)
+        from framekit.cli.screen.show import show
+
+        return show(MonitorSession(protocol, arguments, duration))
     printer = _Printer(protocol, arguments)
     try:
         return asyncio.run(_listen(protocol, arguments, printer, duration))
     except OSError as error:
         raise VerbError(why_not(error)) from None
-
-
-def _live(protocol: Protocol, arguments: argparse.Namespace, duration: int | None) -> int:
-    """The line in the live display."""
-    from framekit.cli.screen.show import show
-
-    return show(MonitorSession(protocol, arguments, duration))
 
 
 class _Printer:
@@ -108,8 +102,8 @@ class _Printer:
             print(seen_text(seen, seconds, "", self._ascii))
         sys.stdout.flush()
 
-    def summary(self, monitor: LineMonitor, now: int) -> None:
-        counters, share = monitor.listener.counters, monitor.load.share(now)
+    def summary(self, monitor: LineMonitor) -> None:
+        counters, share = monitor.listener.counters, monitor.load.share(time.monotonic_ns())
         if self._json:
             line = {
                 "event": "line",
@@ -124,110 +118,74 @@ class _Printer:
             print(f"{counters.received} frames, {counters.bad} bad, {counters.noise_bytes} bytes of noise{load}")
 
 
-def monitor_of(
-    protocol: Protocol,
-    arguments: argparse.Namespace,
-    clock: Clock,
-    show: Callable[[Seen], None],
-    on_state: Callable[[str], None] | None = None,
-) -> tuple[LineMonitor, Capture | None]:
-    """The monitor that a command line asks for, and its capture. Raises VerbError, OSError."""
-    from framekit.api.monitor import LineMonitor
-    from framekit.link.parameters import ParameterError
-    from framekit.service.capture import Capture
-    from framekit.transport.schemes import open_port
-
-    try:
-        port = open_port(protocol.line.port_of(arguments.port), line_of(protocol, arguments), clock, listen_only=True)
-    except ValueError as error:
-        raise WordsError(str(error)) from None
-    capture = None
-    if arguments.capture is not None:
-        capture = Capture(arguments.capture, (1,), clock)
-        port = capture.around(1, port)
-    try:
-        return LineMonitor(protocol, port, clock, show, params=params_of(arguments), on_state=on_state), capture
-    except ParameterError as error:
-        raise WordsError(str(error)) from None
-
-
 async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _Printer, duration: int | None) -> int:
-    """Until the time is over, or SIGINT or SIGTERM asks to stop. Raises PortError."""
-    loop = asyncio.get_running_loop()
-    clock, ended = AsyncioClock(loop), asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, ended.set)
-    failed: list[str] = []
-    opened: list[str] = []
+    """Until the time is over, or SIGINT or SIGTERM asks to stop. Raises WordsError, PortError."""
+    ended = asyncio.Event()
+    on_stop(ended.set)
+    states: list[str] = []
 
     def state(text: str) -> None:
-        if text == "open":
-            opened.append(text)
-        elif not opened:
-            failed.append(text)
+        states.append(text)
+        if "open" not in states:
             ended.set()
 
-    monitor, capture = monitor_of(protocol, arguments, clock, printer.show, state)
-    printer.began = clock.now()
+    monitor = monitor_of(protocol, arguments, printer.show, state)
+    printer.began = time.monotonic_ns()
     monitor.start()
     try:
-        await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
-    except TimeoutError:
-        pass
+        await until(ended, duration)
     finally:
         monitor.stop()
-        if capture is not None:
-            capture.close()
-    if failed:
-        raise PortError(failed[0])
-    printer.summary(monitor, clock.now())
-    lost = [] if capture is None else capture.troubles
-    for trouble in lost:
+    if states and "open" not in states:
+        raise PortError(states[0])
+    printer.summary(monitor)
+    for trouble in monitor.lost:
         print(trouble, file=sys.stderr)
-    return 1 if lost else 0
+    return 1 if monitor.lost else 0
+
+
+def monitor_of(
+    protocol: Protocol, arguments: argparse.Namespace, show: Callable[[Seen], None], on_state: Callable[[str], None]
+) -> LineMonitor:
+    """The monitor that a command line asks for. Raises WordsError, OSError."""
+    from framekit.api.monitor import LineMonitor
+
+    line, params = line_of(protocol, arguments), params_of(arguments)
+    with in_words():
+        return LineMonitor.at(
+            protocol, arguments.port, show, line=line, params=params, capture=arguments.capture, on_state=on_state
+        )
 
 
 class MonitorSession(LiveSession):
     """A line between others."""
 
     def __init__(self, protocol: Protocol, arguments: argparse.Namespace, duration: int | None) -> None:
-        self.title = f"monitor {arguments.port}"
+        super().__init__(f"monitor {arguments.port}", duration)
         self.protocol = protocol
-        self.problems: list[str] = []
         self._arguments = arguments
-        self._duration = duration
         self._monitor: LineMonitor | None = None
-        self._capture: Capture | None = None
-        self._view: LiveView | None = None
         self._state = "opening"
 
     def begin(self) -> LiveView:
         """Raises VerbError, OSError."""
-        clock = AsyncioClock(asyncio.get_running_loop())
+        from framekit.api.monitor import FrameLog, LineOf, LiveView
+
         log = FrameLog({1: self.protocol}, params={1: params_of(self._arguments)})
 
         def state(text: str) -> None:
             self._state = text
 
-        self._monitor, self._capture = monitor_of(
-            self.protocol, self._arguments, clock, lambda seen: log.add(1, seen), state
-        )
-        settings = self._monitor.port.settings
+        self._monitor = monitor = monitor_of(self.protocol, self._arguments, lambda seen: log.add(1, seen), state)
+        settings = monitor.port.settings
         name = self.protocol.name + ("" if settings is None else f" {settings}")
-        self._view = LiveView(log, clock, {1: LineOf(name, lambda: self._state, self._monitor.load)})
-        self._monitor.start()
-        return self._view
-
-    @property
-    def is_over(self) -> bool:
-        return self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
+        monitor.start()
+        return LiveView(log, time.monotonic_ns, {1: LineOf(name, lambda: self._state, monitor.load)})
 
     async def end(self) -> None:
         if self._monitor is not None:
             self._monitor.stop()
-        if self._capture is not None:
-            self._capture.close()
-            self.problems = self._capture.troubles
+            self.problems = self._monitor.lost
             self.lost = bool(self.problems)
 
 
@@ -258,104 +216,57 @@ def run_replay(arguments: argparse.Namespace) -> int:
         line = parse_format(arguments.format, arguments.speed)
     except ValueError as error:
         raise WordsError(str(error)) from None
-    events = _events(arguments)
+    from framekit.api.lines import recorded
+
+    path = existing(arguments.file)
+    try:
+        with in_words():
+            events = recorded(path, arguments.direction, arguments.channel)
+    except ValueError as error:
+        raise VerbError(str(error)) from None
     return asyncio.run(_replay(arguments, line, events))
 
 
-def _events(arguments: argparse.Namespace) -> list[LineEvent]:
-    """What is to be sent, from one channel. Raises VerbError."""
-    from framekit.service.capture import CaptureError, CaptureReader
-
-    try:
-        with CaptureReader(existing(arguments.file)) as reader:
-            found = [
-                (channel, event)
-                for channel, event in reader.events()
-                if event.kind == "data" and event.direction == arguments.direction
-            ]
-    except CaptureError as error:
-        raise VerbError(str(error)) from None
-    channels = sorted({channel for channel, _ in found})
-    if arguments.channel is None and len(channels) > 1:
-        raise WordsError(f"the capture has the channels {', '.join(map(str, channels))} – choose one with --channel")
-    events = [event for channel, event in found if arguments.channel in (None, channel)]
-    if not events:
-        raise WordsError(f"the capture has no bytes of direction {arguments.direction} there – try --direction")
-    return events
-
-
 async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
-    from framekit.api.lines import Replay
+    from framekit.api.lines import replay
 
-    loop = asyncio.get_running_loop()
-    ended: asyncio.Future[str] = loop.create_future()
-    clock = AsyncioClock(loop)
-    port = await _port(arguments, line, clock)
+    def waiting(place: str) -> None:
+        print(f"waiting for a connection to {place}", file=sys.stderr, flush=True)
+
     speed_up = None if arguments.as_fast else arguments.speed_up
-    replay = Replay(events, port, clock, ended.set_result, direction=arguments.direction, speed_up=speed_up)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, replay.stop)
-    replay.start()
-    reason = await ended
-    seconds = (replay.ended_at - replay.began) / 1e9 if replay.began else 0.0
+    with in_words():
+        sent, reason = await replay(
+            events, arguments.port, line, direction=arguments.direction, speed_up=speed_up, waiting=waiting,
+            begun=lambda replay: on_stop(replay.stop),
+        )  # fmt: skip
+    seconds = (sent.ended_at - sent.began) / 1e9 if sent.began else 0.0
     if arguments.json:
-        told = {"sent": replay.bytes_sent, "pieces": replay.pieces_sent, "of": replay.pieces}
-        print_json(told | {"received": replay.bytes_received, "seconds": round(seconds, 6), "reason": reason})
+        told = {"sent": sent.bytes_sent, "pieces": sent.pieces_sent, "of": sent.pieces}
+        print_json(told | {"received": sent.bytes_received, "seconds": round(seconds, 6), "reason": reason})
     else:
-        pieces = f"{replay.pieces_sent} of {replay.pieces} pieces"
-        print(f"sent {pieces}, {replay.bytes_sent} bytes in {seconds:.3f} s; {replay.bytes_received} bytes came")
+        pieces = f"{sent.pieces_sent} of {sent.pieces} pieces"
+        print(f"sent {pieces}, {sent.bytes_sent} bytes in {seconds:.3f} s; {sent.bytes_received} bytes came")
     if reason:
-        raise (VerbError if replay.began else PortError)(reason)
+        raise (VerbError if sent.began else PortError)(reason)
     return 0
 
 
-async def _port(arguments: argparse.Namespace, line: LineFormat, clock: AsyncioClock) -> Port:
-    """The port, not yet opened; where it is to be a listener, the first connection. Raises WordsError, PortError."""
-    from framekit.transport.port import AcceptedPort
-    from framekit.transport.schemes import make_listener, open_port, scheme_of
-
-    first: asyncio.Future[AcceptedPort] = clock.loop.create_future()
-
-    def accepted(port: AcceptedPort) -> None:
-        if first.done():
-            port.close()
-        else:
-            first.set_result(port)
-
-    kind = scheme_of(arguments.port)
-    try:
-        if kind is None or kind.open is not None:
-            return open_port(arguments.port, line, clock)
-        listener = make_listener(arguments.port, clock, accepted)
-    except ValueError as error:
-        raise WordsError(str(error)) from None
-    try:
-        await listener.start()
-    except OSError as error:
-        raise PortError(f"{arguments.port}: {why_not(error)}") from None
-    print(f"waiting for a connection to {listener.reached.partition('://')[2]}", file=sys.stderr, flush=True)
-    try:
-        return await first
-    finally:
-        listener.stop()
-
-
 SPEEDS = "1200,9600,19200,38400,115200"
-SIMULATED = "sim:loop"
 
 
 def add_loopback_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "port", metavar="PORT", help=f"/dev/ttyUSB0, any pyserial URL, or {SIMULATED} for a simulated one"
-    )
+    parser.add_argument("port", metavar="PORT", help="/dev/ttyUSB0, any pyserial URL, or sim:loop for a simulated one")
     parser.add_argument("--speeds", default=SPEEDS, metavar="N,N…", help=f"bits a second; default: {SPEEDS}")
     parser.add_argument("--formats", default="8N1", metavar="F,F…", help="such as 8N1,7E1; default: 8N1")
     add_json(parser)
 
 
 def run_loopback(arguments: argparse.Namespace) -> int:
+    from framekit.api.lines import loopback
+
     lines = _lines(arguments)
-    results = _simulated(lines) if arguments.port == SIMULATED else asyncio.run(_real(arguments.port, lines))
+    with in_words():
+        results = loopback(arguments.port, lines)
     if arguments.json:
         for result in results:
             print_json(_data(result))
@@ -377,35 +288,6 @@ def _lines(arguments: argparse.Namespace) -> list[LineFormat]:
             except ValueError as error:
                 raise WordsError(str(error)) from None
     return found
-
-
-def _simulated(lines: list[LineFormat]) -> list[LoopbackResult]:
-    from framekit.api.lines import Loopback
-    from framekit.transport.simulated_line import SimulatedLine
-
-    clock = VirtualClock()
-    found: list[LoopbackResult] = []
-
-    def make(line: LineFormat) -> Port:
-        return SimulatedLine(clock, line, echo=True).port("loop")
-
-    Loopback(make, clock, lines, found.extend).start()
-    clock.run_until_idle(1 << 60)
-    return found
-
-
-async def _real(url: str, lines: list[LineFormat]) -> list[LoopbackResult]:
-    from framekit.api.lines import Loopback
-    from framekit.transport.schemes import open_port
-
-    loop = asyncio.get_running_loop()
-    clock = AsyncioClock(loop)
-    ended: asyncio.Future[list[LoopbackResult]] = loop.create_future()
-    try:
-        Loopback(lambda line: open_port(url, line, clock), clock, lines, ended.set_result).start()
-    except ValueError as error:
-        raise WordsError(str(error)) from None
-    return await ended
 
 
 def _row(result: LoopbackResult) -> tuple[str, ...]:

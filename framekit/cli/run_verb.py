@@ -368,7 +368,7 @@ class RunSession(LiveSession):
             tapped(number, channel)
 
         service.on_channel = came
-        self._view = LiveView(log, clock, lines, service.status)
+        self._view = LiveView(log, clock.now, lines, service.status)
         service.start()
         return self._view
 

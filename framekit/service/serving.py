@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,7 +23,7 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device
 from framekit.service.device import DeviceService, DeviceStore, stores_of
 from framekit.service.line_load import LineLoad
-from framekit.transport.clock import AsyncioClock, Clock
+from framekit.transport.clock import Clock
 from framekit.transport.port import AcceptedPort, Port, PortEvents, PortListener, SharedPort
 from framekit.transport.schemes import make_listener, open_port, scheme_of
 
@@ -33,6 +32,14 @@ ServingMonitor = Callable[[str, int, Seen], None]
 
 MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServedAt:
+    """Where it is served: `port`, as others have to name it, and `about`, for people, with the line's settings."""
+
+    port: str
+    about: str
 
 
 class Serving:
@@ -65,6 +72,7 @@ class Serving:
         self.connections = 0
         self.limits = limits
         self.listener: PortListener | None = None
+        self._own_port: Port | None = None
         self._hosts: dict[Port, str] = {}
         self._idle_alarm = clock.alarm(self._close_idle)
 
@@ -73,6 +81,27 @@ class Serving:
     def serve(self, port: Port) -> None:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
         self._begin(port, lambda state: self.on_state(port.name, state))
+
+    async def begin(self, url: str) -> ServedAt:
+        """Listens at `url`, or opens that port; where that is. Raises ValueError for what is no port, OSError."""
+        url = self.stores[0].device.protocol.line.port_of(url)
+        kind = scheme_of(url)
+        if kind is not None and kind.listen is not None:
+            listener = await self.listen(url)
+            return ServedAt(listener.reached, listener.reached)
+        self._own_port = port = open_port(url, self.line, self.clock, serves=True)
+        first_state: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+        def state(text: str) -> None:
+            if not first_state.done():
+                first_state.set_result(text)
+            self.on_state(port.name, text)
+
+        self._begin(port, state)
+        reached = await first_state
+        if reached != "open":
+            raise OSError(reached if url in reached else f"{url}: {reached}")
+        return ServedAt(port.name, port.describes())
 
     async def listen(self, url: str) -> PortListener:
         """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
@@ -172,6 +201,8 @@ class Serving:
         self._idle_alarm.cancel()
         for port in list(self.stations):
             self._end(port)
+        if self._own_port is not None:
+            self._own_port.release()
 
     # ---- status -------------------------------------------------------------------------------------------
 
@@ -179,14 +210,6 @@ class Serving:
         """The published variables of a device, those of scope line or session as its latest connection has them."""
         services = next(reversed(self.stations.values()), None)
         return {} if services is None else services[number].engine.status()
-
-
-@dataclass(frozen=True, slots=True)
-class ServedAt:
-    """Where it is served: `port`, as others have to name it, and `about`, for people, with the line's settings."""
-
-    port: str
-    about: str
 
 
 def check_line(devices: list[Device]) -> None:
@@ -211,27 +234,6 @@ def line_of(device: Device, speed: int | None, format: str | None) -> LineFormat
             raise ValueError(f"{device.protocol.name} runs on connections, which have neither speed nor format")
         return None
     return parse_format(format or line.format, line.speed if speed is None else speed)
-
-
-async def begin_serving(
-    url: str, serving: Serving, clock: AsyncioClock, first_state: asyncio.Future[str], stack: ExitStack
-) -> ServedAt:
-    """Opens the port, or begins to listen. `first_state` is what the serving tells first of its port.
-
-    What has to be closed at the end goes on the stack. Raises ValueError for what is no port, OSError.
-    """
-    url = serving.stores[0].device.protocol.line.port_of(url)
-    kind = scheme_of(url)
-    if kind is not None and kind.listen is not None:
-        listener = await serving.listen(url)
-        return ServedAt(listener.reached, listener.reached)
-    port = open_port(url, serving.line, clock, serves=True)
-    stack.callback(port.release)
-    serving.serve(port)
-    reached = await first_state
-    if reached != "open":
-        raise OSError(reached if url in reached else f"{url}: {reached}")
-    return ServedAt(port.name, port.describes())
 
 
 class ListeningPort(Port):

@@ -16,10 +16,10 @@ from framekit.cli import check_verb, main, serve_verb
 from framekit.codec import codec as codecs
 from framekit.codec import stored
 from framekit.codec.codec import compile_protocol
+from framekit.codec.functions import candidates, of_side
 from framekit.codec.stored import SUFFIX, Kept, Shelf, cache_folder, keep, kept_library, read_kept, stored_codec
 from framekit.definition.load import library, load_protocol
 from framekit.definition.sources import Sources, current_keeper, kept_by
-from framekit.link.fitting import candidates, of_side
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices
 

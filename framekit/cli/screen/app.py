@@ -17,9 +17,8 @@ from framekit.cli.common import VerbError, shown_bytes, what_was_seen
 from framekit.cli.run_output import BLOCK_HEAD, block_row
 
 if TYPE_CHECKING:
-    from framekit.api.monitor import ChannelView, FieldRow, FrameEntry, LiveView
+    from framekit.api.monitor import FieldRow, FrameEntry, LineOf, LiveView
     from framekit.cli.screen.session import LiveSession
-    from framekit.run.block_state import BlockStatus
 
 
 MOST_ROWS = 500
@@ -89,7 +88,7 @@ class MonitorApp(App[None]):
         self.fields.add_columns(*FIELD_HEAD)
         self.frames.focus()
         try:
-            self.view = self.session.begin()
+            self.view = self.session.view = self.session.begin()
         except (VerbError, ValueError, OSError, RuntimeError) as error:
             self.failure = error
             self.exit()
@@ -131,13 +130,14 @@ class MonitorApp(App[None]):
         """Channels and blocks as they are now."""
         if self.view is None:
             return
-        lines = [channel_line(channel) for channel in self.view.channels()]
+        now = self.view.now()
+        lines = [channel_line(number, line, now) for number, line in self.view.lines.items()]
         counts = self.view.log.counts
         lines.append(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
         self.channels.update("\n".join(lines))
         self.blocks.clear()
         for block in self.view.blocks():
-            self.blocks.add_row(*_as_it_is(block_cells(block)))
+            self.blocks.add_row(*_as_it_is(block_row(block)))
 
     def _in_force(self) -> str:
         modes = ["paused"] if self.paused else []
@@ -275,18 +275,15 @@ def field_cells(row: FieldRow, as_ascii: bool) -> tuple[str, ...]:
     return row.path, str(row.offset), shown_bytes(row.data, as_ascii, LONGEST), row.value
 
 
-def block_cells(block: BlockStatus) -> tuple[str, ...]:
-    return block_row(block)
-
-
-def channel_line(channel: ChannelView) -> str:
-    """`ch 1 PROTOCOL client, open  ████····  31.0 % (average 12.4 %)`."""
-    start = f"ch {channel.number} {channel.name}, {channel.state}"
-    if channel.load_now is None or channel.load is None:
+def channel_line(number: int, line: LineOf, now: int) -> str:
+    """`ch 1 PROTOCOL client, open  ████····  31.0 % (average 12.4 %)`; the first number since the last time."""
+    start = f"ch {number} {line.name}, {line.state()}"
+    load_now, load = line.load.since_last(now), line.load.share(now)
+    if load_now is None or load is None:
         return start
-    full = min(BAR, round(BAR * channel.load_now))
+    full = min(BAR, round(BAR * load_now))
     bar = "█" * full + "·" * (BAR - full)
-    return f"{start}  {bar} {100 * channel.load_now:5.1f} % (average {100 * channel.load:.1f} %)"
+    return f"{start}  {bar} {100 * load_now:5.1f} % (average {100 * load:.1f} %)"
 
 
 def parse_filter(text: str, bad_only: bool) -> FrameFilter:

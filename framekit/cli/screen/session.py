@@ -9,23 +9,28 @@ if TYPE_CHECKING:
 
 
 class LiveSession:
-    """Something that can be watched. `begin` is called inside the loop and gives what is to be shown."""
+    """Something that can be watched, for `duration` ns or until it is ended.
 
-    title = ""
-    problems: list[str]
-    """What is told when it is over."""
+    `problems` is told when it is over; `lost`: something is lost that should have been kept; `failure`: why it could
+    not go on; `controls`: it takes control lines.
+    """
+
     lost = False
-    """Whether something is lost that should have been kept."""
     failure: Exception | None = None
-    """Why it could not go on."""
     controls = False
-    """Whether it takes control lines."""
+
+    def __init__(self, title: str, duration: int | None) -> None:
+        self.title = title
+        self.duration = duration
+        self.problems: list[str] = []
+        self.view: LiveView | None = None
 
     def control(self, line: str) -> str:
         """Carries a control line out; why not, when it cannot be."""
         raise NotImplementedError
 
     def begin(self) -> LiveView:
+        """Called inside the loop; what is to be shown, which is `view` from then on."""
         raise NotImplementedError
 
     def step(self, duration: int) -> None:
@@ -33,8 +38,9 @@ class LiveSession:
 
     @property
     def is_over(self) -> bool:
-        """Whether its time is up."""
-        return False
+        """Whether its time is up, or it could not go on."""
+        late = self.duration is not None and self.view is not None and self.view.elapsed >= self.duration
+        return late or self.failure is not None
 
     async def end(self) -> None:
         raise NotImplementedError

@@ -18,10 +18,8 @@ from framekit.api.monitor import FrameFilter
 from framekit.cli.main import build_parser, main
 from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.screen.app import parse_filter
-from framekit.cli.serve_verb import ServeSession
-from framekit.runfile.devices import DeviceSettings, load_devices
+from framekit.cli.serve_verb import ServeSession, server_of
 from framekit.runfile.run_file import load_run
-from framekit.service.serving import line_of
 from framekit.transport.pty_pair import PtyPair
 
 pytest.importorskip("textual")
@@ -324,7 +322,7 @@ def test_served_devices_are_shown_with_what_they_answer() -> None:
     async def drive(session: ServeSession, pair: PtyPair) -> None:
         app = MonitorApp(session)
         async with app.run_test(size=(140, 45)) as pilot:
-            while session.serving is None:
+            while not session.is_open:
                 await pilot.pause()
             with open(pair.second, "r+b", buffering=0) as client:
                 client.write(b"\x0501rSB06%MW10001\x0492")
@@ -338,20 +336,15 @@ def test_served_devices_are_shown_with_what_they_answer() -> None:
     with PtyPair() as pair:
         words = ["serve", "mldp", "--station", "1", "--port", pair.first, "--screen"]
         given = build_parser("serve").parse_args(words)
-        devices = [
-            device for name in given.devices for device in load_devices(name, Path(), DeviceSettings(stations=("1",)))
-        ]
-        session = ServeSession(given, devices, line_of(devices[0], None, None), None)
+        session = ServeSession(server_of(given), None)
         asyncio.run(drive(session, pair))
-    assert session.serving is not None
-    assert session.serving.stores[0].counters.done == 1
+    assert session.server.done == 1
     assert session.problems == []
 
 
 def test_a_port_that_cannot_be_had_ends_the_display() -> None:
     given = build_parser("serve").parse_args(["serve", "mldp", "--station", "1", "--port", "/dev/none", "--screen"])
-    devices = load_devices("mldp", Path(), DeviceSettings(stations=("1",)))
-    session = ServeSession(given, devices, line_of(devices[0], None, None), None)
+    session = ServeSession(server_of(given), None)
 
     async def drive() -> None:
         app = MonitorApp(session)
