@@ -76,7 +76,8 @@ class FrameTable:
     ) -> FrameValue:
         """As `received`, for a frame that is known."""
         value = FrameValue(info.name, fields, raw, info.refuse if refusal is None else refusal)
-        self._convert(info.shape, value, fields)
+        if info.shape:
+            self._convert(info.shape, value, fields)
         return value
 
     def _take_inner(self, name: str, outer: FrameValue, fields: dict[str, Any]) -> None:

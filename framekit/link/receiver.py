@@ -231,25 +231,26 @@ class Receiver:
             self._use()
         self.waiting = ()
         self._all = found if is_all else None
-        frames, stream = self._expected, self.stream
+        frames, stream, candidates = self._expected, self.stream, self._candidates
         if frames.expected is not expected or frames.others is not others:
             frames = self._expect(expected, others)
-        if self._scope is not None:
-            if self._candidates.said and self._scope.version != self._version:
-                self._candidates.forget()
-            self._version = self._scope.version
+        if candidates.said and self._scope is not None and self._scope.version != self._version:
+            candidates.forget()
         while stream.position < len(stream.buffer) or self._noise.data or self._skipping:
-            if not self._is_strange() and (self._read_row(frames, found, is_all) or (found and not is_all)):
-                return
+            is_plain = (self._now == stream.last and not self._skipping and not stream.is_marked) or self._is_plain()
+            if is_plain and (self._read_row(frames, found, is_all) or (found and not is_all)):
+                break
             arrival = self._look(frames)
             if arrival is None:
-                return
+                break
             if not isinstance(arrival, Again):
                 found.append(arrival)
                 if not is_all:
-                    return
+                    break
                 if self._given:
                     self._use()
+        if candidates.said and self._scope is not None:
+            self._version = self._scope.version
 
     def _expect(self, expected: tuple[str, ...], others: tuple[str, ...]) -> ExpectedFrames:
         """What is prepared for these names; it keeps these very tuples, so that the next call knows them at once."""
@@ -261,12 +262,12 @@ class Receiver:
         self._expected = frames
         return frames
 
-    def _is_strange(self) -> bool:
-        """Whether more than the bytes themselves counts here: long pauses, damaged characters, a frame taken out."""
+    def _is_plain(self) -> bool:
+        """Whether only the bytes themselves count here: no long pause, damaged character or frame taken out."""
         stream = self.stream
         if self._now != stream.last or self._skipping:
-            return True
-        return stream.is_marked and bool(stream.pauses or stream.faults or stream.taken_out)
+            return False
+        return not (stream.pauses or stream.faults or stream.taken_out)
 
     def _read_row(self, frames: ExpectedFrames, found: list[Arrival], is_all: bool) -> bool:
         """Reads frames as long as each place tells by itself what begins there, and passes over noise between them.
@@ -339,6 +340,7 @@ class Receiver:
                 add(arrived)
                 self._good_since = True
                 if not is_all:
+                    arrived.value = info.make(fields, raw, None)
                     self._given = size
                     self._declined.append(info.name)
                     break
@@ -550,7 +552,8 @@ class Receiver:
         self.stream.position += self._given
         self._given = 0
         self._declined.clear()
-        self._moved()
+        if self._candidates.said or self._inside is not None:
+            self._moved()
 
     def _moved(self) -> None:
         """The place in the stream has changed."""

@@ -118,9 +118,10 @@ class Dispatcher:
             frame = run.top
             for queue, room, row in frame.step.queue_rows:
                 if queue is not None:
-                    if not queues.empty(queue):
+                    items = queues.items[queue]
+                    if items:
                         queues.is_due = True
-                        if self._taken(run, row, frame, queues.first(queue)):
+                        if self._taken(run, row, frame, items[0]):
                             return True
                 elif room is not None and not queues.full(room):
                     queues.is_due = True

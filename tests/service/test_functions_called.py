@@ -35,7 +35,7 @@ TEN = bytes.fromhex("0001 0000 0017 01 03 14") + bytes(range(20))
 class HandPort(Port):
     """A port whose other side is the test: everything leaves at once, and stands in `written`."""
 
-    name, settings = "by hand", None
+    name, settings, is_stream = "by hand", None, True
 
     def __init__(self, clock: AsyncioClock) -> None:
         self.clock = clock
@@ -174,6 +174,56 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
         assert service.states[1].counters.done >= 10
         assert shown[-2:] == ["frame", "frame"]
         assert min(counts) <= MOST_FOR_A_BLOCK
+        service.stop()
+
+    in_a_loop(scenario)
+
+
+CALLS_OF_A_READ = {
+    "mldp": (("%MW100", 1, "client", None), 150, 109),
+    "srtp": (("%R1", None, "client", None), 194, 141),
+    "df1": (("N7:0", 1, "full", 0), 289, 279),
+}
+"""What holds now: place, station, role and own station; functions of the client and of the server for ten words."""
+
+
+@pytest.mark.parametrize("name", CALLS_OF_A_READ)
+def test_a_read_between_a_client_and_a_server(name: str) -> None:
+    (place, station, role, own), most_of_client, most_of_server = CALLS_OF_A_READ[name]
+
+    async def scenario(clock: AsyncioClock) -> None:
+        ports = HandPort(clock), HandPort(clock)
+        settings = DeviceSettings(initial={place: "1,2,3"}, role=None if role == "client" else role)
+        serving = Serving(load_devices(name, Path("."), settings), clock, None)
+        serving.serve(ports[1])
+        service = ClientService(load_protocol(name), ports[0], clock, role=role, own=own)
+        service.start()
+        await opened(ports[0])
+        await opened(ports[1])
+        results: list[TransferResult] = []
+
+        def ask() -> None:
+            service.request(
+                lambda client, now, done: client.read(place, count=10, station=station, now=now, on_done=done),
+                results.append,
+            )
+
+        def read() -> tuple[int, int]:
+            """Functions called by each side until neither has anything to tell the other."""
+            counts = [calls_of(ask), 0]
+            while any(port.written for port in ports):
+                for side, other in ((1, 0), (0, 1)):
+                    data = b"".join(ports[other].written)
+                    ports[other].written.clear()
+                    if data:
+                        counts[side] += calls_of(lambda side=side, data=data: ports[side].tell(data))
+            return counts[0], counts[1]
+
+        counts = [read() for _ in range(8)]
+        assert [result.ok for result in results] == [True] * 8 and results[-1].values[:3] == [1, 2, 3]
+        assert min(client for client, _ in counts) <= most_of_client
+        assert min(server for _, server in counts) <= most_of_server
+        serving.stop()
         service.stop()
 
     in_a_loop(scenario)

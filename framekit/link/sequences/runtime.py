@@ -55,30 +55,27 @@ class Queues:
 
     def __init__(self, protocol: Protocol) -> None:
         self.is_due = False
-        self._items: dict[str, deque[Any]] = {name: deque() for name in protocol.queues}
+        self.items: dict[str, deque[Any]] = {name: deque() for name in protocol.queues}
         self._sizes = {name: queue.size for name, queue in protocol.queues.items()}
 
     def put(self, name: str, item: Any) -> None:
         """Raises QueueFull, KeyError."""
-        if self.full(name):
+        items = self.items[name]
+        if len(items) >= self._sizes[name]:
             raise QueueFull(f"the queue '{name}' is full")
-        self._items[name].append(item)
+        items.append(item)
         self.is_due = True
 
     def take(self, name: str) -> Any:
         """The oldest item. Raises IndexError when there is none."""
         self.is_due = True
-        return self._items[name].popleft()
-
-    def first(self, name: str) -> Any:
-        """The oldest item, left where it is."""
-        return self._items[name][0]
+        return self.items[name].popleft()
 
     def empty(self, name: str) -> bool:
-        return not self._items[name]
+        return not self.items[name]
 
     def full(self, name: str) -> bool:
-        return len(self._items[name]) >= self._sizes[name]
+        return len(self.items[name]) >= self._sizes[name]
 
 
 class Machine:
