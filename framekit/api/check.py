@@ -13,7 +13,9 @@ from framekit.definition.problems import DefinitionError, Problem, plural
 from framekit.definition.schema import kind_of
 
 if TYPE_CHECKING:
-    from framekit.run.feasibility import ChannelLoad
+    from framekit.run.feasibility import BlockLoad as BlockLoad
+    from framekit.run.feasibility import ChannelLoad as ChannelLoad
+    from framekit.run.model import RunModel
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,8 @@ def _device(path: Path) -> Checked:
 
 
 def _run(path: Path) -> Checked:
-    from framekit.run.feasibility import load_problems
     from framekit.runfile.run_file import read_run
     from framekit.service.device import devices_of
-    from framekit.service.simulation import loads_of
 
     loaded, channels, found = read_run(path)
     problems: list[Problem] = []
@@ -79,9 +79,18 @@ def _run(path: Path) -> Checked:
         problems += [problem for problem in check_matrices(protocol) if not problem.warning]
     if problems:
         raise DefinitionError(problems)
-    loads = loads_of(loaded)
+    loads, doubts = loads_of(loaded)
     what = f"run {loaded.name}, {len(loaded.blocks)} blocks on {len(loaded.channels)} channels"
-    return Checked(what, [*loaded.warnings, *load_problems(loads)], loads)
+    return Checked(what, [*loaded.warnings, *doubts], loads)
+
+
+def loads_of(run: RunModel) -> tuple[tuple[ChannelLoad, ...], list[Problem]]:
+    """The load of each channel of a run, worked out on simulated lines; a warning for each cycle without time."""
+    from framekit.run.feasibility import load_problems
+    from framekit.service import simulation
+
+    loads = simulation.loads_of(run)
+    return loads, load_problems(loads)
 
 
 def _vectors(path: Path) -> Checked:

@@ -7,18 +7,25 @@ import weakref
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread
 from framekit.api.memory import Do, Memory
+from framekit.api.monitor import LineOf
+from framekit.api.status import ControlError, RunStatus, carry_out, run_status, stored_words
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.observe import Seen
 from framekit.run.block_state import BlockStatus
+from framekit.run.edit import Edit as Edit
+from framekit.run.model import Block as Block
+from framekit.run.model import Channel
 from framekit.run.model import RunModel as RunModel
 from framekit.runfile.run_file import load_run
+from framekit.service.capture import Capture
+from framekit.service.channel import ChannelService
 from framekit.service.run import RunService
 from framekit.service.state import StateError
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
@@ -30,28 +37,56 @@ OnSeen = Callable[[int, Seen], None]
 
 
 class RunCalls:
-    """A run that has been loaded. Callbacks come after what they tell of is complete, one after the other."""
+    """A run that has been loaded. Callbacks come after what they tell of is complete, one after the other.
+
+    `monitor` gets what `on_seen` gets, but at once, from inside of what happens: it calls nothing here. `capture` is a
+    file for what goes over the lines; `lost` says after the end what is not in there. `on_channel` is told of channels
+    that come later, and of those that an edit changes.
+    """
 
     def __init__(
-        self, run: RunModel, clock: Clock, do: Do, on_end: OnBlockEnd | None, on_seen: OnSeen | None
+        self, run: RunModel, clock: Clock, do: Do, on_end: OnBlockEnd | None, on_seen: OnSeen | None,
+        monitor: OnSeen | None = None, capture: Path | None = None,
     ) -> None:  # fmt: skip
         self.run = run
+        self.lost: list[str] = []
+        self.on_channel: Callable[[int], None] = lambda number: None
         self._do = do
         self._clock = clock
         self._told_end = on_end
         self._told_seen = on_seen
         self._started = self._over = False
         self._listeners: list[OnBlockEnd] = []
-        self._service = self._make()
+        self._service = service = self._make(monitor)
+        self._capture = None if capture is None else Capture(capture, tuple(service.channels), clock)
+        self._captured = frozenset(service.channels)
+        for number, channel in service.channels.items():
+            self._tap(number, channel)
+        service.on_channel = self._came
+        self.began = clock.now()
 
-    def _make(self) -> RunService:
+    def _make(self, monitor: OnSeen | None) -> RunService:
         try:
-            monitor = None if self._told_seen is None else self._seen
-            return RunService(self.run, self._clock, monitor, self._ended)
+            watch = monitor if self._told_seen is None else self._seen
+            return RunService(self.run, self._clock, watch, self._ended)
         except DefinitionError:
             raise
         except (ValueError, StateError) as error:
             raise RequestError(str(error)) from None
+
+    def _tap(self, number: int, channel: ChannelService) -> None:
+        """Puts the capture around the port of a channel; one that came later has no place in it."""
+        if self._capture is None:
+            return
+        if number in self._captured:
+            channel.driver.port = self._capture.around(number, channel.driver.port)
+        else:
+            self.lost.append(f"channel {number} came later: it is not in the capture")
+
+    def _came(self, number: int, channel: ChannelService) -> None:
+        """A channel that an edit has brought or changed, or that jobs wanted."""
+        self.on_channel(number)
+        self._tap(number, channel)
 
     def _seen(self, channel: int, seen: Seen) -> None:
         told = self._told_seen
@@ -79,12 +114,72 @@ class RunCalls:
             self._over = True
             if self.running or not self._started:
                 self._service.stop()
+            if self._capture is not None:
+                self._capture.close()
+                self.lost = [*self._capture.troubles, *self.lost]
 
     async def _leave(self) -> None:
         """As `_finish`, in good order: open sessions are closed first."""
         if self.running:
             await leave(self._service)
         self._finish()
+
+    # ---- from outside -------------------------------------------------------------------------------------
+
+    def status(self) -> RunStatus:
+        """How the run and its channels and blocks are doing now."""
+        found: RunStatus = self._do(lambda: run_status(self._service))
+        return found
+
+    def stored(self) -> list[tuple[str, str]]:
+        """Places of the own memory that blocks have put something into, with the words there, as many as are read."""
+        found: list[tuple[str, str]] = self._do(lambda: stored_words(self._service))
+        return found
+
+    def published(self) -> dict[int, dict[str, Any]]:
+        """What the protocol of each channel publishes."""
+        found: dict[int, dict[str, Any]] = self._do(
+            lambda: {number: channel.engine.status() for number, channel in self._service.channels.items()}
+        )
+        return found
+
+    def lines(self) -> dict[int, LineOf]:
+        """The channels, as a display shows them."""
+        return {number: _line_of(channel) for number, channel in self._service.channels.items()}
+
+    def channel(self, number: int) -> Channel:
+        """What a channel is: one of the run, or one that jobs wanted."""
+        return self._service.channels[number].channel
+
+    def control(self, line: str) -> None:
+        """Carries out a line such as `fire 3` or `disable set 2`. Raises RequestError."""
+        try:
+            self._do(lambda: carry_out(self._service, line))
+        except ControlError as error:
+            raise RequestError(str(error)) from None
+
+    def edit(self, run: RunModel, applied: Callable[[Edit], None] = lambda edit: None) -> None:
+        """Applies an edited run once no exchange runs on the channels it touches; `applied` is called then.
+
+        Raises DefinitionError with the reasons when it cannot be, ValueError for a port of no known kind: then nothing
+        changes.
+        """
+        self._do(lambda: self._service.edit(run, applied))
+
+    def each(self, period: int, call: Callable[[], None]) -> None:
+        """Calls back every so many ns of the run's time, while it goes on."""
+
+        def go_on() -> None:
+            if self.running:
+                call()
+                self._clock.call_at(self._clock.now() + period, go_on)
+
+        self._clock.call_at(self.began + period, go_on)
+
+    @property
+    def now(self) -> int:
+        """The time of the run's clock, in nanoseconds."""
+        return self._clock.now()
 
     # ---- blocks -------------------------------------------------------------------------------------------
 
@@ -203,6 +298,13 @@ class RunCalls:
         raise RequestError(f"there is no simulated device '{name}' – known: {known}")
 
 
+def _line_of(channel: ChannelService) -> LineOf:
+    model = channel.channel
+    line = "" if model.line is None else f" {model.line}"
+    name = f"{model.protocol.name} {model.role or ''}".rstrip() + line
+    return LineOf(name, lambda: channel.state, channel.driver.load)
+
+
 async def leave(service: RunService) -> None:
     """Ends a run in good order: open sessions are closed, for 5 s at most, then the ports."""
     left = asyncio.Event()
@@ -304,10 +406,11 @@ class VirtualRun(RunCalls):
     """
 
     def __init__(
-        self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None
-    ) -> None:
+        self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
+        monitor: OnSeen | None = None, capture: Path | None = None,
+    ) -> None:  # fmt: skip
         self._virtual = VirtualClock()
-        super().__init__(loaded(run), self._virtual, lambda action: action(), on_end, on_seen)
+        super().__init__(loaded(run), self._virtual, lambda action: action(), on_end, on_seen, monitor, capture)
 
     def start(self) -> None:
         """Opens the ports and arms the triggers. Raises RequestError after the stop."""
@@ -321,11 +424,6 @@ class VirtualRun(RunCalls):
             while not left and self._virtual.advance():
                 pass
         self._finish()
-
-    @property
-    def now(self) -> int:
-        """The simulated time since the making, in nanoseconds."""
-        return self._virtual.now()
 
     def run_for(self, time: str | float) -> None:
         """Lets time pass: `"10 s"`, `"24 h"`, or a number of seconds. Starts the run if nobody has."""
@@ -370,10 +468,11 @@ class AsyncRun(RunCalls):
     """
 
     def __init__(
-        self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None
-    ) -> None:
+        self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
+        monitor: OnSeen | None = None, capture: Path | None = None,
+    ) -> None:  # fmt: skip
         clock = AsyncioClock(asyncio.get_running_loop())
-        super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen)
+        super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture)
 
     def start(self) -> None:
         """Opens the ports and arms the triggers. Raises RequestError after the stop."""

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.api.monitor import USER_DEFINED
 from framekit.definition.problems import DefinitionError
-from framekit.run.block_state import BlockStatus
-from framekit.run.edit import RemovedBlocks
-from framekit.run.job_table import Event, JobStatus, TableCounters
-from framekit.run.model import BLOCKS_IN_SET, RunModel
+from framekit.memory.memory import unit_bits
+from framekit.run.block_state import BlockState, BlockStatus
+from framekit.run.edit import RemovedBlocks as RemovedBlocks
+from framekit.run.job_table import Event, TableCounters
+from framekit.run.job_table import JobStatus as JobStatus
+from framekit.run.model import BLOCKS_IN_SET, OwnPlace, RunModel
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 
@@ -135,6 +137,39 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         load=load.share(now),
         reopenings=at_work.driver.reopenings,
     )
+
+
+MOST_WORDS = 12
+"""So many words of a place are read."""
+
+
+def stored_words(service: RunService) -> list[tuple[str, str]]:
+    """The places that blocks have put something into, and the words that stand there, as many as are easily read."""
+    found = []
+    for state in service.states.values():
+        for place, bits in _stored_by(service, state) if state.counters.done else ():
+            area = service.memory.area(place.address.area)
+            first = place.address.first_bit // 16
+            there = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
+            data = area.read_bytes(2 * first, min(2 * max(1, bits // 16), 2 * MOST_WORDS, there))
+            words = (data[at : at + 2] for at in range(0, len(data), 2))
+            found.append((place.text, " ".join(f"{int.from_bytes(word, 'little'):04X}" for word in words)))
+    return found
+
+
+def _stored_by(service: RunService, state: BlockState) -> list[tuple[OwnPlace, int]]:
+    """Where a block puts what it brings, and how many bits that are."""
+    block = state.block
+    if block.instruction not in ("read", "receive") and not block.results:
+        return []
+    frames = service.channels[block.channel].channel.protocol.frames
+    segments = frames[block.frame].segments if block.frame else ()
+    sizes = {part.name: getattr(part, "size", None) for part in segments}
+    places = [(place, block.count * unit_bits(block.unit or place.address.unit)) for place in block.places]
+    for name, place in block.data.items():
+        size = sizes.get(name)
+        places.append((place, 8 * size if isinstance(size, int) else place.address.unit_bits))
+    return [*places, *((result.place, result.bits) for result in block.results)]
 
 
 def line_type(wiring: LineSettings) -> str:

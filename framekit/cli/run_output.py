@@ -7,24 +7,16 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, seen_data, seen_text, table, told
+from framekit.cli.common import plain, seen_data, seen_text, table, told
 from framekit.codec.shown import code_text
 from framekit.definition.problems import plural
-from framekit.definition.times import format_time
-from framekit.memory.memory import unit_bits
-from framekit.run.feasibility import milliseconds
+from framekit.definition.times import format_time, milliseconds
 
 if TYPE_CHECKING:
-    from framekit.api.status import ChannelStatus, JobsStatus, RunStatus
-    from framekit.definition.model.segments import Segment
-    from framekit.link.observe import Seen
-    from framekit.run.block_state import BlockState, BlockStatus
-    from framekit.run.edit import Edit, RemovedBlocks
-    from framekit.run.feasibility import BlockLoad, ChannelLoad
-    from framekit.run.job_table import JobStatus
-    from framekit.run.model import Block, RunModel
-    from framekit.service.run import RunService
-    from framekit.transport.clock import Clock
+    from framekit import BlockStatus, Seen
+    from framekit.api.check import BlockLoad, ChannelLoad
+    from framekit.api.run import Block, Edit, RunCalls, RunModel
+    from framekit.api.status import ChannelStatus, JobsStatus, JobStatus, RemovedBlocks, RunStatus
 
 
 LOAD_HEAD = ("block", "what", "starts", "frames", "bytes", "takes", "load", "note")
@@ -57,17 +49,6 @@ def percent(part: float) -> str:
     return f"{100 * part:.1f} %"
 
 
-def what_of(block: Block) -> str:
-    """`READ M0100, M0110`, `SEND WR.REQ`."""
-    from framekit.run.model import JobCommand
-
-    if isinstance(block.job, JobCommand):
-        slot = "ALL" if block.job.slot is None else str(block.job.slot)
-        order = block.job.order
-        return f"{block.instruction.upper()} {slot}" + (f" {order.kind} {order.remote}".rstrip() if order else "")
-    return f"{block.instruction.upper()} {block.frame or block.service or ', '.join(block.targets)}"
-
-
 def _load_row(one: BlockLoad) -> tuple[str, ...]:
     cost = one.cost
     starts = "as it comes" if one.block.instruction == "receive" else "on demand"
@@ -77,7 +58,7 @@ def _load_row(one: BlockLoad) -> tuple[str, ...]:
     if one.missed:
         note = "; ".join(filter(None, (f"misses {percent(one.missed)}", note)))
     return (
-        one.block.label, what_of(one.block), starts, str(cost.frames), str(cost.bytes),
+        one.block.label, one.block.what, starts, str(cost.frames), str(cost.bytes),
         milliseconds(cost.duration), percent(one.busy) if one.period else "-", note,
     )  # fmt: skip
 
@@ -211,41 +192,23 @@ def _jobs_data(jobs: JobsStatus, began: int) -> dict[str, Any]:
 
 
 def _plain(channel: dict[str, Any]) -> dict[str, Any]:
-    station, load = channel["station"], channel["load"]
-    channel["station"] = station.hex(" ").upper() if isinstance(station, bytes) else station
+    load = channel["load"]
+    channel["station"] = plain(channel["station"])
     channel["load"] = None if load is None else round(load, 6)
     return channel
 
 
-MOST_WORDS = 12
-
-
 class RunOutput:
-    """Watches a run. `service` makes the run's service with this output as its monitor."""
+    """Watches a run, which is `at_work` once it has been made with this output as its monitor."""
 
     def __init__(self, run: RunModel, loads: tuple[ChannelLoad, ...] = ()) -> None:
         self.run = run
         self.loads = loads
-        self.began = 0
         self.as_ascii = False
-        self.at_work: RunService | None = None
-
-    def service(self, run: RunModel, clock: Clock) -> RunService:
-        """Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
-        from framekit.definition.problems import DefinitionError
-        from framekit.service.run import RunService
-
-        try:
-            self.at_work = RunService(run, clock, self.seen)
-        except DefinitionError:
-            raise
-        except ValueError as error:
-            raise VerbError(str(error)) from None
-        self.began = clock.now()  # not before devices and protocols are there, which takes its time
-        return self.at_work
+        self.at_work: RunCalls | None = None
 
     def seconds(self, time: int) -> float:
-        return (time - self.began) / 1e9
+        return (time - self.at_work.began) / 1e9 if self.at_work is not None else 0.0
 
     def warning(self, text: str) -> None:
         print(text, file=sys.stderr)
@@ -265,7 +228,16 @@ class RunOutput:
         for reason in reasons:
             self.warning(reason)
 
-    def summary(self, service: RunService) -> None:
+    def blocks(self, status: RunStatus) -> list[tuple[Block, BlockStatus, str]]:
+        """The blocks with their status, and how each ended last, '' where that was well."""
+        models = {block.id: block for block in self.run.blocks}
+        found = []
+        for one in status.blocks:
+            failure = one.last_failure
+            found.append((models[one.id], one, "" if failure is None or failure.at != one.last_end else str(failure)))
+        return found
+
+    def summary(self, run: RunCalls) -> None:
         raise NotImplementedError
 
 
@@ -283,20 +255,33 @@ class TextOutput(RunOutput):
         super().refused(reasons)
         print("edit refused, the run goes on as before", flush=True)
 
-    def summary(self, service: RunService) -> None:
-        rows = [_row(state) for state in service.states.values()]
-        rows += [_removed_row(one) for one in service.removed]
+    def summary(self, run: RunCalls) -> None:
+        status = run.status()
+        rows = []
+        for block, one, last in self.blocks(status):
+            last = last or "-"
+            counts = (one.started, one.done, one.failed, int(one.running), one.overruns)
+            last = f"{last}, station is dead" if one.dead else last
+            rows.append((block.label, block.what, *map(str, counts), last))
+        for gone in status.removed:
+            what = f"{plural(gone.blocks, 'removed block')} of channel {gone.channel}"
+            rows.append(("-", what, *map(str, (gone.started, gone.done, gone.failed, 0, gone.overruns)), "-"))
         print()
         print(table(rows, ("block", "what", "started", "done", "failed", "running", "overruns", "last")))
-        loads = [row for load in self.loads if (row := _measured_row(load, service))]
-        if loads:
-            print("\n" + table(loads, ("channel", "settings", "line load expected", "measured")))
-        stored = [line for state in service.states.values() for line in _stored(service, state)]
-        if stored:
-            print("\n" + table(stored, ("memory", "words")))
-        status = [(str(n), name, str(value)) for n, found in _published(service) for name, value in found.items()]
-        if status:
-            print("\n" + table(status, ("channel", "status", "value")))
+        measured = {channel.number: channel.load for channel in status.channels}
+        loads = [
+            (str(load.channel.number), str(load.channel.line), percent(load.line), percent(part))
+            for load in self.loads
+            if load.line is not None and (part := measured[load.channel.number]) is not None
+        ]
+        published = [(str(n), name, str(value)) for n, some in run.published().items() for name, value in some.items()]
+        for found, head in (
+            (loads, ("channel", "settings", "line load expected", "measured")),
+            (run.stored(), ("memory", "words")),
+            (published, ("channel", "status", "value")),
+        ):
+            if found:
+                print("\n" + table(found, head))
 
 
 class JsonOutput(RunOutput):
@@ -307,109 +292,41 @@ class JsonOutput(RunOutput):
         from framekit.codec.plain import PlainValues
 
         assert self.at_work is not None
-        model = self.at_work.channels[channel].channel
+        model = self.at_work.channel(channel)
         result = result_of(model.protocol, seen, model.role)
         line = seen_data(seen, self.seconds(seen.at), PlainValues(model.protocol), channel=channel, result=result)
         print(json.dumps(line, ensure_ascii=False), flush=True)
 
     def edited(self, edit: Edit) -> None:
         super().edited(edit)
-        print(json.dumps({"event": "edited", "what": str(edit)}, ensure_ascii=False), flush=True)
+        self.data(event="edited", what=str(edit))
 
     def refused(self, reasons: list[str]) -> None:
-        print(json.dumps({"event": "refused", "reasons": reasons}, ensure_ascii=False), flush=True)
+        self.data(event="refused", reasons=reasons)
 
-    def summary(self, service: RunService) -> None:
-        for state in service.states.values():
-            counters = state.counters
-            line = {
-                "event": "block",
-                "set": state.block.set,
-                "block": state.block.number,
-                "name": state.block.name,
-                "instruction": state.block.instruction,
-                "channel": state.block.channel,
-                "started": counters.started,
-                "done": counters.done,
-                "failed": counters.failed,
-                "running": counters.running,
-                "overruns": counters.overruns,
-                "dead": state.dead,
-                "last": state.last_outcome,
-            }
-            print(json.dumps(line, ensure_ascii=False), flush=True)
-        for one in service.removed:
-            print(json.dumps({"event": "removed", **asdict(one)}, ensure_ascii=False), flush=True)
-        for number, found in _published(service):
+    def data(self, **line: Any) -> None:
+        print(json.dumps(line, ensure_ascii=False, default=str), flush=True)
+
+    def summary(self, run: RunCalls) -> None:
+        status = run.status()
+        for block, one, last in self.blocks(status):
+            self.data(
+                event="block", set=block.set, block=block.number, name=block.name, instruction=block.instruction,
+                channel=block.channel, started=one.started, done=one.done, failed=one.failed,
+                running=int(one.running), overruns=one.overruns, dead=one.dead, last=last,
+            )  # fmt: skip
+        for gone in status.removed:
+            self.data(event="removed", **asdict(gone))
+        for number, found in run.published().items():
             if found:
-                line = {"event": "status", "channel": number, "status": found}
-                print(json.dumps(line, ensure_ascii=False, default=str), flush=True)
+                self.data(event="status", channel=number, status=found)
+        measured = {channel.number: channel.load for channel in status.channels}
         for load in self.loads:
-            measured = measured_load(load, service)
-            line = {
-                "event": "channel",
-                "channel": load.channel.number,
-                "line_expected": None if load.line is None else round(load.line, 6),
-                "line_measured": None if measured is None else round(measured, 6),
-            }
-            print(json.dumps(line), flush=True)
+            part, line = measured[load.channel.number], load.line
+            self.data(
+                event="channel", channel=load.channel.number, line_expected=None if line is None else round(line, 6),
+                line_measured=None if part is None else round(part, 6),
+            )  # fmt: skip
 
     def warning(self, text: str) -> None:
-        print(json.dumps({"event": "warning", "reason": text}, ensure_ascii=False), flush=True)
-
-
-def _stored(service: RunService, state: BlockState) -> list[tuple[str, str]]:
-    """The words that a block has put into the memory, as many as are easily read."""
-    block = state.block
-    if (block.instruction not in ("read", "receive") and not block.results) or not state.counters.done:
-        return []
-    sizes = {part.name: getattr(part, "size", None) for part in _segments(service, state)}
-    places = [(place, block.count * unit_bits(block.unit or place.address.unit)) for place in block.places]
-    for name, place in block.data.items():
-        size = sizes.get(name)
-        places.append((place, 8 * size if isinstance(size, int) else place.address.unit_bits))
-    places += [(result.place, result.bits) for result in block.results]
-    found = []
-    for place, bits in places:
-        area = service.memory.area(place.address.area)
-        first = place.address.first_bit // 16
-        there = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
-        data = area.read_bytes(2 * first, min(2 * max(1, bits // 16), 2 * MOST_WORDS, there))
-        words = (data[at : at + 2] for at in range(0, len(data), 2))
-        found.append((place.text, " ".join(f"{int.from_bytes(word, 'little'):04X}" for word in words)))
-    return found
-
-
-def _published(service: RunService) -> list[tuple[int, dict[str, Any]]]:
-    """What the protocol of each channel publishes."""
-    return [(number, channel.engine.status()) for number, channel in service.channels.items()]
-
-
-def _segments(service: RunService, state: BlockState) -> tuple[Segment, ...]:
-    """The segments of the frame that a RECEIVE block takes."""
-    frames = service.channels[state.block.channel].channel.protocol.frames
-    return frames[state.block.frame].segments if state.block.frame else ()
-
-
-def _row(state: BlockState) -> tuple[str, ...]:
-    block, counters = state.block, state.counters
-    numbers = (counters.started, counters.done, counters.failed, counters.running, counters.overruns)
-    last = state.last_outcome or "-"
-    return (block.label, what_of(block), *map(str, numbers), f"{last}, station is dead" if state.dead else last)
-
-
-def _removed_row(one: RemovedBlocks) -> tuple[str, ...]:
-    numbers = (one.started, one.done, one.failed, 0, one.overruns)
-    return ("-", f"{plural(one.blocks, 'removed block')} of channel {one.channel}", *map(str, numbers), "-")
-
-
-def measured_load(load: ChannelLoad, service: RunService) -> float | None:
-    """The part of the time so far that a channel's line carried bytes; None where there is no line speed."""
-    return service.channels[load.channel.number].driver.load.share(service.clock.now())
-
-
-def _measured_row(load: ChannelLoad, service: RunService) -> tuple[str, ...] | None:
-    measured = measured_load(load, service)
-    if measured is None or load.line is None:
-        return None
-    return str(load.channel.number), str(load.channel.line), percent(load.line), percent(measured)
+        self.data(event="warning", reason=text)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import gc
 import signal
 import sys
@@ -12,10 +11,10 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.cli.common import (
+    Unread,
     VerbError,
     WordsError,
     add_capture,
@@ -24,20 +23,21 @@ from framekit.cli.common import (
     add_screen,
     begin_log,
     duration_of,
+    on_stop,
     period_of,
     print_json,
     told_once,
+    until,
     why_not,
 )
 from framekit.cli.screen.session import LiveSession
-from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
+    from framekit.api.monitor import LiveView
+    from framekit.api.run import AsyncRun, OnSeen, RunCalls, RunModel, VirtualRun
     from framekit.cli.run_output import RunOutput
-    from framekit.run.model import RunModel
-    from framekit.service.capture import Capture
-    from framekit.service.channel import ChannelService
-    from framekit.service.run import RunService
+
+R = TypeVar("R")
 
 
 class Watched(NamedTuple):
@@ -70,11 +70,10 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_run(arguments: argparse.Namespace) -> int:
+    from framekit.api.check import loads_of
+    from framekit.api.run import loaded as load_run
     from framekit.api.status import content_of
     from framekit.cli.run_output import JsonOutput, TextOutput
-    from framekit.run.feasibility import load_problems
-    from framekit.runfile.run_file import load_run
-    from framekit.service.simulation import loads_of
 
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
@@ -88,12 +87,15 @@ def run_run(arguments: argparse.Namespace) -> int:
         raise WordsError("--watch tells its edits in lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
-    loads = loads_of(loaded)
+    loads, doubts = loads_of(loaded)
     if arguments.screen:
-        return _live(loaded, watch, arguments, duration)
+        from framekit.cli.screen.show import show
+
+        session = RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control)
+        return show(session)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
     output.as_ascii = arguments.ascii
-    for line in told_once((*loaded.warnings, *load_problems(loads))):
+    for line in told_once((*loaded.warnings, *doubts)):
         output.warning(line)
     try:
         if arguments.virtual:
@@ -108,26 +110,27 @@ def run_run(arguments: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def _live(loaded: RunModel, watch: RunWatch, arguments: argparse.Namespace, duration: int | None) -> int:
-    """The run in the live display; simulated time goes on as real time does."""
-    from framekit.cli.screen.show import show
+def made(make: Callable[..., R], run: RunModel, monitor: OnSeen, watch: RunWatch) -> R:
+    """The run, not yet begun. Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
+    from framekit.api.errors import RequestError
 
-    return show(RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control))
+    try:
+        return make(run, monitor=monitor, capture=watch.capture)
+    except RequestError as error:
+        raise VerbError(str(error)) from None
 
 
 def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int) -> list[str]:
     """Runs for a simulated time; what could not be kept or captured."""
-    clock = VirtualClock()
-    service = output.service(loaded, clock)
-    watch.begin(service, clock)
-    service.start()
-    clock.run_for(duration)
+    from framekit.api.run import VirtualRun
+
+    run = output.at_work = made(VirtualRun, loaded, output.seen, watch)
+    watch.begin(run)
+    run.start()
+    run.run_for(duration / 1e9)
     watch.at_end()
-    ended: list[bool] = []
-    service.finish(lambda: ended.append(True))
-    while not ended and clock.advance():
-        pass
-    return _summary(service, output, watch)
+    run.stop()
+    return _summary(run, output)
 
 
 async def _real(
@@ -142,47 +145,41 @@ async def _real(
 
     `watched` is the file whose changes count.
     """
-    from framekit.cli.common import Unread
+    from framekit.api.run import AsyncRun
 
-    loop = asyncio.get_running_loop()
     ended = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, ended.set)
-    unread = Unread(loop, ended.set)
-    service = output.service(loaded, AsyncioClock(loop))
-    watch.begin(service, service.clock)
+    on_stop(ended.set)
+    unread = Unread(asyncio.get_running_loop(), ended.set)
+    run = output.at_work = made(AsyncRun, loaded, output.seen, watch)
+    watch.begin(run)
     gc.collect()
     gc.freeze()  # a large run is half a million objects; a collection that looks at them all stops it for 0.2 s
-    service.start()
+    run.start()
     if controlled:
-        control(service, output, ended.set)
-    watching = None if watched is None else loop.create_task(_watch_file(watched, service, output))
+        control(run, output, ended.set)
+    watching = None if watched is None else asyncio.ensure_future(_watch_file(watched, run, output))
     try:
-        await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
-    except TimeoutError:
-        pass
+        await until(ended, duration)
     finally:
         if watching is not None:
             watching.cancel()
         if unread.error is None:
             watch.at_end()
-        left = asyncio.Event()
-        service.finish(left.set)
-        await left.wait()
+        await run.finish()
         gc.unfreeze()
         unread.check()
-        problems = _summary(service, output, watch)
+        problems = _summary(run, output)
     return problems
 
 
-async def _watch_file(watched: Watched, service: RunService, output: RunOutput) -> None:
+async def _watch_file(watched: Watched, run: RunCalls, output: RunOutput) -> None:
     """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
     from framekit.api.status import FileWatch, reasons
 
     files = FileWatch(
         watched.path,
         watched.content,
-        lambda run: service.edit(run, output.edited),
+        lambda edited: run.edit(edited, output.edited),
         lambda error: output.refused(reasons(error)),
     )
     if hasattr(signal, "SIGHUP"):
@@ -190,9 +187,9 @@ async def _watch_file(watched: Watched, service: RunService, output: RunOutput) 
     await files.watch()
 
 
-def _summary(service: RunService, output: RunOutput, watch: RunWatch) -> list[str]:
-    output.summary(service)
-    problems = [*service.problems, *watch.end()]
+def _summary(run: RunCalls, output: RunOutput) -> list[str]:
+    output.summary(run)
+    problems = [*run.problems, *run.lost]
     for problem in problems:
         output.warning(problem)
     return problems
@@ -211,54 +208,25 @@ def add_watch(parser: argparse.ArgumentParser) -> None:
 
 
 class RunWatch:
-    """Watches one run as the command line asks: `begin` before it starts, `end` when it has stopped."""
+    """Watches one run as the command line asks: `begin` before it starts."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         """Raises WordsError."""
-        self._path: Path | None = arguments.capture
+        self.capture: Path | None = arguments.capture
         self._json: bool = arguments.json
-        self._capture: Capture | None = None
-        self._service: RunService | None = None
-        self._captured: set[int] = set()
-        self._missing: list[str] = []
-        self._began = 0
+        self._run: RunCalls | None = None
         self._every = period_of(arguments.status_every)
         self._at_end: bool = arguments.status or arguments.status_every is not None
         begin_log(arguments.log)
 
-    def begin(self, service: RunService, clock: Clock, silent: bool = False) -> None:
-        """Puts the capture around the ports and asks for the times of the status, unless `silent`. Raises OSError."""
-        self._service, self._began = service, clock.now()
-        if self._path is not None:
-            from framekit.service.capture import Capture
-
-            self._capture = Capture(self._path, tuple(service.channels), clock)
-            self._captured = set(service.channels)
-            for number, channel in service.channels.items():
-                self._tap(number, channel)
-            service.on_channel = self._tap
-        if silent:
-            return
+    def begin(self, run: RunCalls) -> None:
+        """Asks for the times of the status."""
+        self._run = run
         if self._every:
-            clock.call_at(self._began + self._every, self._next)
+            run.each(self._every, self.show)
         if hasattr(signal, "SIGUSR1"):
-            with contextlib.suppress(RuntimeError):
+            with suppress(RuntimeError):
                 asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, self.show)
-
-    def _tap(self, number: int, channel: ChannelService) -> None:
-        """Puts the capture around the port of a channel; one that came later has no place in it."""
-        if self._capture is None:
-            return
-        if number in self._captured:
-            channel.driver.port = self._capture.around(number, channel.driver.port)
-        else:
-            self._missing.append(f"channel {number} came later: it is not in the capture")
-
-    def _next(self) -> None:
-        if self._service is not None and self._service.running:
-            self.show()
-            clock = self._service.clock
-            clock.call_at(clock.now() + self._every, self._next)
 
     def at_end(self) -> None:
         """Shows the status for the last time, where it was asked for."""
@@ -267,42 +235,25 @@ class RunWatch:
 
     def show(self) -> None:
         """Prints the status as it is now."""
-        from framekit.api.status import run_status
         from framekit.cli.run_output import status_data, status_text
 
-        if self._service is None:
+        if self._run is None:
             return
-        status = run_status(self._service)
+        status, began = self._run.status(), self._run.began
         if self._json:
-            print_json(status_data(status, self._began))
+            print_json(status_data(status, began))
         else:
-            print(f"\nstatus at {(status.at - self._began) / 1e9:.3f} s\n{status_text(status, self._began)}\n")
+            print(f"\nstatus at {(status.at - began) / 1e9:.3f} s\n{status_text(status, began)}\n")
         sys.stdout.flush()
 
-    def end(self) -> list[str]:
-        """Ends the capture; what is not in it is told."""
-        if self._capture is None:
-            return []
-        self._capture.close()
-        return [*self._capture.troubles, *self._missing]
 
-
-def control(service: RunService, output: RunOutput, stop: Callable[[], None]) -> None:
+def control(run: RunCalls, output: RunOutput, stop: Callable[[], None]) -> None:
     """Begins to read; the end of the input ends the control, not the run. `stop` is called for the line `stop`."""
-    from framekit.api.status import ControlError, carry_out
-
     loop = asyncio.get_running_loop()
 
     def take(line: str) -> None:
-        if not service.running:
-            return
-        if line.strip().lower() == "stop":
-            stop()
-            return
-        try:
-            carry_out(service, line)
-        except ControlError as error:
-            output.warning(f"control: {error}")
+        if run.running and (trouble := controlled(run, line, stop)):
+            output.warning(f"control: {trouble}")
 
     def read() -> None:
         with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed: nobody listens any more
@@ -310,6 +261,20 @@ def control(service: RunService, output: RunOutput, stop: Callable[[], None]) ->
                 loop.call_soon_threadsafe(take, line)
 
     threading.Thread(target=read, name="framekit-control", daemon=True).start()
+
+
+def controlled(run: RunCalls, line: str, stop: Callable[[], None]) -> str:
+    """Carries a control line out; why not, when it cannot be."""
+    from framekit.api.errors import RequestError
+
+    if line.strip().lower() == "stop":
+        stop()
+        return ""
+    try:
+        run.control(line)
+    except RequestError as error:
+        return str(error)
+    return ""
 
 
 class RunSession(LiveSession):
@@ -321,84 +286,60 @@ class RunSession(LiveSession):
     def __init__(
         self, run: RunModel, watch: RunWatch, *, virtual: bool, duration: int | None, controlled: bool = False
     ) -> None:
+        super().__init__(f"run {run.name}", duration)
         self.controls = controlled
-        self.title = f"run {run.name}"
-        self.run = run
+        self.model = run
         self.watch = watch
-        self.service: RunService | None = None
-        self.problems: list[str] = []
-        self._duration = duration
-        self._virtual = VirtualClock() if virtual else None
-        self._view: LiveView | None = None
+        self.virtual = virtual
+        self.run: AsyncRun | VirtualRun | None = None
         self._stopped = False
 
     def control(self, line: str) -> str:
-        from framekit.api.status import ControlError, carry_out
+        return "" if self.run is None else controlled(self.run, line, self._stop)
 
-        if line.strip().lower() == "stop":
-            self._stopped = True
-        elif self.service is not None:
-            try:
-                carry_out(self.service, line)
-            except ControlError as error:
-                return str(error)
-        return ""
+    def _stop(self) -> None:
+        self._stopped = True
 
     def begin(self) -> LiveView:
-        """Raises DefinitionError, ValueError, OSError."""
-        from framekit.service.run import RunService
+        """Raises DefinitionError, VerbError, OSError."""
+        from framekit.api.monitor import FrameLog, LiveView
+        from framekit.api.run import AsyncRun, VirtualRun
 
-        clock: Clock = self._virtual or AsyncioClock(asyncio.get_running_loop())
-        channels = self.run.channels
-        log = FrameLog(
-            {number: channel.protocol for number, channel in channels.items()},
-            {number: channel.role for number, channel in channels.items()},
-            {number: channel.params for number, channel in channels.items()},
-        )
-        self.service = service = RunService(self.run, clock, log.add)
-        self.watch.begin(service, clock, silent=True)
-        lines = {number: _line_of(channel) for number, channel in service.channels.items()}
-        tapped = service.on_channel
+        log = FrameLog({})
+        for number, channel in self.model.channels.items():
+            log.know(number, channel.protocol, channel.role, channel.params)
+        make: Callable[..., AsyncRun | VirtualRun] = VirtualRun if self.virtual else AsyncRun
+        self.run = run = made(make, self.model, log.add, self.watch)
+        lines = run.lines()
 
-        def came(number: int, channel: ChannelService) -> None:
+        def came(number: int) -> None:
             """A channel that jobs wanted."""
-            model = channel.channel
+            model = run.channel(number)
             log.know(number, model.protocol, model.role, model.params)
-            lines[number] = _line_of(channel)
-            tapped(number, channel)
+            lines[number] = run.lines()[number]
 
-        service.on_channel = came
-        self._view = LiveView(log, clock.now, lines, service.status)
-        service.start()
-        return self._view
+        run.on_channel = came
+        view = LiveView(log, lambda: run.now, lines, lambda: run.blocks)
+        run.start()
+        return view
 
     def step(self, duration: int) -> None:
-        if self._virtual is not None:
-            self._virtual.run_for(duration)
+        from framekit.api.run import VirtualRun
+
+        if isinstance(self.run, VirtualRun):
+            self.run.run_for(duration / 1e9)
 
     @property
     def is_over(self) -> bool:
-        if self._stopped:
-            return True
-        return self._duration is not None and self._view is not None and self._view.elapsed >= self._duration
+        return self._stopped or super().is_over
 
     async def end(self) -> None:
-        if self.service is not None:
-            left = asyncio.Event()
-            self.service.finish(left.set)
-            if self._virtual is None:
-                await left.wait()
-            while not left.is_set() and self._virtual is not None and self._virtual.advance():
-                pass
-            self.problems = [*self.service.problems, *self.watch.end()]
+        from framekit.api.run import AsyncRun
+
+        if self.run is not None:
+            if isinstance(self.run, AsyncRun):
+                await self.run.finish()
+            else:
+                self.run.stop()
+            self.problems = [*self.run.problems, *self.run.lost]
             self.lost = bool(self.problems)
-
-
-def _line_of(channel: ChannelService) -> LineOf:
-    model = channel.channel
-    line = "" if model.line is None else f" {model.line}"
-    return LineOf(f"{model.protocol.name} {model.role or ''}".rstrip() + line, _state(channel), channel.driver.load)
-
-
-def _state(channel: ChannelService) -> Callable[[], str]:
-    return lambda: channel.state

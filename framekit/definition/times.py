@@ -155,3 +155,8 @@ FAST = (230400, 460800, 500000, 921600, 1000000)
 
 MOST_STATIONS = {"rs232": 1, "rs422": 10, "rs485": 32}
 """Devices on one line: RS-232 joins two, RS-422 has ten receivers (TIA-422), RS-485 32 unit loads (Snet guide, 2)."""
+
+
+def milliseconds(time: float) -> str:
+    """`34 ms`, `2.5 ms`: three digits are enough."""
+    return f"{float(f'{time / 1e6:.3g}'):g} ms"

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.problems import Problem
-from framekit.definition.times import NEVER, format_time
+from framekit.definition.times import NEVER, format_time, milliseconds
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState
@@ -278,8 +278,3 @@ def _what(load: ChannelLoad, one: BlockLoad) -> str:
 def _todo(load: ChannelLoad, one: BlockLoad) -> str:
     faster = "" if load.channel.line is None else ", a faster line"
     return f"use a longer period{faster} or fewer blocks on this channel"
-
-
-def milliseconds(time: float) -> str:
-    """`34 ms`, `2.5 ms`: three digits are enough."""
-    return f"{float(f'{time / 1e6:.3g}'):g} ms"

@@ -197,6 +197,15 @@ class Block:
         """As people write it: `5`, or `2.5` for block 5 of set 2."""
         return str(self.number) if self.set == 1 else f"{self.set}.{self.number}"
 
+    @property
+    def what(self) -> str:
+        """What it does: `READ M0100, M0110`, `SEND WR.REQ`."""
+        if isinstance(self.job, JobCommand):
+            slot = "ALL" if self.job.slot is None else str(self.job.slot)
+            order = self.job.order
+            return f"{self.instruction.upper()} {slot}" + (f" {order.kind} {order.remote}".rstrip() if order else "")
+        return f"{self.instruction.upper()} {self.frame or self.service or ', '.join(self.targets)}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silence:

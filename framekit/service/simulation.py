@@ -1,4 +1,4 @@
-"""Rehearses a run: one exchange of each block on a simulated line against a server of our own, to the bit time.
+"""Simulates a run: one exchange of each block on a simulated line against a server of our own, to the bit time.
 
 So the cost of a block has everything in it that its protocol does – split exchanges, acknowledgements, silences – and
 no knowledge of it is needed here. Nothing of the run itself is touched: memories, ports and clocks are made for this.
@@ -30,11 +30,11 @@ OWN = "own"
 
 
 def loads_of(run: RunModel) -> tuple[ChannelLoad, ...]:
-    """The load of each channel of a run, rehearsed."""
-    return channel_loads(run, rehearse(run))
+    """The load of each channel of a run, from exchanges on simulated lines."""
+    return channel_loads(run, simulated_costs(run))
 
 
-def rehearse(run: RunModel) -> dict[BlockKey, Cost]:
+def simulated_costs(run: RunModel) -> dict[BlockKey, Cost]:
     """What an exchange of each block costs, by set and number."""
     found: dict[BlockKey, Cost] = {}
     for channel in run.channels.values():
@@ -42,7 +42,7 @@ def rehearse(run: RunModel) -> dict[BlockKey, Cost]:
         found |= {key(block): arriving(channel, block) for block in blocks if block.instruction == "receive"}
         asking = [block for block in blocks if block.instruction != "receive"]
         if asking:
-            found |= Rehearsal(run, channel, asking).costs()
+            found |= SimulatedChannel(run, channel, asking).costs()
     return found
 
 
@@ -63,7 +63,7 @@ def arriving(channel: Channel, block: Block) -> Cost:
     return Cost(time, size, 1, "" if len(sizes) == 1 else "its frame has no fixed size; this is a short one")
 
 
-class Rehearsal:
+class SimulatedChannel:
     """One channel with servers for the stations that its blocks talk to, on a clock of its own."""
 
     def __init__(self, run: RunModel, channel: Channel, blocks: Iterable[Block]) -> None:

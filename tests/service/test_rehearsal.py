@@ -10,7 +10,7 @@ from framekit.link.observe import Seen
 from framekit.run.feasibility import Cost
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
-from framekit.service.simulation import loads_of, rehearse
+from framekit.service.simulation import loads_of, simulated_costs
 from framekit.transport.clock import VirtualClock
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -24,7 +24,7 @@ def costs(folder: Path, channel: str, *blocks: str) -> dict[int, Cost]:
     path = folder / "r.run.yaml"
     lines = "".join(f"  {number}: {{{block}}}\n" for number, block in enumerate(blocks))
     path.write_text(f"run: r\nmemory: masterlogic\nchannels:\n  1: {{{channel}}}\nblocks:\n{lines}", encoding="utf-8")
-    return {number: cost for (_, number), cost in rehearse(load_run(path)).items()}
+    return {number: cost for (_, number), cost in simulated_costs(load_run(path)).items()}
 
 
 RTU = "port: /dev/null, protocol: modbus-rtu, speed: 9600, station: 1"
@@ -68,13 +68,15 @@ def test_a_connection_has_only_the_answer_time(tmp_path: Path) -> None:
 
 
 def test_user_frames_count_their_bytes() -> None:
-    found = {number: cost for (_, number), cost in rehearse(load_run(EXAMPLES / "third-party-plc.run.yaml")).items()}
+    found = {
+        number: cost for (_, number), cost in simulated_costs(load_run(EXAMPLES / "third-party-plc.run.yaml")).items()
+    }
     assert [found[number].bytes for number in range(3)] == [1 + 4 + 44 + 3, 1 + 4 + 24 + 3, 6]
     assert found[0].duration == pytest.approx(52 * 10 / 9600 * SECOND, rel=1e-4)
 
 
 def test_mldp_frames() -> None:
-    found = {number: cost for (_, number), cost in rehearse(load_run(EXAMPLES / "mldp-flags.run.yaml")).items()}
+    found = {number: cost for (_, number), cost in simulated_costs(load_run(EXAMPLES / "mldp-flags.run.yaml")).items()}
     request = 1 + 2 + 1 + 2 + 2 + 4 * (2 + 6) + 1 + 2
     reply = 1 + 2 + 1 + 2 + 2 + 4 * (2 + 4) + 1 + 2
     assert found[0].bytes == request + reply
@@ -97,7 +99,7 @@ def test_an_answer_that_comes_too_late_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("**/*.run.yaml")), ids=lambda path: path.stem)
 def test_every_block_of_the_examples_can_be_rehearsed(path: Path) -> None:
     run = load_run(path)
-    found = rehearse(run)
+    found = simulated_costs(run)
     blocks = {(block.set, block.number): block for block in run.blocks}
     assert set(found) == {key for key, block in blocks.items() if block.instruction in EXCHANGES}
     for key, cost in found.items():

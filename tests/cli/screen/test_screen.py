@@ -91,8 +91,8 @@ def test_frames_blocks_and_load_of_a_run() -> None:
         assert int(str(app.blocks.get_row_at(0)[5])) == done + 3
 
     session = driven(test)
-    assert session.service is not None
-    assert not session.service.running
+    assert session.run is not None
+    assert not session.run.running
 
 
 def test_pause_and_going_on() -> None:
@@ -159,10 +159,10 @@ def test_a_run_is_controlled_by_a_key() -> None:
 
     async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
         session.forward(SECOND)
-        assert session.service is not None
-        first = next(iter(session.service.states))
+        assert session.run is not None
+        first = session.run.blocks[0].id
         await command(app, pilot, f"disable {first}")
-        assert not session.service.status()[0].enabled
+        assert not session.run.blocks[0].enabled
         await command(app, pilot, "fire 99")
         assert "there is no block 99" in text_of(app, "#about")
         assert not app.query_one("#command", Input).display and app.frames.has_focus
