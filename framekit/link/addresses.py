@@ -398,6 +398,16 @@ class AddressGrammar:
             self.check(address)
         return address
 
+    def find(self, text: str) -> Address | None:
+        """The place that `text` names, where a form takes it and its area has it."""
+        address = self._read(text)
+        return address if address is not None and self._has(self.areas[address.area], address, 1) else None
+
+    @staticmethod
+    def _has(area: Area, address: Address, count: int) -> bool:
+        there = area.size * area.element_bits // address.unit_bits
+        return address.start >= 0 and address.start + count <= there
+
     def _read(self, text: str) -> Address | None:
         """What a text means; the last ones are known, since a server is asked for the same places again and again."""
         found: Address | None = self._read_before.get(text, NOT_READ)
@@ -469,9 +479,8 @@ class AddressGrammar:
 
     def check_in(self, area: Area, address: Address, count: int) -> None:
         """The same, of an area as large as `area`."""
-        width = address.unit_bits
-        there = area.size * area.element_bits // width
-        if address.start < 0 or address.start + count > there:
+        if not self._has(area, address, count):
+            there = area.size * area.element_bits // address.unit_bits
             has = self._range_of(address, there) if there else f"no whole {address.unit}"
             asked = str(address) if count == 1 else f"{count} × {address.unit} from {address} on"
             raise AddressError(f"{asked} is not in area {area.name}, which has {has}")
@@ -547,7 +556,7 @@ def check_addresses(
     for place, grammar in enumerate(alone):
         for meant, text in _texts(forms[place], grammar):
             for other, reading in enumerate(alone):
-                read = _read(reading, text)
+                read = reading.find(text)
                 pair = (min(place, other), max(place, other))
                 if read is not None and not _agree(meant, read) and pair not in found:
                     found[pair] = _problem(forms, place, other, text, meant, read)
@@ -568,13 +577,6 @@ def _texts(form: AddressForm, grammar: AddressGrammar) -> Iterator[tuple[Address
                     yield meant, grammar.print(meant)
                 except AddressError:
                     break
-
-
-def _read(grammar: AddressGrammar, text: str) -> Address | None:
-    try:
-        return grammar.parse(text)
-    except AddressError:
-        return None
 
 
 def _agree(one: Address, other: Address) -> bool:

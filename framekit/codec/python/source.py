@@ -12,6 +12,7 @@ import keyword
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from itertools import groupby
 from typing import Any
 
@@ -162,26 +163,32 @@ def _outermost(line: str) -> tuple[int, int] | None:
     return found
 
 
+_ENDS_OF_TEXT = {quote: re.compile(rf"(?:[^{quote}\\]|\\.)*{quote}", re.DOTALL) for quote in "\"'"}
+
+
+@cache
+def _signs(separator: str) -> re.Pattern[str]:
+    """A quote, a bracket or the separator."""
+    return re.compile("[" + re.escape(f"\"'{_OPENING}{_CLOSING}") + "]|" + re.escape(separator))
+
+
 def _split(text: str, separator: str) -> list[str]:
     """`text` cut where `separator` stands outside brackets and quotes."""
-    parts, depth, quote, start, place = [], 0, "", 0, 0
-    while place < len(text):
-        sign = text[place]
-        if quote:
-            place += sign == "\\"
-            quote = "" if sign == quote else quote
-        elif sign in "\"'":
-            quote = sign
-        elif sign in _OPENING:
-            depth += 1
-        elif sign in _CLOSING:
-            depth -= 1
-        elif depth == 0 and text.startswith(separator, place):
-            parts.append(text[start:place])
-            place += len(separator)
-            start = place
-            continue
-        place += 1
+    if separator not in text:
+        return [text] if text.strip() else []
+    parts, depth, start, place = [], 0, 0, 0
+    signs = _signs(separator)
+    while found := signs.search(text, place):
+        sign, place = found[0], found.end()
+        if sign in _ENDS_OF_TEXT:
+            end = _ENDS_OF_TEXT[sign].match(text, place)
+            place = len(text) if end is None else end.end()
+        elif sign == separator:
+            if depth == 0:
+                parts.append(text[start : found.start()])
+                start = place
+        else:
+            depth += 1 if sign in _OPENING else -1
     parts.append(text[start:])
     return [part for part in parts if part.strip()]
 

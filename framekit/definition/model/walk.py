@@ -109,25 +109,25 @@ def _own_names(segment: Segment) -> set[str]:
 
 def parts_of(value: Any, kind: type[T]) -> Iterator[T]:
     """Everything of class `kind` inside `value` (itself included), outermost first; expressions are not entered."""
-    if isinstance(value, kind):
-        yield value
-    if isinstance(value, (Expression, Position)):
-        return
-    if isinstance(value, dict):
-        for item in value.values():
-            yield from parts_of(item, kind)
-    elif isinstance(value, (tuple, list)):
-        for item in value:
-            yield from parts_of(item, kind)
-    else:
-        for name in _names_of(value.__class__):
-            yield from parts_of(getattr(value, name), kind)
+    left = [value]
+    while left:
+        value = left.pop()
+        if isinstance(value, kind):
+            yield value
+        names = _names_of(value.__class__)
+        if names:
+            left += [getattr(value, name) for name in names]
+        elif isinstance(value, dict):
+            left += reversed(value.values())
+        elif isinstance(value, (tuple, list)):
+            left += reversed(value)
 
 
 @cache
 def _names_of(kind: type) -> tuple[str, ...]:
-    """The fields of a class that may hold parts."""
-    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+    """The fields of a class that may hold parts, the last one first."""
+    holds = is_dataclass(kind) and not issubclass(kind, (Expression, Position))
+    return tuple(field.name for field in fields(kind))[::-1] if holds else ()
 
 
 def expressions_of(value: Any) -> Iterator[Expression]:
