@@ -16,6 +16,9 @@ from typing import Any
 from framekit.codec import support
 from framekit.definition.model.checks import CheckMethod, from_crc, from_ready, ready_methods
 
+FUNCTIONS: dict[str, Callable[[bytes], int]] = {}
+"""Functions of the kinds of methods that a program brings by itself."""
+
 _MODULES = {width: f"fastcrc.crc{width}" for width in (8, 16, 32, 64)}
 _SAMPLES = (b"", b"123456789", bytes(range(256)), *(bytes([value]) for value in range(0, 256, 5)))
 
@@ -113,7 +116,7 @@ def compute(method: CheckMethod, data: bytes | bytearray) -> int:
 def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
     """The function that computes a method. Raises TypeError for a fold."""
     source = source_of(method, alone=False)
-    names: dict[str, Any] = {name: getattr(support, name) for name in source.functions}
+    names: dict[str, Any] = {name: _function(name) for name in source.functions}
     names |= {name: _constant(text, source.makers) for name, text in source.constants}
     for line in source.imports:
         exec(line, names)
@@ -174,6 +177,9 @@ def _simple(method: CheckMethod, data: str) -> tuple[CheckSource, bool]:
             return CheckSource(f"xor8({data}){_plus('^', start)}", ("xor8",)), fits
         case "or":
             return CheckSource(f"or8({data}){_plus('|', start)}", ("or8",)), method.width >= 8
+        case kind if kind in FUNCTIONS:
+            name = FUNCTIONS[kind].__name__
+            return CheckSource(f"{name}({data})", (name,)), False
     return CheckSource(f"multiply({data}, {start:#x}, {_ones(method):#x})", ("multiply",)), True
 
 
@@ -252,3 +258,10 @@ def _finished(method: CheckMethod, source: CheckSource, fits: bool) -> CheckSour
     else:
         return source
     return replace(source, expression=expression)
+
+
+def _function(name: str) -> Callable[..., Any]:
+    """A function that expressions of check codes call."""
+    brought = next((one for one in FUNCTIONS.values() if one.__name__ == name), None)
+    found: Callable[..., Any] = getattr(support, name) if brought is None else brought
+    return found

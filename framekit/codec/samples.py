@@ -14,6 +14,7 @@ from typing import Any
 from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
+from framekit.codec.python.registry import kind_of
 from framekit.definition.expression.syntax import (
     Call,
     Compare,
@@ -307,6 +308,8 @@ class _Record:
                         self._put(part.name, self._bits(part))
                 case _:
                     self._put(segment.name, self._value(segment))
+                    for name, value in kind_of(segment).sample(self.random, segment).items():
+                        self._put(name, value)
 
     def _holds(self, when: Expression) -> bool:
         """Whether a condition holds; what it reads of the segments that follow gets its value now."""

@@ -10,15 +10,17 @@ from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Mapping as MappingOf
 from dataclasses import MISSING, field, fields
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 from typing import Protocol as Interface
 
-from framekit.definition.load.reader import Reader
+from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.values import Table
-from framekit.definition.nodes import Mapping, Node, Sequence
+from framekit.definition.tree import Mapping, Node, Sequence
 
 Schema = MappingOf[str, Any]
+ValueKind = Literal["number", "time", "text", "bytes", "list", "frame", "table", "any"]
+"""What a value is, for expressions."""
 
 
 class Meanings(Interface):
@@ -48,10 +50,11 @@ class KeyReading:
 
 
 class Form(NamedTuple):
-    """How the value of a key looks in the schema, and how it is read."""
+    """How the value of a key looks in the schema, how it is read; for an expression, what it has to come to."""
 
     schema: Schema
     read: Callable[[KeyReading, Node], Any]
+    kind: ValueKind | None = None
 
     def with_schema(self, **more: Any) -> Form:
         return self._replace(schema={**self.schema, **more})
@@ -63,22 +66,40 @@ class Key(NamedTuple):
     schemas: MappingOf[str, Schema]
     read: Callable[[KeyReading], Any]
     required: bool
+    kind: ValueKind | None = None
 
 
 def key(name: str, form: Form, doc: str = "", *, default: Any = MISSING) -> Any:
     """An attribute that one key gives; without `default` the key has to be there."""
+
+    return field(default=default, metadata={"key": key_of(name, form, doc, default)})
+
+
+def key_of(name: str, form: Form, doc: str = "", default: Any = MISSING) -> Key:
+    """A row of a table: the key of that name, whose value has a form."""
 
     def read(reading: KeyReading) -> Any:
         node = reading.keys.get(name)
         return default if node is None and default is not MISSING else form.read(reading, node)  # type: ignore[arg-type]
 
     schema = {**form.schema, "description": doc} if doc else form.schema
-    return field(default=default, metadata={"key": Key({name: schema}, read, default is MISSING)})
+    return Key({name: schema}, read, default is MISSING, form.kind)
 
 
-def keys(schemas: MappingOf[str, Schema], read: Callable[[KeyReading], Any], *, default: Any = MISSING) -> Any:
-    """An attribute that several keys give together."""
-    return field(default=default, metadata={"key": Key(schemas, read, default is MISSING)})
+def keys(
+    schemas: MappingOf[str, Schema],
+    read: Callable[[KeyReading], Any],
+    *,
+    default: Any = MISSING,
+    factory: Callable[[], Any] | None = None,
+) -> Any:
+    """An attribute that several keys give together. `factory` makes what it is without them."""
+    metadata = {"key": Key(schemas, read, default is MISSING and factory is None)}
+    return (
+        field(default=default, metadata=metadata)
+        if factory is None
+        else field(default_factory=factory, metadata=metadata)
+    )
 
 
 @cache
@@ -97,19 +118,37 @@ def required_of(part: type) -> Iterator[str]:
     return (next(iter(one.schemas)) for one in table_of(part).values() if one.required)
 
 
-def read_keys(part: type, loader: Any, mapping: Mapping) -> dict[str, Any]:
-    """The attributes that the keys of a mapping give, in the order of the table. Raises Broken."""
+def read_keys(part: type, loader: Any, mapping: Mapping, broken: Callable[[], None] | None = None) -> dict[str, Any]:
+    """The attributes that the keys of a mapping give, in the order of the table. Raises Broken.
+
+    `broken`: called for a key that is broken; its attribute is left out then, if it may be, and the others are read.
+    """
     reading = KeyReading(loader, mapping)
     for attribute, one in table_of(part).items():
-        reading.found[attribute] = one.read(reading)
+        try:
+            reading.found[attribute] = one.read(reading)
+        except Broken:
+            if broken is None or one.required:
+                raise
+            broken()
     return reading.found
 
 
-def mapping_schema(part: type, title: str, *, required: Iterable[str] | None = None, **more: Any) -> dict[str, Any]:
-    """The schema of a mapping that is read into a class."""
+def expressions_with_kinds(part: Any) -> Iterator[tuple[Any, ValueKind]]:
+    """The expressions of a part that have to come to something certain, each with what that is."""
+    for attribute, one in table_of(part.__class__).items():
+        if one.kind is not None:
+            yield getattr(part, attribute), one.kind
+
+
+def mapping_schema(
+    part: type, title: str, *, required: Iterable[str] | None = None, doc: str | None = None, **more: Any
+) -> dict[str, Any]:
+    """The schema of a mapping that is read into a class. `doc`: what the key `doc` says, which nothing reads."""
     wanted = list(required_of(part) if required is None else required)
     head: dict[str, Any] = {"title": title, "type": "object", **({"required": wanted} if wanted else {}), **more}
-    return {**head, "properties": properties_of(part), "additionalProperties": False}
+    properties = {**properties_of(part), **({} if doc is None else {"doc": {**ref("text"), "description": doc}})}
+    return {**head, "properties": properties, "additionalProperties": False}
 
 
 # ---- forms of values ----------------------------------------------------------------------------------------
@@ -142,3 +181,7 @@ BYTES = Form(ref("bytes"), lambda r, node: r.reader.bytes(node))
 BYTE = Form(ref("byte"), lambda r, node: r.reader.byte(node))
 RANGE = Form(ref("range"), lambda r, node: r.reader.range(node))
 EXPRESSION = Form(ref("expression"), lambda r, node: r.reader.expression(node))
+CONDITION = EXPRESSION._replace(kind="any")
+TIME = EXPRESSION._replace(kind="time")
+COUNT = EXPRESSION._replace(kind="number")
+OCTETS = EXPRESSION._replace(kind="bytes")

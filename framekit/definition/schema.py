@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
+from framekit.definition.brought import import_installed
 from framekit.definition.nodes import CUT, QUOTE_EXPRESSION, Mapping, Node, Scalar, Sequence, looks_cut, without_cuts
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, printable
 from framekit.definition.sources import shipped_folder
@@ -448,10 +449,11 @@ def wrong_kind(node: Node, kind: Kind) -> Problem | None:
 
 def validate(node: Node, kind: Kind) -> list[Problem]:
     """Everything in a file that its schema does not allow, sorted by position; nothing when it is all right."""
+    broken = {Problem(node.at, what, "mend it, or remove that package") for what in import_installed()}
     cuts = without_cuts(node)
     errors = _validator(kind).iter_errors(_plain(cuts.tree))
     messages = Messages(cuts.tree, cuts.places, _known_keys)
-    return sorted({*cuts.problems, *messages.problems(errors)})
+    return sorted({*broken, *cuts.problems, *messages.problems(errors)})
 
 
 def _plain(node: Node) -> Any:
@@ -475,9 +477,28 @@ def _schemas() -> dict[str, Any]:
 
 def add_keys(kind: Kind, definition: str, keys: dict[str, Any]) -> None:
     """Adds keys with the schemas of their values to a definition of a schema, for what programs bring by themselves."""
-    _schemas()[kind + _SUFFIX]["$defs"][definition]["properties"].update(keys)
+    _definitions(kind)[definition]["properties"].update(keys)
+
+
+def add_segment_kind(key: str, schema: dict[str, Any]) -> None:
+    """Adds a kind of segment that a program brings by itself: the key that names it, and the schema of its keys."""
+    known = _definitions("protocol")
+    known[f"{key}_segment"] = schema
+    known["segment"]["oneOf"].append({"required": [key]})
+    known["segment"]["allOf"].append({"if": {"required": [key]}, "then": {"$ref": f"#/$defs/{key}_segment"}})
+
+
+def add_word(kind: str, definition: str, word: str) -> None:
+    """Adds a word to those that a key may have."""
+    _definitions(kind)[definition]["enum"].append(word)
+
+
+def _definitions(kind: str) -> dict[str, Any]:
+    """The definitions of a schema, which are about to be changed: what has been made of them is forgotten."""
     _validator.cache_clear()
     _known_keys.cache_clear()
+    found: dict[str, Any] = _schemas()[kind + _SUFFIX]["$defs"]
+    return found
 
 
 @cache

@@ -9,13 +9,22 @@ import json
 from pathlib import Path
 from typing import Any
 
+from framekit.definition.keys import properties_of, ref, required_of
 from framekit.definition.kinds.base import KINDS
 from framekit.definition.model import segments
+from framekit.definition.model.procedure import Action, Row, Step
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
 
 WIDTH = 140
 """Characters of a line, where what stands in it holds other mappings."""
+
+PARTS = (
+    ("step", Step, "What it does, in a sentence."),
+    ("row", Row, "Why, in a sentence."),
+    ("action", Action, "Why, in a sentence."),
+)
+"""Definitions of the schema with the classes that their keys are read into, and what `doc` holds there."""
 
 Schemas = dict[str, dict[str, Any]]
 
@@ -29,6 +38,9 @@ def with_tables(schemas: Schemas) -> Schemas:
     protocol["segment"]["allOf"] = [_of_kind(key) for key in KINDS]
     common["type_name"]["enum"] = list(TYPES)
     protocol.update(names)
+    for name, part, doc in PARTS:
+        protocol[name]["properties"] = {**properties_of(part), "doc": {**ref("text"), "description": doc}}
+        assert set(required_of(part)) <= {*protocol[name].get("required", ())}, f"{name} has other required keys"
     return schemas
 
 

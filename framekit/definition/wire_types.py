@@ -12,19 +12,17 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.keys import Form, KeyReading, Meanings, Schema, here, keys, ref
+from framekit.definition.keys import Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.static_size import ANY, Sizes, exactly
-from framekit.definition.nodes import Mapping as Keys
-from framekit.definition.nodes import Node, Scalar
 from framekit.definition.problems import did_you_mean
+from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node, Scalar
 
 Size = int | Expression | Literal["rest"]
 """A number of bytes, an expression for it, or everything up to the end of the region."""
 
 Order = Literal["big", "little", "BADC", "CDAB"]
-ValueKind = Literal["number", "time", "text", "bytes", "list", "frame", "table", "any"]
-"""What a value is, for expressions."""
 
 ORDERS: dict[str, Order] = {
     "big": "big", "ABCD": "big", "little": "little", "DCBA": "little", "BADC": "BADC", "CDAB": "CDAB",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.base import register
+from framekit.codec.kinds.base import SegmentKind, register
 from framekit.codec.kinds.bits import BitsKind
 from framekit.codec.kinds.check import CheckKind
 from framekit.codec.kinds.choose import ChooseKind
@@ -18,6 +18,8 @@ from framekit.codec.kinds.require import RequireKind
 from framekit.codec.kinds.skip import FillKind, SkipKind
 from framekit.codec.kinds.value import ValueKind
 from framekit.codec.kinds.wrap import WrapKind
+
+__all__ = ["SegmentKind", "register"]
 
 register(
     ConstKind,

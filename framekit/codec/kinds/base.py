@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from random import Random
 from typing import Any, Generic, TypeVar
 
 from framekit.codec.python import forms
@@ -9,12 +11,16 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given, PackArgument
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
+from framekit.codec.python.module import add_helpers
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
+from framekit.definition.brought import bring
 from framekit.definition.expression.emit import PRODUCT
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.kinds.base import KINDS as KINDS_BY_KEY
+from framekit.definition.kinds.base import add_kind
 from framekit.definition.model.segments import Bits, Count, Field, Length, Segment
 
 S = TypeVar("S", bound=Segment)
@@ -78,6 +84,12 @@ class SegmentKind(Generic[S]):
         """
         return ()
 
+    # ---- samples ------------------------------------------------------------------------------------------
+
+    def sample(self, random: Random, segment: S) -> Mapping[str, Any]:
+        """Values that such a segment may have, for samples of frames; nothing where they follow from others."""
+        return {}
+
     # ---- diagnosis ----------------------------------------------------------------------------------------
 
     def declare(self, d: DiagnosisWriter, segment: S, scope: Scope) -> None:
@@ -98,8 +110,16 @@ class SegmentKind(Generic[S]):
 
 
 def register(*kinds: type[SegmentKind[Any]]) -> None:
+    """Kinds that definitions may use from now on: those of framekit, and those that a program brings by itself."""
     for kind in kinds:
         KINDS[kind.model] = kind()
+        key = kind.model.KEY
+        if key and key not in KINDS_BY_KEY:
+            from framekit.definition.schema import add_segment_kind
+
+            add_kind(kind.model)
+            add_helpers(bring(kind.__module__))
+            add_segment_kind(key, kind.model.schema())
 
 
 T = TypeVar("T", Field, Length, Count, Bits)

@@ -5,6 +5,7 @@ A *wire* value is what the bytes mean by their type alone; `plus`, `unit` and `z
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -76,49 +77,86 @@ def hex_places(type_: FieldType) -> int | None:
 
 def parse(functions: Functions, type_: FieldType, raw: str) -> str:
     """Text of the wire value that the bytes `raw` (a text for a slice) hold."""
-    name = functions.function
-    if type_.kind == "int":
-        if type_.order in ("BADC", "CDAB"):
-            return f"{name('parse_int')}({raw}, {quoted(type_.order)}{', True' if type_.signed else ''})"
-        return f"int.from_bytes({raw}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
-    if type_.kind == "float":
-        return f"{name('parse_float')}({raw}, {quoted(type_.order)})"
-    little = "_little" if type_.order == "little" else ""
-    if type_.kind == "digits":
-        return f"{name(f'parse_{_DIGIT_NAMES[type_.base]}{little}')}({raw})"
-    if type_.kind == "bcd":
-        return f"{name(f'parse_bcd{little}')}({raw})"
-    if type_.kind == "ascii":
-        if type_.end is not None:
-            raw = f"{raw}.split({bytes_literal(type_.end)}, 1)[0]"
-        strip = "" if type_.pad is None else f".rstrip({bytes_literal(type_.pad)})"
-        return f'{raw}{strip}.decode("latin-1")'
-    return raw
+    return WIRE_FORMS[type_.kind].parse(functions, type_, raw)
 
 
 def build(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
     """Text of the bytes of a wire value; `size` is the text of the type's size."""
-    name = functions.function
-    if type_.kind == "int":
-        if type_.order in ("BADC", "CDAB"):
-            return f"{name('build_int')}({wire}, {size}, {quoted(type_.order)}{', True' if type_.signed else ''})"
-        return f"({wire}).to_bytes({size}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
-    if type_.kind == "float":
-        return f"{name('build_float')}({wire}, {size}, {quoted(type_.order)})"
-    little = "_little" if type_.order == "little" else ""
-    if type_.kind == "digits":
-        lower = "_lower" if type_.base == 16 and not type_.upper else ""
-        return f"{name(f'build_{_DIGIT_NAMES[type_.base]}{little}{lower}')}({wire}, {size})"
-    if type_.kind == "bcd":
-        return f"{name(f'build_bcd{little}')}({wire}, {size})"
-    if type_.kind == "ascii":
-        if type_.end is not None and type_.size is None:
-            return f"{name('build_terminated')}({wire}, {bytes_literal(type_.end)})"
-        if wire.startswith('"'):
-            return bytes_literal(eval(wire).encode("latin-1"))
-        pad = type_.pad if type_.end is None else (type_.pad or b"\0")
-        return f'{wire}.encode("latin-1")' + ("" if pad is None else f".ljust({size}, {bytes_literal(pad)})")
-    return wire
+    return WIRE_FORMS[type_.kind].build(functions, type_, wire, size)
+
+
+@dataclass(frozen=True, slots=True)
+class WireForm:
+    """How values of a kind of type stand on the wire: the texts that read and build their bytes.
+
+    `parse` takes the text of a slice, `build` that of the value and that of the size in bytes.
+    """
+
+    parse: Callable[[Functions, FieldType, str], str]
+    build: Callable[[Functions, FieldType, str, str], str]
+
+
+def _parse_int(functions: Functions, type_: FieldType, raw: str) -> str:
+    signed = ", True" if type_.signed else ""
+    if type_.order in ("BADC", "CDAB"):
+        return f"{functions.function('parse_int')}({raw}, {quoted(type_.order)}{signed})"
+    return f"int.from_bytes({raw}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
+
+
+def _build_int(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    if type_.order in ("BADC", "CDAB"):
+        signed = ", True" if type_.signed else ""
+        return f"{functions.function('build_int')}({wire}, {size}, {quoted(type_.order)}{signed})"
+    return f"({wire}).to_bytes({size}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
+
+
+def _little(type_: FieldType) -> str:
+    return "_little" if type_.order == "little" else ""
+
+
+def _build_digits(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    lower = "_lower" if type_.base == 16 and not type_.upper else ""
+    return f"{functions.function(f'build_{_DIGIT_NAMES[type_.base]}{_little(type_)}{lower}')}({wire}, {size})"
+
+
+def _parse_text(functions: Functions, type_: FieldType, raw: str) -> str:
+    if type_.end is not None:
+        raw = f"{raw}.split({bytes_literal(type_.end)}, 1)[0]"
+    strip = "" if type_.pad is None else f".rstrip({bytes_literal(type_.pad)})"
+    return f'{raw}{strip}.decode("latin-1")'
+
+
+def _build_text(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    if type_.end is not None and type_.size is None:
+        return f"{functions.function('build_terminated')}({wire}, {bytes_literal(type_.end)})"
+    if wire.startswith('"'):
+        return bytes_literal(eval(wire).encode("latin-1"))
+    pad = type_.pad if type_.end is None else (type_.pad or b"\0")
+    return f'{wire}.encode("latin-1")' + ("" if pad is None else f".ljust({size}, {bytes_literal(pad)})")
+
+
+WIRE_FORMS: dict[str, WireForm] = {
+    "int": WireForm(_parse_int, _build_int),
+    "float": WireForm(
+        lambda functions, type_, raw: f"{functions.function('parse_float')}({raw}, {quoted(type_.order)})",
+        lambda functions, type_, wire, size: (
+            f"{functions.function('build_float')}({wire}, {size}, {quoted(type_.order)})"
+        ),
+    ),
+    "digits": WireForm(
+        lambda functions, type_, raw: (
+            f"{functions.function(f'parse_{_DIGIT_NAMES[type_.base]}{_little(type_)}')}({raw})"
+        ),
+        _build_digits,
+    ),
+    "bcd": WireForm(
+        lambda functions, type_, raw: f"{functions.function(f'parse_bcd{_little(type_)}')}({raw})",
+        lambda functions, type_, wire, size: f"{functions.function(f'build_bcd{_little(type_)}')}({wire}, {size})",
+    ),
+    "ascii": WireForm(_parse_text, _build_text),
+    "bytes": WireForm(lambda functions, type_, raw: raw, lambda functions, type_, wire, size: wire),
+}
+"""The kinds of types by their names in the model; what else there is of a kind stands in `definition/wire_types.py`."""
 
 
 def value_of(field: Numbered, wire: str) -> str:
@@ -168,13 +206,10 @@ class Range:
 
 def wire_range(type_: FieldType) -> Range:
     """What numbers the type itself can hold."""
-    size = type_.fixed_size
-    if type_.kind not in ("int", "digits", "bcd") or size is None:
-        return Range(0 if type_.kind in ("digits", "bcd") or not type_.signed else None, None)
-    if type_.kind == "int":
-        bits = 8 * size
-        return Range(-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else Range(0, (1 << bits) - 1)
-    return Range(0, (10 ** (2 * size) if type_.kind == "bcd" else type_.base**size) - 1)
+    bounds = type_.bounds
+    if bounds is not None:
+        return Range(*bounds)
+    return Range(None if type_.signed else 0, None)
 
 
 def value_range(field: Numbered) -> Range:

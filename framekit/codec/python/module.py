@@ -88,13 +88,23 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_PASTED: tuple[Any, ...] = (support, runtime, frame_choice, doubled, refusals, examination)
+_PASTED: list[Any] = [support, runtime, frame_choice, doubled, refusals, examination]
+OWN_HELPERS = len(_PASTED)
+
+
+def add_helpers(module: Any) -> None:
+    """Functions of this module may be pasted too, as they stand there: `NEEDS` and `IMPORTS` as in `runtime`."""
+    if module not in _PASTED:
+        _PASTED.append(module)
+        pasted_names.cache_clear()
 
 
 @cache
 def pasted_names() -> frozenset[str]:
     """Every name that pasted code may bring into a module."""
-    return frozenset(name for module in _PASTED for name in vars(module) if not name.startswith("_"))
+    own, added = _PASTED[:OWN_HELPERS], _PASTED[OWN_HELPERS:]
+    names = [name for module in own for name in vars(module)] + [name for module in added for name in _defined(module)]
+    return frozenset(name for name in names if not name.startswith("_"))
 
 
 def _home_of(name: str) -> Any:
@@ -140,9 +150,9 @@ class Module:
         if name not in self.functions and name not in self._under_way:
             self._under_way.add(name)
             module = _home_of(name)
-            for other in module.NEEDS.get(name, ()):
+            for other in getattr(module, "NEEDS", {}).get(name, ()):
                 self.function(other)
-            self.imports.update(module.IMPORTS.get(name, ()))
+            self.imports.update(getattr(module, "IMPORTS", {}).get(name, ()))
             self.functions[name] = None
         return name
 

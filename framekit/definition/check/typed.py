@@ -29,15 +29,15 @@ from framekit.definition.expression.syntax import (
     Text,
     Unary,
 )
+from framekit.definition.keys import ValueKind, expressions_with_kinds
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.procedure import Action, Row, Sequence, Step
+from framekit.definition.model.procedure import Action, Parts, Row, Sequence, Serve, Step
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf
 from framekit.definition.model.walk import expressions_of, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
-from framekit.definition.wire_types import ValueKind
 
 Kind = ValueKind
 Attributes = Callable[[Attribute], Kind]
@@ -461,14 +461,8 @@ class _Kinds:
         self.local = {}
 
     def _step(self, checker: KindChecker, step: Step, local: Mapping[str, Kind]) -> None:
-        for time in (step.wait, step.hold_break, step.within, step.complete, step.gap):
-            checker.wants(time, "time")
-        checker.wants(step.retries, "number")
-        checker.wants(step.when, "any")
-        if step.parts is not None:
-            checker.wants(step.parts.of, "bytes")
-            checker.wants(step.parts.size, "number")
-        checker.wants(step.serve.buffer if step.serve is not None else None, "bytes")
+        for part in (step, step.parts, step.serve):
+            self._keys(checker, part)
         self._settings(checker, step)
         self._made(checker, [step.send, step.deliver, step.put, step.call, [] if step.ask is None else step.ask.fields])
         for row in step.receive or ():
@@ -476,6 +470,11 @@ class _Kinds:
         self._actions(checker, step.branch or ())
         for actions in step.handlers.values():
             self._actions(checker, actions)
+
+    def _keys(self, checker: KindChecker, part: Step | Parts | Serve | Action | None) -> None:
+        """The expressions of keys that have to come to something certain."""
+        for expression, kind in () if part is None else expressions_with_kinds(part):
+            checker.wants(expression, kind)
 
     def _row(self, row: Row, local: Mapping[str, Kind]) -> None:
         frames = [self.protocol.frames[name] for name in row.frames if name in self.protocol.frames]
@@ -493,8 +492,7 @@ class _Kinds:
 
     def _actions(self, checker: KindChecker, actions: Iterable[Action]) -> None:
         for action in actions:
-            checker.wants(action.when, "any")
-            checker.wants(action.at_most, "number")
+            self._keys(checker, action)
             for expression, _ in action.store:
                 checker.wants(expression, "bytes")
             self._settings(checker, action)

@@ -13,13 +13,13 @@ from typing import Any, ClassVar, Self, TypeVar
 from typing import Protocol as Interface
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.keys import Meanings, here, mapping_schema, read_keys
+from framekit.definition.keys import Meanings, ValueKind, here, mapping_schema, read_keys
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.static_size import NOTHING, Sizes, exactly, of_any_frame
-from framekit.definition.nodes import Mapping as Keys
-from framekit.definition.nodes import Node, Scalar
 from framekit.definition.problems import Position, Problem
-from framekit.definition.wire_types import EVERY_BYTE, FieldType, ValueKind
+from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node, Scalar
+from framekit.definition.wire_types import EVERY_BYTE, FieldType
 
 T = TypeVar("T")
 SegmentClass = TypeVar("SegmentClass", bound="type[Segment]")

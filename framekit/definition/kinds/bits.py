@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.keys import KeyReading, keys, ref
+from framekit.definition.keys import KeyReading, ValueKind, keys, ref
 from framekit.definition.kinds.base import Contents, Fixing, Given, Segment
 from framekit.definition.kinds.numbers import VALUE_NAMES, constant_number, number_written
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Position, Problem
-from framekit.definition.wire_types import FieldType, ValueKind, type_keys
+from framekit.definition.wire_types import FieldType, type_keys
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ _SCHEMAS: dict[str, Any] = {
     "is": {**ref("expressions"), "description": "Bits that are always this, name: expression."},
     "build": {**ref("expressions"), "description": "Bits computed when building, name: expression."},
     "values": {
-        "description": "Meanings of the numbers in some of the bits, name: table or {code: name}.",
+        "description": "Names of the numbers in some of the bits, name: table or {code: name}.",
         "type": "object",
         "additionalProperties": ref("value_names"),
     },

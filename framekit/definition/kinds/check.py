@@ -10,8 +10,8 @@ from framekit.definition.keys import NUMBER, Form, KeyReading, here, key, keys, 
 from framekit.definition.kinds.base import Contents, References, Segment
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.static_size import Sizes, exactly
-from framekit.definition.nodes import Node, Sequence
 from framekit.definition.problems import Problem, plural
+from framekit.definition.tree import Node, Sequence
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE
 
 CodeForm = Literal["raw", "hex", "HEX", "dec", "nibbles"]

@@ -9,7 +9,7 @@ from typing import ClassVar
 from framekit.definition.keys import BYTES, BYTES_AT_MOST, Form, KeyReading, key
 from framekit.definition.kinds.base import Contents, Segment, SegmentLoading, Segments
 from framekit.definition.model.static_size import ANY, Sizes, exactly
-from framekit.definition.nodes import Mapping, Node
+from framekit.definition.tree import Mapping, Node
 
 
 def _characters(reading: KeyReading, node: Node) -> bytes:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.keys import FLAG, IDENTIFIER, LABEL, LABELS, NUMBER, RANGE, Form, KeyReading, key
+from framekit.definition.keys import FLAG, IDENTIFIER, LABEL, LABELS, NUMBER, RANGE, Form, KeyReading, ValueKind, key
 from framekit.definition.kinds.base import Contents, References, Segment
 from framekit.definition.kinds.numbers import limits_that_do_not_fit, zero_with_a_sign
 from framekit.definition.model.static_size import Sizes
-from framekit.definition.nodes import Node
 from framekit.definition.problems import Problem, did_you_mean
-from framekit.definition.wire_types import FieldType, ValueKind, type_keys
+from framekit.definition.tree import Node
+from framekit.definition.wire_types import FieldType, type_keys
 
 LENGTH_UNITS = {"bytes": 1, "words": 2, "dwords": 4, "lwords": 8, "digits": 1}
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, key, words
+from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, words
 from framekit.definition.kinds.base import Contents, Given, Segment
 from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.static_size import Sizes, exactly
-from framekit.definition.nodes import Node
 from framekit.definition.problems import Problem
-from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, ValueKind
+from framekit.definition.tree import Node
+from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size
 
 
 def _conversion(reading: KeyReading, node: Node) -> Literal["hex_to_ascii", "ascii_to_hex"] | None:

@@ -18,6 +18,7 @@ from framekit.definition.keys import (
     RANGE,
     Form,
     KeyReading,
+    ValueKind,
     key,
     mapping_schema,
     read_keys,
@@ -35,9 +36,9 @@ from framekit.definition.kinds.numbers import (
 )
 from framekit.definition.load.reader import Reader, literal_bytes
 from framekit.definition.model.static_size import Sizes
-from framekit.definition.nodes import Node, Scalar
 from framekit.definition.problems import Position, Problem
-from framekit.definition.wire_types import FieldType, ValueKind, type_keys
+from framekit.definition.tree import Node, Scalar
+from framekit.definition.wire_types import FieldType, type_keys
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +105,7 @@ class Field(Segment):
         },
     )
     values: MappingOf[int, str] | None = key(
-        "values", VALUE_NAMES, "Meanings of the numbers: a table, or code: name.", default=None
+        "values", VALUE_NAMES, "Names of the numbers: a table, or code: name.", default=None
     )
     only: bool = key(
         "only",

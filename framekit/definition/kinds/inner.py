@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.keys import IDENTIFIER, Form, KeyReading, key, ref
+from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, key, ref
 from framekit.definition.kinds.base import Contents, Given, Segment, contents_of
 from framekit.definition.model.static_size import ANY, Sizes, either, exactly
-from framekit.definition.nodes import Node
 from framekit.definition.problems import Problem
-from framekit.definition.wire_types import EVERY_BYTE, SIZE, Size, ValueKind
+from framekit.definition.tree import Node
+from framekit.definition.wire_types import EVERY_BYTE, SIZE, Size
 
 
 def _frames(reading: KeyReading, node: Node) -> tuple[str, ...]:

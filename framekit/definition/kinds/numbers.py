@@ -10,8 +10,8 @@ from typing import Protocol as Interface
 from framekit.definition.expression.syntax import Expression, Number, Unary
 from framekit.definition.keys import Form, Meanings, ref
 from framekit.definition.load.reader import Reader, parse_number
-from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.tree import Mapping, Node, Scalar
 from framekit.definition.wire_types import FieldType
 
 
@@ -33,7 +33,7 @@ class Numbered(Interface):
 
 
 def value_names(space: Meanings, node: Node) -> MappingOf[int, str]:
-    """Meanings of numbers: a table's name, or a mapping code: name. Raises Broken."""
+    """Names of numbers: a table's name, or a mapping code: name. Raises Broken."""
     reader = space.reader
     if isinstance(node, Mapping):
         return {reader.number(entry.key): reader.text(entry.value) for entry in node.read_all()}

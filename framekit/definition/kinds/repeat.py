@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from framekit.definition.expression.syntax import Expression, both
-from framekit.definition.keys import IDENTIFIER, Form, KeyReading, here, key, keys, ref
+from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, here, key, keys, ref
 from framekit.definition.kinds.base import (
     Contents,
     Given,
@@ -19,9 +19,9 @@ from framekit.definition.kinds.base import (
     sizes_of,
 )
 from framekit.definition.model.static_size import Sizes
-from framekit.definition.nodes import Mapping, Sequence
 from framekit.definition.problems import Problem
-from framekit.definition.wire_types import SIZE, FieldType, Size, ValueKind, load_type
+from framekit.definition.tree import Mapping, Sequence
+from framekit.definition.wire_types import SIZE, FieldType, Size, load_type
 
 
 def _items(reading: KeyReading) -> Segments | FieldType:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import read_keys
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.procedure import (
@@ -13,11 +14,9 @@ from framekit.definition.model.procedure import (
     Action,
     CallOf,
     Lane,
-    Parts,
     Role,
     Row,
     Sequence,
-    Serve,
     Session,
     Step,
 )
@@ -26,6 +25,7 @@ from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import Position, did_you_mean
 
 T = TypeVar("T")
+P = TypeVar("P", Action, Row, Step)
 
 
 class ProcedureLoader:
@@ -34,6 +34,7 @@ class ProcedureLoader:
     def __init__(self, values: ValueLoader) -> None:
         self.values = values
         self.reader: Reader = values.reader
+        self.space = values.space
         self.spoilt = False
         self.serves = False
         self.partly: set[str] = set()
@@ -46,71 +47,52 @@ class ProcedureLoader:
             self.spoilt = True
             return None
 
-    # ---- actions and rows ---------------------------------------------------------------------------------
+    def _spoil(self) -> None:
+        self.spoilt = True
+
+    # ---- what keys of steps, rows and actions hold ----------------------------------------------------------
 
     def action(self, node: Node) -> Action:
         """One action; a bare word stands for `then`. Raises Broken."""
         if isinstance(node, Scalar):
             return Action(at=node.at, places={"then": node.at}, then=node.text)
-        return Action(**self._action_keys(self.reader.mapping(node)))
+        return self._read(Action, node)
+
+    def _read(self, part: type[P], node: Node) -> P:
+        """What a mapping says by the keys of its class; keys that are broken are left out."""
+        mapping = self.reader.mapping(node)
+        return part(at=mapping.at, places=places_of(mapping), **read_keys(part, self, mapping, self._spoil))
 
     def actions(self, node: Node) -> tuple[Action, ...]:
         """One action or a list of them."""
         return tuple(self.action(item) for item in self.reader.items(node))
 
-    def _action_keys(self, keys: Mapping) -> dict[str, Any]:
-        reader = self.reader
-        deliver, send, otherwise = keys.get("deliver"), keys.get("send"), keys.get("else")
-        return {
-            "at": keys.at,
-            "places": places_of(keys),
-            "when": self._maybe(reader.expression, keys.get("when")),
-            "at_most": self._maybe(reader.expression, keys.get("at_most")),
-            "otherwise": self._maybe(self.action, otherwise),
-            "take": self._maybe(reader.text, keys.get("take")),
-            "set": self._maybe(self.values.settings, keys.get("set")) or (),
-            "store": self._maybe(self._store, keys.get("store")) or (),
-            "put": self._maybe(self._put, keys.get("put")) or (),
-            "deliver": self._maybe(self._sent, deliver),
-            "send": self._maybe(self._sent, send),
-            "then": self._maybe(reader.text, keys.get("then")),
-            "fail": self._maybe(reader.text, keys.get("fail")),
-            "because": self._maybe(reader.expression, keys.get("because")),
-        }
-
-    def _sent(self, node: Node) -> Value:
+    def sent(self, node: Node) -> Value:
         """What `send` and `deliver` take; `reply` is what the sequence has served, even where a frame is called so."""
         served = self.serves and isinstance(node, Scalar) and node.text == "reply"
         return self.values.value(node) if served else self.values.sent(node)
 
-    def _store(self, node: Node | None) -> tuple[tuple[Expression, str], ...]:
+    def stores(self, node: Node) -> tuple[tuple[Expression, str], ...]:
         reader = self.reader
         return tuple((reader.expression(entry.key), reader.text(entry.value)) for entry in reader.entries(node))
 
-    def _put(self, node: Node | None) -> tuple[tuple[str, dict[str, Value]], ...]:
+    def puts(self, node: Node) -> tuple[tuple[str, dict[str, Value]], ...]:
         return tuple((entry.key.text, self.values.fields(entry.value)) for entry in self.reader.entries(node))
 
-    def row(self, node: Node) -> Row:
-        """A row of a receive matrix. Raises Broken."""
-        keys = self.reader.mapping(node)
+    def arrivals(self, keys: Mapping) -> tuple[str, ...]:
+        """The frames that `frame` of a row names."""
         frames: list[str] = []
-        expected = False
         for item in self.reader.items(keys.get("frame")):
-            if self.reader.text(item) == "expected":
-                expected = True
-            else:
+            if self.reader.text(item) != "expected":
                 found = self._maybe(lambda name: self.values.frames.find(self.values.space, name), item)
                 frames.extend(name for name in found or () if name not in frames)
-        return Row(
-            frames=tuple(frames),
-            expected=expected,
-            queue=self.reader.maybe(self.reader.text, keys.get("queue")),
-            room=self.reader.maybe(self.reader.text, keys.get("room")),
-            **self._action_keys(keys),
-        )
+        return tuple(frames)
+
+    def expects(self, keys: Mapping) -> bool:
+        return "expected" in self.reader.texts(keys.get("frame"))
 
     def rows(self, node: Node | None) -> tuple[Row, ...]:
-        found = [self._maybe(self.row, item) for item in self.reader.items(node)]
+        found = [self._maybe(lambda one: self._read(Row, one), item) for item in self.reader.items(node)]
         return tuple(row for row in found if row is not None)
 
     def handlers(self, keys: Mapping) -> dict[str, tuple[Action, ...]]:
@@ -118,69 +100,16 @@ class ProcedureLoader:
             name: self._maybe(self.actions, node) or () for name in HANDLERS if (node := keys.get(name)) is not None
         }
 
-    # ---- steps and sequences ------------------------------------------------------------------------------
-
-    def step(self, node: Node) -> Step:
-        """Raises Broken."""
-        reader, keys = self.reader, self.reader.mapping(node)
-        deliver, send, ask = keys.get("deliver"), keys.get("send"), keys.get("ask")
-        receive, branch = keys.get("receive"), keys.get("branch")
-        return Step(
-            name=reader.text(keys.get("step")),
-            at=keys.at,
-            places=places_of(keys),
-            when=self._maybe(reader.expression, keys.get("when")),
-            session=self._maybe(reader.text, keys.get("session")),
-            parts=self._maybe(self._parts, keys.get("parts")),
-            wait=self._maybe(reader.expression, keys.get("wait")),
-            hold_break=self._maybe(reader.expression, keys.get("break")),
-            flush=reader.flag(keys.get("flush")),
-            urgent=reader.flag(keys.get("urgent")),
-            set=self._maybe(self.values.settings, keys.get("set")) or (),
-            serve=self._maybe(self._serve, keys.get("serve")),
-            call=self._maybe(lambda _: self._call(keys), keys.get("call")),
-            ask=self._maybe(self._ask, ask),
-            ask_into={} if ask is None else self._maybe(lambda _: self._into(keys), ask) or {},
-            put=self._maybe(self._put, keys.get("put")) or (),
-            deliver=self._maybe(self._sent, deliver),
-            send=self._maybe(self._sent, send),
-            receive=None if receive is None else self.rows(receive),
-            branch=self._maybe(self.actions, branch),
-            then=self._maybe(reader.text, keys.get("then")) or "next",
-            within=self._maybe(reader.expression, keys.get("within")),
-            complete=self._maybe(reader.expression, keys.get("complete")),
-            gap=self._maybe(reader.expression, keys.get("gap")),
-            retries=self._maybe(reader.expression, keys.get("retries")),
-            handlers=self.handlers(keys),
-        )
-
-    def _parts(self, node: Node | None) -> Parts | None:
-        if node is None:
-            return None
-        keys = self.reader.mapping(node)
-        return Parts(self.reader.expression(keys.get("of")), self.reader.expression(keys.get("size")))
-
-    def _serve(self, node: Node | None) -> Serve | None:
-        if node is None:
-            return None
-        reader, keys = self.reader, self.reader.mapping(node)
-        return Serve(
-            request=reader.expression(keys.get("request")),
-            buffer=reader.maybe(reader.expression, keys.get("buffer")),
-            station=reader.maybe(reader.expression, keys.get("station")),
-            check_only=reader.flag(keys.get("check")),
-        )
-
-    def _call(self, keys: Mapping) -> CallOf | None:
+    def call(self, keys: Mapping) -> CallOf | None:
         node = keys.get("call")
         if node is None:
             return None
-        return CallOf(self.reader.text(node), self.values.fields(keys.get("with")), self._into(keys))
+        return CallOf(self.reader.text(node), self.values.fields(keys.get("with")), self.into(keys))
 
-    def _into(self, keys: Mapping) -> dict[str, str]:
+    def into(self, keys: Mapping) -> dict[str, str]:
         return {entry.key.text: self.reader.text(entry.value) for entry in self.reader.entries(keys.get("into"))}
 
-    def _ask(self, node: Node) -> FrameOf:
+    def ask(self, node: Node) -> FrameOf:
         """`{service: {argument: value}}`: the service's name stands where a constructor has its frame."""
         mapping = self.reader.mapping(node)
         if len(mapping.read_all()) != 1:
@@ -190,13 +119,15 @@ class ProcedureLoader:
         entry = mapping.entries[0]
         return FrameOf(entry.key.text, self.values.fields(entry.value), entry.key.at)
 
+    # ---- sequences ----------------------------------------------------------------------------------------
+
     def sequence(self, entry: Entry) -> Sequence:
         """Raises Broken when nothing of it can be read."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.spoilt = False
         items = reader.items(keys.get("steps"))
         self.serves = any(isinstance(item, Mapping) and "serve" in item for item in items)
-        steps = [step for item in items if (step := self._maybe(self.step, item)) is not None]
+        steps = [step for item in items if (step := self._maybe(lambda one: self._read(Step, one), item)) is not None]
         always = self.rows(keys.get("always"))
         handlers = self.handlers(keys)
         gives = self._maybe(self.values.expressions, keys.get("gives")) or {}

@@ -16,9 +16,9 @@ from framekit.definition.expression.parse import ExpressionError, parse_expressi
 from framekit.definition.expression.syntax import Bytes, Expression
 from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import Position, Problem, did_you_mean
 from framekit.definition.times import UNITS, parse_time
+from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
 T = TypeVar("T")
 MOST_ELEMENTS = 16_777_216

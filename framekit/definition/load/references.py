@@ -8,8 +8,8 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.kinds.base import Segment, Segments, fixed_size
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.walk import change_all, flat, leaves
-from framekit.definition.nodes import Mapping, Node, Scalar
 from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.tree import Mapping, Node, Scalar
 
 Parts = tuple[Segments, Segments, Segments]
 

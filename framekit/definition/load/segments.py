@@ -13,7 +13,7 @@ from framekit.definition.keys import Meanings
 from framekit.definition.kinds.base import KINDS, Segment, Segments
 from framekit.definition.load.reader import Broken
 from framekit.definition.model.walk import field_names
-from framekit.definition.nodes import Mapping, Node, Sequence
+from framekit.definition.tree import Mapping, Node, Sequence
 
 MOST_SEGMENTS = 4000
 """Of one frame, with everything it includes."""

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from framekit.definition.expression.syntax import Expression
 
-CheckKind = Literal["sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"]
+CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"}
 Complement = Literal["ones", "twos"]
 WIDEST = 128
 """Bits of the widest check code that is accepted."""
@@ -37,7 +37,7 @@ class CheckMethod:
     """
 
     name: str
-    kind: CheckKind
+    kind: str
     width: int = 8
     order: Literal["big", "little"] = "big"
     initial: int = 0
@@ -56,7 +56,7 @@ class CheckMethod:
 
     def fault(self) -> str | None:
         """What is wrong with the parameters, in one sentence; None if nothing is."""
-        if self.kind not in get_args(CheckKind):
+        if self.kind not in CHECK_KINDS:
             return f"'{self.kind}' is no kind of check"
         if not 1 <= self.width <= WIDEST:
             return f"a check code of {self.width} bits is not possible: 1 to {WIDEST} are"
@@ -129,11 +129,23 @@ def _entry(line: str) -> CatalogueEntry:
     return CatalogueEntry(method, tuple(aliases.split()), int(check, 16))
 
 
+ADDED: dict[str, CheckMethod] = {}
+"""Those that a program brings by itself."""
+
+
+def add_method(method: CheckMethod) -> None:
+    """A method that definitions may name from now on, of a kind of its own."""
+    CHECK_KINDS.add(method.kind)
+    ADDED[method.name] = _sound(method)
+    ready_methods.cache_clear()
+
+
 @cache
 def ready_methods() -> Mapping[str, CheckMethod]:
     """All ready methods by name and by alias; an alias gives the method with its main name."""
     methods = {method.name: method for method in SIMPLE}
     methods.update((alias, methods[name]) for alias, name in SIMPLE_ALIASES.items())
+    methods.update(ADDED)
     for entry in crc_catalogue():
         methods.update((name, entry.method) for name in (entry.method.name, *entry.aliases))
     return MappingProxyType(methods)

@@ -4,22 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from framekit.definition.expression.syntax import Expression
+from framekit.definition.keys import (
+    CONDITION,
+    COUNT,
+    EXPRESSION,
+    FLAG,
+    IDENTIFIER,
+    LABEL,
+    OCTETS,
+    TIME,
+    Form,
+    Key,
+    here,
+    key,
+    keys,
+    mapping_schema,
+    read_keys,
+    ref,
+    words,
+)
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.problems import Position
 
-HANDLERS = (
-    "on_timeout",
-    "on_bad",
-    "on_other",
-    "on_noise",
-    "on_break",
-    "on_closed",
-    "on_exhausted",
-    "on_fail",
-    "on_byte",
-)
+HANDLERS = {
+    "on_timeout": "When a time limit has run out; default: fail.",
+    "on_bad": "When a frame is damaged (cause, frame); default: wait on.",
+    "on_other": "When a good frame comes that no row takes.",
+    "on_noise": "When unusable bytes have come.",
+    "on_break": "When the line was in break state.",
+    "on_closed": "When the connection is closed; default: fail.",
+    "on_exhausted": "When resend has used up the retries; default: fail.",
+    "on_fail": "When the called sequence or the service fails; default: fail too.",
+    "on_byte": "Any byte ends the wait this way.",
+}
+DELIVERED = "Offers a frame to all lanes as if it had arrived."
+SENDS = "Sends a frame: its name, a variable, or {frame: {field: expression}}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +51,15 @@ class Target:
     name: str
     key: Expression | None = None
     field: str | None = None
+
+
+SETTINGS = Form(here("settings"), lambda r, node: r.loader.values.settings(node))
+SENT = Form(here("sent"), lambda r, node: r.loader.sent(node))
+PUTS = Form(here("put"), lambda r, node: r.loader.puts(node))
+ROWS = Form(here("rows"), lambda r, node: r.loader.rows(node))
+ACTION = Form(here("action"), lambda r, node: r.loader.action(node))
+ACTIONS = Form({"type": "array", "minItems": 1, "items": here("action")}, lambda r, node: r.loader.actions(node))
+STORES = Form({"type": "object", "additionalProperties": ref("address")}, lambda r, node: r.loader.stores(node))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,46 +72,61 @@ class Action:
 
     at: Position
     places: Mapping[str, Position] = field(default_factory=dict, compare=False)
-    when: Expression | None = None
-    at_most: Expression | None = None
-    otherwise: Action | None = None
-    take: str | None = None
-    set: tuple[tuple[Target, Value], ...] = ()
-    store: tuple[tuple[Expression, str], ...] = ()
-    put: tuple[tuple[str, Mapping[str, Value]], ...] = ()
-    deliver: Value | None = None
-    send: Value | None = None
-    then: str | None = None
-    fail: str | None = None
-    because: Expression | None = None
+    when: Expression | None = key("when", CONDITION, "Only if this is true.", default=None)
+    at_most: Expression | None = key("at_most", COUNT, "So often since the step was entered; then else.", default=None)
+    otherwise: Action | None = key("else", ACTION, "What is done when at_most is used up.", default=None)
+    take: str | None = key("take", IDENTIFIER, "Takes an item from this queue; it is `it`.", default=None)
+    set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
+    store: tuple[tuple[Expression, str], ...] = key(
+        "store", STORES, "Puts bytes into memory, expression: address.", default=()
+    )
+    put: tuple[tuple[str, Mapping[str, Value]], ...] = key("put", PUTS, default=())
+    deliver: Value | None = key("deliver", SENT, DELIVERED, default=None)
+    send: Value | None = key("send", SENT, SENDS, default=None)
+    then: str | None = key("then", LABEL, "Where to go: next, end, again, restart, resend, or a step.", default=None)
+    fail: str | None = key("fail", LABEL, "Ends the sequence with this outcome.", default=None)
+    because: Expression | None = key(
+        "because",
+        EXPRESSION,
+        "The reason of that failure, in words: such as the cause an earlier on_fail had.",
+        default=None,
+    )
+
+
+ARRIVALS: dict[str, Any] = {
+    "frame": {
+        **ref("labels"),
+        "description": "Frames or groups, or expected (the replies the service named, and the error frame).",
+    }
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row(Action):
     """A row of a receive matrix. `frames`: in the order tried; `expected`: also the exchange's own replies."""
 
-    frames: tuple[str, ...] = ()
-    expected: bool = False
-    queue: str | None = None
-    room: str | None = None
+    frames: tuple[str, ...] = keys(ARRIVALS, lambda r: r.loader.arrivals(r.keys), default=())
+    expected: bool = keys({}, lambda r: r.loader.expects(r.keys), default=False)
+    queue: str | None = key("queue", IDENTIFIER, "As soon as this queue has an item.", default=None)
+    room: str | None = key("room", IDENTIFIER, "As soon as this queue is not full.", default=None)
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
     """`parts: {of, size}`: the step is done once for each piece."""
 
-    of: Expression
-    size: Expression
+    of: Expression = key("of", OCTETS, "The bytes.")
+    size: Expression = key("size", COUNT, "Size of a piece.")
 
 
 @dataclass(frozen=True, slots=True)
 class Serve:
     """`serve:`: the frame to serve, the bytes beside it, the station it came for, and whether it is only judged."""
 
-    request: Expression
-    buffer: Expression | None = None
-    station: Expression | None = None
-    check_only: bool = False
+    request: Expression = key("request", EXPRESSION, "The request frame.")
+    buffer: Expression | None = key("buffer", OCTETS, "Bytes that came beside it.", default=None)
+    station: Expression | None = key("station", EXPRESSION, "The station that was asked.", default=None)
+    check_only: bool = key("check", FLAG, "yes: the request is only judged.", default=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,39 +138,89 @@ class CallOf:
     into: Mapping[str, str]
 
 
+def handler_keys(*events: str) -> Mapping[str, tuple[Action, ...]]:
+    """The attribute of the handlers: event → actions."""
+    schemas = {
+        event: {**here("action" if event == "on_byte" else "handler"), "description": HANDLERS[event]}
+        for event in events
+    }
+    declared: Mapping[str, tuple[Action, ...]] = keys(schemas, lambda r: r.loader.handlers(r.keys), factory=dict)
+    return declared
+
+
+CALLS: dict[str, Any] = {
+    "call": {**ref("label"), "description": "Runs this sequence here."},
+    "with": {**here("values"), "description": "Arguments of the call, name: value."},
+    "into": {
+        "description": "Where results of the call, or of the service asked, go: variable: result.",
+        "type": "object",
+        "additionalProperties": ref("identifier"),
+    },
+}
+_SESSION_WORDS = "new opens the session, end closes it; session variables return to their start values."
+_URGENT = "The other side waits for the step's frame: it goes out although late replies may still come."
+PARTS = Form(
+    mapping_schema(Parts, "the parts", description="Does the rest of the step once for each piece of some bytes."),
+    lambda r, node: Parts(**read_keys(Parts, r.loader, r.reader.mapping(node))),
+)
+SERVE = Form(
+    mapping_schema(Serve, "the serve section", description="Lets the server do what a request asks for."),
+    lambda r, node: Serve(**read_keys(Serve, r.loader, r.reader.mapping(node))),
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
     """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies.
 
     `places`: key → where its value stands, for messages. `urgent`: replies that are due do not hold its frame back.
+    `more`: what keys say that programs bring by themselves.
     """
 
-    name: str
+    name: str = key("step", LABEL, "Name of the step.")
     at: Position
     places: Mapping[str, Position] = field(default_factory=dict, compare=False)
-    when: Expression | None = None
-    session: str | None = None
-    parts: Parts | None = None
-    wait: Expression | None = None
-    hold_break: Expression | None = None
-    flush: bool = False
-    set: tuple[tuple[Target, Value], ...] = ()
-    serve: Serve | None = None
-    call: CallOf | None = None
-    ask: FrameOf | None = None
-    ask_into: Mapping[str, str] = field(default_factory=dict)
-    put: tuple[tuple[str, Mapping[str, Value]], ...] = ()
-    deliver: Value | None = None
-    send: Value | None = None
-    urgent: bool = False
-    receive: tuple[Row, ...] | None = None
-    branch: tuple[Action, ...] | None = None
-    then: str = "next"
-    within: Expression | None = None
-    complete: Expression | None = None
-    gap: Expression | None = None
-    retries: Expression | None = None
-    handlers: Mapping[str, tuple[Action, ...]] = field(default_factory=dict)
+    when: Expression | None = key("when", CONDITION, "The step is skipped unless this is true.", default=None)
+    session: str | None = key(
+        "session", LABEL._replace(schema=words("a session word", "new", "end")), _SESSION_WORDS, default=None
+    )
+    parts: Parts | None = key("parts", PARTS, default=None)
+    wait: Expression | None = key("wait", TIME, "Waits so long.", default=None)
+    hold_break: Expression | None = key("break", TIME, "Holds the line in break state so long.", default=None)
+    flush: bool = key("flush", FLAG, "Forgets what has come and is not a frame yet.", default=False)
+    urgent: bool = key("urgent", FLAG, _URGENT, default=False)
+    set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
+    serve: Serve | None = key("serve", SERVE, default=None)
+    call: CallOf | None = keys(CALLS, lambda r: r.loader.call(r.keys), default=None)
+    ask: FrameOf | None = key(
+        "ask",
+        Form(here("constructor"), lambda r, node: r.loader.ask(node)),
+        "Runs a service of this protocol here, {service: {argument: value}}.",
+        default=None,
+    )
+    ask_into: Mapping[str, str] = keys({}, lambda r: r.loader.into(r.keys) if "ask" in r.keys else {}, factory=dict)
+    put: tuple[tuple[str, Mapping[str, Value]], ...] = key("put", PUTS, default=())
+    deliver: Value | None = key("deliver", SENT, DELIVERED, default=None)
+    send: Value | None = key("send", SENT, SENDS, default=None)
+    receive: tuple[Row, ...] | None = key("receive", ROWS, "Waits; the first row that fits is taken.", default=None)
+    branch: tuple[Action, ...] | None = key(
+        "branch", ACTIONS, "The first action whose when holds is taken.", default=None
+    )
+    then: str = key("then", LABEL, "Where to go: next (the default), end, or a step.", default="next")
+    within: Expression | None = key(
+        "within", TIME, "Longest time to the first byte of a frame that fits.", default=None
+    )
+    complete: Expression | None = key("complete", TIME, "Longest time from that byte to the last.", default=None)
+    gap: Expression | None = key("gap", TIME, "Longest time between two bytes.", default=None)
+    retries: Expression | None = key("retries", COUNT, "How often resend may send again.", default=None)
+    handlers: Mapping[str, tuple[Action, ...]] = handler_keys(*HANDLERS)
+    more: Mapping[str, Any] = keys(
+        {}, lambda r: {name: one.read(r) for name, one in ADDED_KEYS.items() if name in r.keys}, factory=dict
+    )
+
+
+ADDED_KEYS: dict[str, Key] = {}
+"""Keys of steps that programs bring by themselves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,7 +25,7 @@ from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, tabl
 from framekit.link.late import is_numbered, replies_of
 from framekit.link.sequences import runtime
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledSequence, CompiledStep, Rows, State, begin_clock
-from framekit.link.sequences.step_keys import STEP_KEYS
+from framekit.link.sequences.step_keys import ADDED_FUNCTIONS, STEP_KEYS
 from framekit.link.sequences.writing import (
     OF_EXCHANGE,
     Frames,
@@ -98,6 +98,7 @@ def load_sequences(
     state = protocol.state.values()
     names: dict[str, Any] = {
         **_GLOBALS,
+        **ADDED_FUNCTIONS,
         "__builtins__": _BUILTINS,
         "SEQUENCES": found,
         "NEED_NAMES": need_names,

@@ -10,9 +10,12 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from framekit.codec.python.source import quoted
+from framekit.definition.brought import bring
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.procedure import Action, CallOf, Parts, Serve
+from framekit.definition.keys import Form, key_of
+from framekit.definition.model.procedure import ADDED_KEYS, Action, CallOf, Parts, Serve
 from framekit.definition.model.values import FrameOf, Value
+from framekit.definition.schema import add_keys
 from framekit.link.sequences.writing import StepWriter
 
 
@@ -23,7 +26,8 @@ class StepKey(NamedTuple):
     write: Callable[[StepWriter, Any], bool | None]
 
     def write_into(self, step: StepWriter) -> bool:
-        value = getattr(step.step, self.attribute)
+        found = step.step
+        value = found.more[self.attribute] if self.attribute in found.more else getattr(found, self.attribute, None)
         return value is not None and value is not False and bool(self.write(step, value))
 
 
@@ -132,7 +136,7 @@ def _branch(step: StepWriter, actions: tuple[Action, ...]) -> bool:
     return False
 
 
-STEP_KEYS = (
+STEP_KEYS = [
     StepKey("when", _when),
     StepKey("session", _session),
     StepKey("parts", _parts),
@@ -148,5 +152,30 @@ STEP_KEYS = (
     StepKey("send", _send),
     StepKey("receive", _receive),
     StepKey("branch", _branch),
-)
+]
 """What a step does, in this order."""
+
+
+ADDED_FUNCTIONS: dict[str, Callable[..., Any]] = {}
+"""Functions that keys call which programs bring by themselves."""
+
+
+def add_step_key(
+    name: str,
+    form: Form,
+    doc: str,
+    write: Callable[[StepWriter, Any], bool | None],
+    *functions: Callable[..., Any],
+    before: str = "send",
+) -> None:
+    """A key that steps may have from now on, done before another one.
+
+    `form`: how its value looks and is read. `write`: what it writes into the step's functions, as those above; what it
+    writes may call `functions`.
+    """
+    bring(write.__module__)
+    ADDED_FUNCTIONS.update((one.__name__, one) for one in functions)
+    ADDED_KEYS[name] = key_of(name, form, doc)
+    add_keys("protocol", "step", dict(ADDED_KEYS[name].schemas))
+    place = next(place for place, one in enumerate(STEP_KEYS) if one.attribute == before)
+    STEP_KEYS.insert(place, StepKey(name, write))

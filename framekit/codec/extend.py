@@ -1,0 +1,52 @@
+"""What programs bring by themselves: types of fields and check methods. Kinds of segments: `codec.kinds.register`.
+
+Functions given here stand in a module of the program. Generated code carries them with it as they stand there, so they
+are on their own; what they need of each other and of the standard library, the module says in `NEEDS` and `IMPORTS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from framekit.codec import checks
+from framekit.codec.python import forms
+from framekit.codec.python.module import add_helpers
+from framekit.definition.brought import bring
+from framekit.definition.model.checks import CheckMethod, add_method
+from framekit.definition.schema import add_word
+from framekit.definition.wire_types import TYPE_KINDS, TYPES, FieldType, TypeKind
+
+
+def add_type(
+    word: str,
+    size: int,
+    parse: Callable[[bytes], int],
+    build: Callable[[int, int], bytes],
+    *,
+    least: int = 0,
+    most: int,
+) -> None:
+    """A word that `type:` may have from now on: a whole number from `least` to `most`, of so many bytes.
+
+    `parse` makes the number of the bytes, `build` the bytes of a number and the size.
+    """
+    add_helpers(bring(parse.__module__))
+    add_helpers(bring(build.__module__))
+    reads, builds = parse.__name__, build.__name__
+    TYPE_KINDS[word] = TypeKind("number", True, lambda type_, size: (least, most))
+    TYPES[word] = lambda given: FieldType(word, size)
+    forms.WIRE_FORMS[word] = forms.WireForm(
+        lambda functions, type_, raw: f"{functions.function(reads)}({raw})",
+        lambda functions, type_, wire, size: f"{functions.function(builds)}({wire}, {size})",
+    )
+    add_word("common", "type_name", word)
+
+
+def add_check(word: str, function: Callable[[bytes], int], *, width: int = 8) -> None:
+    """A check method of that name, for `check:` and for `method:` of the section `checks`: a code of `width` bits.
+
+    `function` makes the code of the bytes; complement and mask are put on what it gives.
+    """
+    add_helpers(bring(function.__module__))
+    checks.FUNCTIONS[word] = function
+    add_method(CheckMethod(name=word, kind=word, width=width))

@@ -1,0 +1,50 @@
+"""Modules that bring kinds of segments, types, check methods, triggers or step keys of their own.
+
+A program imports them; those of installed packages, entry points of the group `framekit.extensions`, are imported when
+the first definition of a process is read.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import cache
+from types import ModuleType
+
+ENTRY_POINTS = "framekit.extensions"
+
+MODULES: list[ModuleType] = []
+
+
+def bring(name: str) -> ModuleType:
+    """The module of that name, noted as one that has a part in what definitions mean."""
+    module = sys.modules[name]
+    if module not in MODULES:
+        MODULES.append(module)
+    return module
+
+
+def states() -> list[str]:
+    """Size and time of every such module's file: what was kept before one of them changed counts no more."""
+    found = []
+    for module in MODULES:
+        file = getattr(module, "__file__", None)
+        state = None if file is None or not os.path.exists(file) else os.stat(file)
+        found.append(f"{module.__name__} {file} {state and (state.st_size, state.st_mtime_ns)}")
+    return found
+
+
+@cache
+def import_installed() -> tuple[str, ...]:
+    """Imports the modules that installed packages name; what is wrong with those that cannot be used."""
+    from importlib.metadata import entry_points
+    from traceback import format_exception_only
+
+    wrong = []
+    for point in entry_points(group=ENTRY_POINTS):
+        try:
+            point.load()
+        except Exception as error:  # another package's code: whatever is wrong there is told, and framekit goes on
+            why = format_exception_only(error)[-1].strip()
+            wrong.append(f"the extension '{point.name}' of {point.value} can't be used: {why}")
+    return tuple(wrong)

@@ -1,0 +1,112 @@
+"""The nodes of a YAML file, with positions: every scalar is text, nothing has been given a meaning yet.
+
+What reads single keys needs these alone; how a file becomes nodes stands in `nodes`, with the library that it takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from framekit.definition.problems import Position
+
+NOTES = ("about", "doc", "source", "second_source")
+"""Keys that are for people, in every part of every file."""
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A single value as its text; `''` when nothing is written.
+
+    `quoted`: in quotes. `absent`: not even a colon stands behind its key, as `b)` in `{set: max(a, b)}` has no value.
+    """
+
+    text: str
+    at: Position
+    quoted: bool = False
+    absent: bool = False
+
+
+@dataclass
+class _Use:
+    """Whether a loader has read an entry."""
+
+    read: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A key and its value."""
+
+    key: Scalar
+    value: Node
+    use: _Use = field(default_factory=_Use, compare=False, repr=False)
+
+    def holding(self, value: Node) -> Entry:
+        """The same entry with another value; who reads one of them has read both."""
+        return Entry(self.key, value, self.use)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Keys and values in the order written; every key once. `flow`: written in braces."""
+
+    entries: tuple[Entry, ...]
+    at: Position
+    flow: bool = False
+
+    def get(self, key: str) -> Node | None:
+        """The value of a key, which counts as read; None when there is no such key."""
+        for entry in self.entries:
+            if entry.key.text == key:
+                entry.use.read = True
+                return entry.value
+        return None
+
+    def value(self, key: str) -> Node | None:
+        """The value of a key that another loader reads, or that decides which loader reads it."""
+        return next((entry.value for entry in self.entries if entry.key.text == key), None)
+
+    def read_all(self) -> tuple[Entry, ...]:
+        """All entries, which count as read: keys that the file's author chooses."""
+        for entry in self.entries:
+            entry.use.read = True
+        return self.entries
+
+    def keys(self) -> tuple[str, ...]:
+        """The texts of the keys."""
+        return tuple(entry.key.text for entry in self.entries)
+
+    def __contains__(self, key: object) -> bool:
+        return any(entry.key.text == key for entry in self.entries)
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Items in the order written. `flow`: written in brackets."""
+
+    items: tuple[Node, ...]
+    at: Position
+    flow: bool = False
+
+
+Node = Scalar | Mapping | Sequence
+
+
+def unread(node: Node) -> Iterator[tuple[Mapping, Entry]]:
+    """The entries that no loader has read, each with what it stands in.
+
+    A mapping of which nothing was read is passed over: it belongs to something that is not loaded at all.
+    """
+    waiting: list[Node] = [node]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, Sequence):
+            waiting.extend(node.items)
+        elif isinstance(node, Mapping):
+            looked_at = any(entry.use.read for entry in node.entries)
+            for entry in node.entries:
+                if entry.use.read:
+                    waiting.append(entry.value)
+                elif looked_at and entry.key.text not in NOTES:
+                    yield node, entry

@@ -1,0 +1,66 @@
+"""Modules that installed packages bring: imported before a definition is read, and told where they cannot be."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import sys
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from framekit.definition import brought
+from framekit.definition.load import load_protocol
+from framekit.definition.problems import DefinitionError
+
+SMALL = "protocol: small\nframes:\n  one: {body: [{const: 01}]}\n"
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Iterator[Path]:
+    file = tmp_path / "small.yaml"
+    file.write_text(SMALL)
+    brought.import_installed.cache_clear()
+    yield file
+    brought.import_installed.cache_clear()
+
+
+def installed(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
+    point = EntryPoint("made-up", module, brought.ENTRY_POINTS)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [point] if group == point.group else [])
+
+
+def test_an_installed_extension_is_imported(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (small.parent / "made_up_extension.py").write_text("MARK = 1\n")
+    monkeypatch.syspath_prepend(str(small.parent))
+    installed(monkeypatch, "made_up_extension")
+    load_protocol(str(small))
+    assert sys.modules.pop("made_up_extension").MARK == 1
+
+
+def test_an_extension_that_cannot_be_used_is_told(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed(monkeypatch, "no_such_extension")
+    with pytest.raises(DefinitionError) as caught:
+        load_protocol(str(small))
+    assert str(caught.value) == (
+        f"{small}:1:1: the extension 'made-up' of no_such_extension can't be used: ModuleNotFoundError: "
+        "No module named 'no_such_extension' – mend it, or remove that package"
+    )
+
+
+def test_what_was_kept_counts_no_more_when_a_brought_module_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "made_up_kind.py"
+    file.write_text("MARK = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(brought, "MODULES", [])
+    assert brought.states() == []
+    __import__("made_up_kind")
+    brought.bring("made_up_kind")
+    before = brought.states()
+    file.write_text("MARK = 22\n")
+    del sys.modules["made_up_kind"]
+    assert len(before) == 1
+    assert brought.states() != before
