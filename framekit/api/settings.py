@@ -19,6 +19,7 @@ from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE, Position, did_you_mean
 from framekit.definition.times import LineFormat, parse_format, parse_time
+from framekit.link.addresses import AddressGrammar as AddressGrammar
 from framekit.link.evaluate import Names as Names
 from framekit.link.parameters import ParameterError, given_value
 from framekit.link.scope import Scope
@@ -191,3 +192,8 @@ def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> No
         scope.set(name, parse(value) if isinstance(value, str) else value)
     except (ValueError, TypeError) as error:
         raise RequestError(f"variable '{name}': {explain(error)}") from None
+
+
+def grammar_of(protocol: Protocol) -> AddressGrammar:
+    """How the addresses of a protocol are read."""
+    return AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)

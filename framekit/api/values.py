@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Literal, TypeVar, overload
 
 from framekit.api.errors import ReplyError, RequestError
-from framekit.definition.model.services import COUNTED_STRING, UNIT_BITS
-from framekit.link.addresses import AddressGrammar
-from framekit.link.packing import memory_of, values_of
+from framekit.definition.load.reader import parse_number
+from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS
+from framekit.link.addresses import Address, AddressGrammar
+from framekit.link.packing import PackingError, memory_of, values_of
 from framekit.memory.memory import MemoryValueError, unit_bits
+from framekit.memory.views import ORDERS as ORDERS
+from framekit.memory.views import VIEWS as VIEWS
 from framekit.memory.views import CountedTextView, NumberView, TextView, view_of
 
 T = TypeVar("T")
@@ -245,3 +248,66 @@ def _text(values: Sequence[Value]) -> str:
     if len(values) != 1 or not isinstance(values[0], str):
         raise RequestError("a string is written as one text")
     return values[0]
+
+
+# ---- from texts -------------------------------------------------------------------------------------------
+
+
+def values_at(place: Address, texts: Sequence[str], type_: str | None) -> list[Value]:
+    """Values of a type (None: of what a place usually holds) from texts. Raises RequestError."""
+    values = [_value_of(text, type_) if type_ else _value_at(place, text) for text in texts]
+    _refuse_signs(place.unit, values, type_ or place.type)
+    return values
+
+
+def check_written(
+    grammar: AddressGrammar, address: str, texts: Sequence[str], type_: str | None, order: str | None,
+    count: int | None,
+) -> None:  # fmt: skip
+    """Raises RequestError for texts that cannot be written there, whatever the device says."""
+    how = typed(grammar, address, type_, order, count or len(texts))
+    try:
+        memory_of(how.numbers(values_at(grammar.parse(address), texts, type_)), how.unit or how.place)
+    except PackingError as error:
+        raise RequestError(str(error)) from None
+
+
+def _refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
+    """Elements of a memory have no sign: a negative number needs a type that says how it stands in them.
+
+    Raises RequestError.
+    """
+    negative = next((value for value in values if isinstance(value, (int, float)) and value < 0), None)
+    if negative is None or (type_ is not None and type_ not in UNIT_BITS):
+        return
+    unit = type_ or place
+    bits = UNIT_BITS.get(unit, 0)
+    hint = f" – for a number with sign write --type int{bits}" if bits in (8, 16, 32, 64) else ""
+    raise RequestError(f"{negative} does not fit into a {unit}: 0 to {(1 << bits) - 1 if bits else '…'}{hint}")
+
+
+def _value_at(place: Address, text: str) -> Value:
+    """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
+    view = None if place.type not in NUMBER_BITS or "x" not in text.lower() else view_of(str(place.type))
+    if not isinstance(view, NumberView):
+        return _value_of(text, place.type)
+    try:
+        return view.read(memory_of([int(_value_of(text, None))], place.unit))[0]
+    except (PackingError, MemoryValueError) as error:
+        raise RequestError(str(error)) from None
+
+
+def _value_of(text: str, type_: str | None) -> Value:
+    """A value from its text. Raises RequestError."""
+    if type_ in ("string", COUNTED_STRING):
+        return text
+    try:
+        if type_ in ("float32", "float64"):
+            return float(text)
+        return parse_number(text)
+    except ValueError:
+        what = type_ or "whole number"
+        hint = (
+            "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
+        )
+        raise RequestError(f"'{text}' is no {what}{hint}") from None

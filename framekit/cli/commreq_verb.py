@@ -9,36 +9,27 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, WordsError, assignment, duration_of, load, print_json, why_not
+from framekit.cli.common import VerbError, WordsError, assignment, duration_of, load, on_stop, print_json, why_not
 from framekit.cli.device_verbs import add_line, carry_out
 from framekit.codec.shown import code_text
-from framekit.definition.model.walk import parts_of
 
 if TYPE_CHECKING:
-    from framekit.api.client import Client
+    from framekit import Client, Failure
+    from framekit.api.commands import CommandBlocks, CommandEnd, JobLine, JobProfile, JobStatus, Meaning, Span
     from framekit.api.settings import ClientSettings
     from framekit.definition.model.protocol import Protocol
-    from framekit.link.addresses import AddressGrammar
-    from framekit.link.services.areas import Span
-    from framekit.memory.memory import DeviceMemory
-    from framekit.run.block_state import Failure
-    from framekit.run.commands import CommandBlocks, CommandEnd, CommandWords, Meaning
-    from framekit.run.job_profile import JobProfile
-    from framekit.run.job_table import JobStatus
-    from framekit.service.jobs import JobLine
 
 
 NO_COMMAND = 2
 """Exit status when the words are no command block."""
 
-FAULT, REFUSED, NO_ANSWER = 2, 1, 3
-"""Exit statuses: no command block, refused by the port or the device, no good answer came."""
+REFUSED, NO_ANSWER = 1, 3
+"""Exit statuses: refused by the port or the device, no good answer came."""
 
 JUDGED = ("refused", "no_such_place", "no_own_place", "cannot_send", "cannot_store", "not_allowed")
 """Outcomes of commands that were answered, or that nothing was sent for."""
@@ -66,15 +57,13 @@ def add_commreq_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_commreq(arguments: argparse.Namespace) -> int:
-    from framekit.definition.problems import Position
-    from framekit.runfile.blocks import commands_for
+    from framekit.api.commands import application_of, blocks_of
 
     protocol = load(arguments.protocol)
-    at = Position(arguments.protocol, 0, 0)
-    application = commands_for(protocol, arguments.commands, Path.cwd(), at)
-    blocks = _blocks(application, protocol, arguments)
+    application = application_of(protocol, arguments.commands, arguments.protocol)
+    blocks = blocks_of(application, protocol, arguments.role)
     try:
-        records = [record_of(blocks.words, given) for given in commands_in(arguments.words)]
+        records = [_record(blocks, given) for given in commands_in(arguments.words)]
     except ValueError as error:
         print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
         return NO_COMMAND
@@ -85,9 +74,9 @@ def run_commreq(arguments: argparse.Namespace) -> int:
 
 def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
     """Carries the commands out until one fails; the exit status."""
-    from framekit.definition.model.services import JobWork
+    from framekit.api.commands import has_jobs
 
-    if any(parts_of(dict(application.services), JobWork)):
+    if has_jobs(application):
         return carry_out_jobs(application, protocol, records, arguments)
     if arguments.duration is not None:
         raise WordsError("--for is for commands that repeat by themselves – leave it out")
@@ -105,33 +94,17 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
     return carry_out(arguments, act, to_station=False) or status
 
 
-def _blocks(application: Protocol, protocol: Protocol, arguments: argparse.Namespace) -> CommandBlocks:
-    """Command blocks on a port that has done nothing yet, over an empty memory."""
-    from framekit.codec.codec import compile_protocol
-    from framekit.link.frame_vectors import default_line
-    from framekit.link.scope import Scope
-    from framekit.memory.memory import DeviceMemory
-    from framekit.run.commands import CommandBlocks
-    from framekit.runfile.devices import memory_of
-
-    role = arguments.role or protocol.asking_role
-    channel = Scope(protocol, role=role, line=default_line(protocol))
-    areas, _ = memory_of(application)
-    return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=channel)
-
-
 # ---- explaining -------------------------------------------------------------------------------------------
 
 
 def explain(blocks: CommandBlocks, protocol: Protocol, data: bytes, arguments: argparse.Namespace) -> int:
     """Says what a command block means; the exit status."""
-    from framekit.run.commands import CommandFaultError, meaning_of
+    from framekit.api.commands import CommandFaultError, meaning_in
 
     try:
-        meaning = meaning_of(blocks.words.read(data), blocks, protocol)
+        meaning = meaning_in(blocks, protocol, data)
     except CommandFaultError as error:
-        print(f"framekit {arguments.verb}: this is no command block: {error}", file=sys.stderr)
-        return NO_COMMAND
+        return fault(arguments, error)
     if arguments.json:
         print_json(_meaning_as_json(meaning))
     else:
@@ -191,108 +164,36 @@ def _words_of(file: str) -> list[str]:
     return [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
 
 
-def record_of(words: CommandWords, given: list[str]) -> bytes:
-    """The command block that is meant: all its words, those from the command on, or a command with named fields.
-
-    Fields of the words before the command may be given beside either. Raises ValueError.
-    """
-    from framekit.definition.problems import did_you_mean
+def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
+    """The command block that is meant. Raises ValueError."""
+    from framekit.api.commands import record_of
 
     plain = [text for text in given if "=" not in text]
-    fields = dict(assignment(text) for text in given if "=" in text)
-    head = {name: fields.pop(name) for name in list(fields) if name in words.head()}
-    if len(plain) == 1 and not plain[0].lstrip("-")[:1].isdigit():
-        return _named(words, plain[0], fields, head)
-    if fields:
-        name = next(iter(fields))
-        hint = did_you_mean(name, words.head())
-        raise ValueError(
-            f"'{name}' is no field beside words – name the command instead of its number"
-            + (f"; {hint}" if hint else "")
-        )
-    if not plain:
-        raise ValueError("there are no words – give them, or the name of a command")
-    return _numbered(words, plain, head)
+    return record_of(blocks.words, plain, dict(assignment(text) for text in given if "=" in text))
 
 
-def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict[str, object]) -> bytes:
-    """A command by its name. Raises ValueError."""
-    from framekit.codec.encode_hints import with_hint
-    from framekit.codec.errors import EncodeError
-    from framekit.definition.problems import did_you_mean
-
-    if name not in words.requests:
-        hint = did_you_mean(name, words.requests)
-        raise ValueError(f"'{words.application.name}' has no command '{name}'" + (f" – {hint}" if hint else ""))
-    try:
-        return words.make(name, fields, head)
-    except EncodeError as error:
-        raise ValueError(f"{name}: {with_hint(error, words.application, name, fields, words.head())}") from None
-
-
-def _numbered(words: CommandWords, texts: list[str], head: dict[str, object]) -> bytes:
-    """A whole block, or the words of one from the command on. Raises ValueError."""
-    from framekit.codec.plain import PlainValues
-    from framekit.definition.load.reader import parse_number
-    from framekit.run.commands import CommandFaultError, bytes_of
-
-    data = bytes_of([parse_number(text) for text in texts])
-    try:
-        block = words.read(data)
-        is_whole = len(block.raw) == len(data)
-    except CommandFaultError:
-        is_whole = False
-    if is_whole:
-        if not head:
-            return data
-        own = {name: block.block.fields[name] for name in words.head() if name != words.length}
-        head, data = {**own, **head}, data[words.head_size :]
-    elif not words.is_known(data) and (misfit := words.head_misfit(data)):
-        raise ValueError(f"{misfit} – correct the first word, or leave the head out")
-    request, values = words.read_request(data)
-    return words.make(request, PlainValues(words.application).to_plain(request, values), head)
+def fault(arguments: argparse.Namespace, why: object) -> int:
+    """Tells that words are no command; the exit status."""
+    print(f"framekit {arguments.verb}: this is no command block: {why}", file=sys.stderr)
+    return NO_COMMAND
 
 
 class CommandOutput:
-    """What commands do to an own memory, printed. `memory` begins with zeros and what --set puts there."""
+    """What commands do to an own memory, printed. The memory begins with zeros and what --set puts there."""
 
     def __init__(self, blocks: CommandBlocks, protocol: Protocol, arguments: argparse.Namespace) -> None:
-        self.blocks = blocks
-        self.protocol = protocol
+        from framekit.api.commands import CommandMemory
+        from framekit.api.errors import RequestError
+
         self.arguments = arguments
-        self.memory: DeviceMemory = blocks.areas.memory
-        self.grammar: AddressGrammar = blocks.server.shared.grammar
+        self.memory = CommandMemory(blocks, protocol)
+        self.content, self.meaning, self.changes = self.memory.content, self.memory.meaning, self.memory.changes
         for text in arguments.set:
-            self._put(text)
-
-    def _put(self, text: str) -> None:
-        """A start value of the own memory. Raises WordsError."""
-        from framekit.definition.load.reader import parse_number
-        from framekit.memory.memory import DeviceMemoryError
-
-        address, values = assignment(text)
-        try:
-            place = self.grammar.parse(address)
-            numbers = [parse_number(value) for value in str(values).split(",")]
-            self.memory.write(place.area, place.unit, place.start, numbers, force=True)
-        except (ValueError, DeviceMemoryError) as error:
-            raise WordsError(f"--set {text}: {error}") from None
-
-    def content(self) -> dict[str, bytes]:
-        """The memory as it is now."""
-        return {area.name: area.read_bytes(0, area.size_bytes) for area in self.memory}
-
-    def meaning(self, data: bytes) -> tuple[Meaning, Span]:
-        """What a command means, and the place of its status word. Raises CommandFaultError, DeviceMemoryError."""
-        from framekit.run.commands import meaning_of
-
-        command = self.blocks.words.read(data)
-        return meaning_of(command, self.blocks, self.protocol, judge=False), self.blocks.status_place(command)
-
-    def fault(self, why: str) -> int:
-        """Tells that words are no command; the exit status."""
-        print(f"framekit {self.arguments.verb}: this is no command block: {why}", file=sys.stderr)
-        return FAULT
+            address, values = assignment(text)
+            try:
+                self.memory.put(address, str(values))
+            except RequestError as error:
+                raise WordsError(f"--set {text}: {error}") from None
 
     def show(self, meaning: Meaning, place: Span, end: CommandEnd, before: dict[str, bytes]) -> None:
         """How a command ended, with what it changed."""
@@ -300,14 +201,11 @@ class CommandOutput:
         if self.arguments.json:
             print_json(_as_json(meaning, end, changes))
             return
-        word = {self._address(place.memory, place.unit, one) for one in _places(place)}
-        self._print(meaning, end, {address: changes[address] for address in changes if address not in word})
-
-    def _print(self, meaning: Meaning, end: CommandEnd, changes: dict[str, list[int]]) -> None:
         print(command_line(meaning))
         for number, line in enumerate(meaning.does):
             print(f"{'' if number else 'does':<9}{line}")
-        self.show_changes(changes)
+        word = self.memory.addresses(place)
+        self.show_changes({address: changes[address] for address in changes if address not in word})
         failed = "" if end.failure is None or end.failure.outcome == "refused" else f" ({end.failure.outcome})"
         print(f"status   {meaning.status} = {code_text(end.status)} {end.meaning}".rstrip() + failed)
 
@@ -315,41 +213,6 @@ class CommandOutput:
         """What is otherwise in the memory."""
         for address, values in changes.items():
             print(f"{address:<8} {' '.join(map(str, values))}", flush=True)
-
-    def changes(self, before: dict[str, bytes], status: Span | None = None) -> dict[str, list[int]]:
-        """The elements that are others now: the address of the first of each run, with the values from there on.
-
-        The status word is a run by itself.
-        """
-        from framekit.link.packing import values_of
-        from framekit.memory.memory import unit_bits
-
-        found: dict[str, list[int]] = {}
-        word = {} if status is None else {status.memory: (status.start, status.start + status.count)}
-        for area in self.memory:
-            now = area.read_bytes(0, area.size_bytes)
-            if now == before[area.name]:
-                continue
-            count = len(now) * 8 // unit_bits(area.unit)
-            old, new = values_of(before[area.name], area.unit, count), values_of(now, area.unit, count)
-            last = -2
-            values: list[int] = []
-            for place in (place for place in range(count) if old[place] != new[place]):
-                if place != last + 1 or place in word.get(area.name, ()):
-                    values = found.setdefault(self._address(area.name, area.unit, place), [])
-                values.append(new[place])
-                last = place
-        return found
-
-    def _address(self, area: str, unit: str, place: int) -> str:
-        """A place of the own memory as the application writes it; in words where it has no form for that."""
-        from framekit.link.addresses import Address, AddressError
-
-        address = Address(area, unit, place)
-        try:
-            return self.grammar.print(address) if area in self.grammar.areas else str(address)
-        except AddressError:
-            return str(address)
 
 
 class CommandRun:
@@ -362,25 +225,23 @@ class CommandRun:
 
     def carry_out(self, data: bytes) -> int:
         """Carries a command out and prints what came of it; the exit status."""
-        from framekit.memory.memory import DeviceMemoryError
-        from framekit.run.commands import CommandFaultError
+        from framekit.api.commands import CommandFaultError
 
         try:
             meaning, place = self.output.meaning(data)
-        except (CommandFaultError, DeviceMemoryError) as error:
-            return self.output.fault(str(error))
+        except CommandFaultError as error:
+            return fault(self.output.arguments, error)
         before = self.output.content()
         end = self.client.command(self.blocks, data)
         if end.fault:
-            return self.output.fault(end.fault)
+            return fault(self.output.arguments, end.fault)
         self.output.show(meaning, place, end, before)
-        if end.failure is None:
-            return 0
-        return REFUSED if end.failure.outcome in JUDGED else NO_ANSWER
+        return 0 if end.failure is None else exit_status(end.failure.outcome)
 
 
-def _places(span: Span) -> range:
-    return range(span.start, span.start + span.count)
+def exit_status(outcome: str) -> int:
+    """That of a command that did not end well."""
+    return REFUSED if outcome in JUDGED else NO_ANSWER
 
 
 def _as_json(meaning: Meaning, end: CommandEnd, changes: dict[str, list[int]]) -> dict[str, Any]:
@@ -398,12 +259,11 @@ def carry_out_jobs(
     application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace
 ) -> int:
     """Carries commands to jobs out; the exit status. Raises VerbError, DefinitionError."""
+    from framekit.api.commands import profile_of
     from framekit.api.errors import FramekitError
     from framekit.cli.device_verbs import failed, settings_of
-    from framekit.definition.problems import Position
-    from framekit.runfile.job_profiles import load_job_profile
 
-    profile = load_job_profile(application.name, Path.cwd(), Position(application.name, 1, 1))
+    profile = profile_of(application)
     try:
         settings = settings_of(arguments, protocol)
         settings.station_for(None)
@@ -434,21 +294,17 @@ class JobCommands:
 
     async def carry_out(self, records: list[bytes]) -> int:
         """The commands one after the other, then their jobs until they are over, or somebody stops them."""
+        from framekit.api.commands import blocks_on, line_of_jobs
         from framekit.api.errors import RequestError
         from framekit.cli.common import Unread
         from framekit.cli.device_verbs import show
         from framekit.definition.problems import DefinitionError
-        from framekit.service.jobs import JobLine
-        from framekit.transport.clock import AsyncioClock
 
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._stop)
-        unread = Unread(loop, self._stop)
-        clock = AsyncioClock(loop)
+        on_stop(self._stop)
+        unread = Unread(asyncio.get_running_loop(), self._stop)
         monitor = show if self.arguments.frames else None
-        line = JobLine(self.application, self.profile, self.settings.channel(), clock, monitor, self._closed)
-        output = CommandOutput(self._blocks(line), self.settings.protocol, self.arguments)
+        line = line_of_jobs(self.application, self.profile, self.settings, monitor, self._closed)
+        output = CommandOutput(blocks_on(line), self.settings.protocol, self.arguments)
         line.table.watcher = self._transferred
         self.line, self.output = line, output
         try:
@@ -457,10 +313,10 @@ class JobCommands:
             raise
         except ValueError as error:
             raise RequestError(str(error)) from None
-        self.began = clock.now()
+        self.began = line.clock.now()
         limit = duration_of(self.arguments.duration)
         if limit is not None:
-            clock.call_at(self.began + limit, self._stop)
+            line.clock.call_at(self.began + limit, self._stop)
         try:
             status = 0
             for data in records:
@@ -473,14 +329,6 @@ class JobCommands:
             return self._verdict(line)
         finally:
             line.stop()
-
-    def _blocks(self, line: JobLine) -> CommandBlocks:
-        from framekit.codec.codec import compile_protocol
-        from framekit.link.scope import Scope
-        from framekit.run.commands import CommandBlocks
-
-        channel = Scope(self.application, role=None)
-        return CommandBlocks(self.application, compile_protocol(self.application), line.memory, channel=channel)
 
     def _closed(self, reason: str) -> None:
         """Tells why a connection is closed, or could not be made; once, however often it is tried again."""
@@ -502,8 +350,7 @@ class JobCommands:
 
     async def _command(self, line: JobLine, output: CommandOutput, data: bytes) -> int:
         """Gives one command, and shows it when it has its status word; the exit status."""
-        from framekit.memory.memory import DeviceMemoryError
-        from framekit.run.commands import CommandFaultError
+        from framekit.api.commands import CommandFaultError
 
         ended: list[Failure | None] = []
 
@@ -522,8 +369,8 @@ class JobCommands:
             self.cause = None
             line.carry_out(data, answered)
             self.answered = False
-        except (CommandFaultError, DeviceMemoryError) as error:
-            return output.fault(str(error))
+        except CommandFaultError as error:
+            return fault(self.arguments, error)
         await self._until(lambda: bool(ended))
         if not ended:
             return NO_ANSWER
@@ -534,8 +381,8 @@ class JobCommands:
 
     def _end(self, failure: Failure | None) -> tuple[CommandEnd, int]:
         """How a command ended, and the exit status; one that is only late has not failed yet."""
-        from framekit.run.block_state import Failure
-        from framekit.run.commands import CommandEnd
+        from framekit import Failure
+        from framekit.api.commands import CommandEnd
 
         words = self.profile.words
         word = words["good"] if failure is None else failure.device_code or 0
@@ -546,7 +393,7 @@ class JobCommands:
         failed = Failure(outcome=outcome, device_code=word, meaning=text)
         if word in (words["late"], words["period"]):
             return CommandEnd(status=word, meaning=text, failure=failed), 0
-        return CommandEnd(status=word, meaning=text, failure=failed), REFUSED if outcome in JUDGED else NO_ANSWER
+        return CommandEnd(status=word, meaning=text, failure=failed), exit_status(outcome)
 
     # ---- transfers ----------------------------------------------------------------------------------------
 

@@ -9,17 +9,26 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import WordsError, add_json, add_protocol, assignment, load, print_json, table
+from framekit.cli.common import (
+    WordsError,
+    add_json,
+    add_params,
+    add_protocol,
+    assignment,
+    load,
+    plain,
+    print_json,
+    table,
+)
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
+    from framekit import Seen
     from framekit.api.client import Client
     from framekit.api.errors import FramekitError
-    from framekit.api.settings import ClientSettings
-    from framekit.api.values import Reading, Value
+    from framekit.api.settings import AddressGrammar, ClientSettings
+    from framekit.api.values import Reading
     from framekit.definition.model.protocol import Protocol
-    from framekit.link.addresses import Address, AddressGrammar
-    from framekit.link.observe import Seen
 
 
 TIMEOUT, RETRIES = "reply_timeout", "retries"
@@ -35,9 +44,7 @@ def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> 
     parser.add_argument("--format", metavar="8E1", help="data bits, parity, stop bits; default: the protocol's")
     parser.add_argument("--own", metavar="N", help="the own station, where the protocol has one")
     parser.add_argument("--role", help="the own role, where the protocol leaves a choice")
-    parser.add_argument(
-        "--param", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter; may be repeated"
-    )
+    add_params(parser)
     parser.add_argument("--timeout", metavar="TIME", help=f"the same as --param {TIMEOUT}=TIME")
     parser.add_argument("--retries", metavar="N", help=f"the same as --param {RETRIES}=N")
     parser.add_argument("--frames", action="store_true", help="show the frames on standard error")
@@ -46,7 +53,7 @@ def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> 
 
 def add_type(parser: argparse.ArgumentParser) -> None:
     """--type and --order."""
-    from framekit.memory.views import ORDERS, VIEWS
+    from framekit.api.values import ORDERS, VIEWS
 
     parser.add_argument(
         "--type",
@@ -69,7 +76,7 @@ def carry_out(
     from framekit.api.async_client import AsyncClient
     from framekit.api.client import Client
     from framekit.api.errors import FramekitError, LineClosedError, RequestError
-    from framekit.link.addresses import AddressGrammar
+    from framekit.api.settings import grammar_of
 
     try:
         settings = settings_of(arguments)
@@ -80,7 +87,7 @@ def carry_out(
         protocol = settings.protocol
         try:
             if check is not None:
-                check(AddressGrammar(protocol.addresses, protocol.areas, protocol.tables))
+                check(grammar_of(protocol))
         except RequestError as wrong:
             return failed(arguments, wrong)
         return failed(arguments, error)
@@ -115,8 +122,8 @@ def assignments(texts: Sequence[str]) -> dict[str, Any]:
 
 def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     """Prints what went wrong; the exit status."""
+    from framekit import ErrorCode
     from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
-    from framekit.run.block_state import ErrorCode
 
     if arguments.json and isinstance(error, ExchangeError):
         shown: dict[str, Any] = {"error": error.outcome, "message": str(error)}
@@ -221,7 +228,7 @@ def output(arguments: argparse.Namespace, readings: list[Reading[Any]]) -> None:
     """One JSON object, or a line for each address."""
     if arguments.json:
         shown = {
-            "station": _plain(readings[0].station),
+            "station": plain(readings[0].station),
             "addresses": arguments.addresses,
             "type": readings[0].type,
             "values": [value for reading in readings for value in reading],
@@ -243,10 +250,6 @@ def _shown(value: Any, type_: str) -> str:
     return f"{value:.7g}" if isinstance(value, float) and "float32" in type_ else str(value)
 
 
-def _plain(station: Any) -> Any:
-    return station.hex(" ").upper() if isinstance(station, bytes) else station
-
-
 def add_write_arguments(parser: argparse.ArgumentParser) -> None:
     add_line(parser)
     parser.add_argument("address", metavar="ADDRESS", help="as the protocol writes addresses")
@@ -256,87 +259,20 @@ def add_write_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_write(arguments: argparse.Namespace) -> int:
-    def values_at(place: Address) -> list[Value]:
-        values = [
-            value_of(text, arguments.type) if arguments.type else value_at(place, text) for text in arguments.values
-        ]
-        refuse_signs(place.unit, values, arguments.type or place.type)
-        return values
+    from framekit.api.values import check_written, values_at
+
+    texts, type_, order, count = arguments.values, arguments.type, arguments.order, arguments.count
 
     def check(grammar: AddressGrammar) -> None:
-        from framekit.api.errors import RequestError
-        from framekit.api.values import typed
-        from framekit.link.packing import PackingError, memory_of
-
-        several = arguments.count or len(arguments.values)
-        how = typed(grammar, arguments.address, arguments.type, arguments.order, several)
-        try:
-            memory_of(how.numbers(values_at(grammar.parse(arguments.address))), how.unit or how.place)
-        except PackingError as error:
-            raise RequestError(str(error)) from None
+        check_written(grammar, arguments.address, texts, type_, order, count)
 
     def write(client: Client) -> None:
-        values = values_at(client.place(arguments.address))
-        client.write(arguments.address, values, type=arguments.type, order=arguments.order, count=arguments.count)
+        values = values_at(client.place(arguments.address), texts, type_)
+        client.write(arguments.address, values, type=type_, order=order, count=count)
         if arguments.json:
             print_json({"address": arguments.address, "written": len(values)})
 
     return carry_out(arguments, write, check=check)
-
-
-def refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
-    """Elements of a memory have no sign: a negative number needs a type that says how it stands in them.
-
-    Raises RequestError.
-    """
-    from framekit.api.errors import RequestError
-    from framekit.definition.model.services import UNIT_BITS
-
-    negative = next((value for value in values if isinstance(value, (int, float)) and value < 0), None)
-    if negative is None or (type_ is not None and type_ not in UNIT_BITS):
-        return
-    unit = type_ or place
-    bits = UNIT_BITS.get(unit, 0)
-    hint = f" – for a number with sign write --type int{bits}" if bits in (8, 16, 32, 64) else ""
-    raise RequestError(f"{negative} does not fit into a {unit}: 0 to {(1 << bits) - 1 if bits else '…'}{hint}")
-
-
-def value_at(place: Address, text: str) -> Value:
-    """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
-    from framekit.definition.model.services import NUMBER_BITS
-    from framekit.link.packing import PackingError, memory_of
-    from framekit.memory.memory import MemoryValueError
-    from framekit.memory.views import NumberView, view_of
-
-    view = None if place.type not in NUMBER_BITS or "x" not in text.lower() else view_of(str(place.type))
-    if not isinstance(view, NumberView):
-        return value_of(text, place.type)
-    try:
-        return view.read(memory_of([int(value_of(text, None))], place.unit))[0]
-    except (PackingError, MemoryValueError) as error:
-        from framekit.api.errors import RequestError
-
-        raise RequestError(str(error)) from None
-
-
-def value_of(text: str, type_: str | None) -> Value:
-    """A value from its text. Raises RequestError."""
-    from framekit.api.errors import RequestError
-    from framekit.definition.load.reader import parse_number
-    from framekit.definition.model.services import COUNTED_STRING
-
-    if type_ in ("string", COUNTED_STRING):
-        return text
-    try:
-        if type_ in ("float32", "float64"):
-            return float(text)
-        return parse_number(text)
-    except ValueError:
-        what = type_ or "whole number"
-        hint = (
-            "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
-        )
-        raise RequestError(f"'{text}' is no {what}{hint}") from None
 
 
 def add_call_arguments(parser: argparse.ArgumentParser) -> None:
