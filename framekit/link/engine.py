@@ -19,19 +19,18 @@ from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.clock import DEFAULT_START
 from framekit.link.device_state import DeviceState
 from framekit.link.evaluate import Names
-from framekit.link.events import CharacterFault, Command
+from framekit.link.events import CharacterFault, Command, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
-from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes, Shutdown
 from framekit.link.observe import LinkCounters, Monitor
-from framekit.link.output import Output, OutputItem
+from framekit.link.output import Output
 from framekit.link.receiver import Receiver
 from framekit.link.reception import Dispatcher, OnFrame, Reception
 from framekit.link.scope import Scope
 from framekit.link.sequences.compiler import program_of
 from framekit.link.sequences.runtime import EngineFunctions, Machine
-from framekit.link.sequences.state import Run, State
+from framekit.link.sequences.state import Run, State, frame_gone
 from framekit.link.sessions import SessionState
 from framekit.link.values import FrameValue
 
@@ -46,6 +45,7 @@ class Engine:
     `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for.
     `monitor` is shown everything; without one that costs nothing. `on_fault` is shown everything but frames, `on_send`
     is told of each frame that a sequence sends; neither has frames read. `is_stream`: of the port, see `Output`.
+    `deadline`: when `tick` is to be called, as it was after the last event; NEVER when nothing waits for time.
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
     what cannot be done is reported by outcomes and to the monitor.
     """
@@ -89,7 +89,7 @@ class Engine:
         self.machine = machine = Machine(self.scope, table, program.sequences, self.output)
         machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
         machine.on_fault, machine.on_send = on_fault, on_send
-        machine.need_names = program.need_names
+        machine.need_names, machine.shown_later = program.need_names, program.shown_later
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]
@@ -101,6 +101,7 @@ class Engine:
         self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
         machine.flush = lambda: self.reception.show_noise(self.receiver.flush())
         self.is_busy = False
+        self.deadline = NEVER
         self._circle_at = -1
 
     # ---- events -------------------------------------------------------------------------------------------
@@ -139,6 +140,7 @@ class Engine:
             self._tick(now)
         self.scope.now = self.output.last_received = now
         self.receiver.append(data, now, faults)
+        self.machine.is_idle = False
         if data:
             for run in self.lanes.order:
                 if run.state is State.PAUSING:
@@ -165,20 +167,18 @@ class Engine:
         self.scope.now = now
         machine = self.machine
         items = self.output.left()
-        if items:
+        if items and not machine.is_idle:
             self.receiver.answered()
         for item in items:
             if item.run is not None:
                 machine.left(item.run)
-            if item.on_sent is not None:
+            if type(item) is Send and item.on_sent is not None:
                 machine.callbacks.append(item.on_sent)
-        if self.is_busy:
-            return []
-        if machine.changed or machine.stirred or machine.ended or machine.callbacks or machine.delivered:
+        if machine.stirred or not machine.is_idle or machine.ended or machine.callbacks or machine.delivered:
             return self._finish()
-        if machine.queues.is_due or self.shutdown.on_done is not None or not self.receiver.is_idle:
+        if machine.queues.is_due or self.shutdown.on_done is not None:
             return self._finish()
-        return self._given() if self._commands else []
+        return self._given()
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
@@ -195,21 +195,21 @@ class Engine:
     # ---- what is asked of it ------------------------------------------------------------------------------
 
     def start(self, exchange: Exchange, now: int) -> list[Command]:
-        """Queues an exchange; it begins when its lane has room. Its outcome comes by `on_done`."""
-        self.scope.now = max(self.scope.now, now)
-        run = self.machine.asking
-        if exchange.inside is not None:
-            run = exchange.inside.run
+        """Queues an exchange; it begins when its lane has room. Its outcome comes by `ended`."""
+        scope, machine = self.scope, self.machine
+        if now > scope.now:
+            scope.now = now
+        run = machine.asking if exchange.inside is None else exchange.inside.run
         lane = self.lanes.lane_for(exchange.run)
         if run is not None and run.state is State.ASKING:
-            self.machine.start_inside(run, exchange)
+            machine.start_inside(run, exchange)
         elif lane is None:
-            self.machine.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
+            machine.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
         elif self.lanes.was_closed:
-            self.machine.tell(exchange, Outcome(False, "closed", "the connection is closed"))
+            machine.tell(exchange, Outcome(False, "closed", "the connection is closed"))
         else:
             lane.waiting.append(exchange)
-        self.machine.changed = self.machine.stirred = True
+        machine.changed = machine.stirred = True
         return self._finish()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
@@ -241,47 +241,14 @@ class Engine:
             frame = machine.table.made(frame, dict(fields or {}), self.scope)
         data = machine.table.encode(frame, self.scope)
         machine.announce(frame)
-        if machine.monitor is not None:
-            machine.show("frame", "out", data, frame.frame, frame.complete())
+        machine.show_sent(frame, data)
         self.counters.sent += 1
-        self._put(OutputItem(None, data, info=machine.table.infos[frame.frame], on_sent=on_sent))
-        return self._finish()
-
-    def put_frame(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> list[Command]:
-        """Sends the bytes of a frame that announces nothing: nobody here has anything to do because of it."""
-        self.scope.now = max(self.scope.now, now)
-        self.counters.sent += 1
-        self._put(OutputItem(None, data, 0, info, on_sent))
-        return self._finish() if self.machine.changed or self.machine.stirred else self._given()
-
-    def _put(self, item: OutputItem) -> None:
-        """Sends it, or keeps it as long as replies are due."""
-        late = self.machine.late
-        if late.until > self.scope.now:
-            late.items.append(item)
+        item = Send(data, info=machine.table.infos[frame.frame], on_sent=on_sent)
+        if machine.late.until > self.scope.now:
+            machine.late.items.append(item)
         else:
             self.output.put(item)
-
-    @property
-    def is_quiet(self) -> bool:
-        """Whether a frame that is sent by itself may go out at once, and nobody is shown it."""
-        output = self.output
-        return (
-            output.outgoing is None
-            and not output.pending
-            and output.is_open
-            and output.clear_to_send
-            and output.is_immediate
-            and not self.is_busy
-            and self.machine.monitor is None
-            and not self.machine.late.until
-        )
-
-    def has_put(self, info: FrameInfo, data: bytes, now: int, on_sent: Callable[[], None]) -> None:
-        """As `put_frame` while it is quiet, for bytes that have been given to the port already."""
-        self.scope.now = max(self.scope.now, now)
-        self.counters.sent += 1
-        self.output.outgoing = OutputItem(None, data, 0, info, on_sent)
+        return self._finish()
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
@@ -299,24 +266,6 @@ class Engine:
         return self.scope.published()
 
     # ---- time and what follows ---------------------------------------------------------------------
-
-    @property
-    def deadline(self) -> int:
-        """When `tick` is to be called; NEVER when nothing waits for time."""
-        machine = self.machine
-        if machine.callbacks or machine.ended:
-            return self.scope.now
-        deadline = self.lanes.held_until if self.lanes.is_holding else NEVER
-        for run in self.lanes.order:
-            if run.deadline < deadline:
-                deadline = run.deadline
-        if self.reception.expected is not None:
-            deadline = min(deadline, self.receiver.deadline)
-        if machine.late.items:
-            deadline = min(deadline, machine.late.until)
-        if machine.session.keep_alive is not None:
-            deadline = min(deadline, self._keep_alive_at())
-        return deadline
 
     def _keep_alive_at(self) -> int:
         """When the session has to be kept alive; never while there is other traffic under way."""
@@ -336,18 +285,39 @@ class Engine:
             self._settle()
         finally:
             self.is_busy = False
-        return self._given() if self._commands else []
+        return self._given()
 
     def _given(self) -> list[Command]:
         """The commands that have come together, in order; none inside of what follows from an event."""
-        if self.is_busy or not self._commands:
+        if self.is_busy:
+            return []
+        self._note_deadline()
+        if not self._commands:
             return []
         commands = self._commands.copy()
         self._commands.clear()
         return commands
 
+    def _note_deadline(self) -> None:
+        """When `tick` is to be called next."""
+        machine, deadline = self.machine, NEVER
+        for run in self.lanes.order:
+            if run.deadline < deadline:
+                deadline = run.deadline
+        if self.lanes.is_holding:
+            deadline = min(deadline, self.lanes.held_until)
+        if not machine.is_idle and self.reception.expected is not None:
+            deadline = min(deadline, self.receiver.deadline)
+        if machine.late.items:
+            deadline = min(deadline, machine.late.until)
+        if machine.session.keep_alive is not None:
+            deadline = min(deadline, self._keep_alive_at())
+        if machine.callbacks or machine.ended:  # a circle: the rest comes later
+            deadline = self.scope.now
+        self.deadline = deadline
+
     def _settle(self) -> None:
-        machine, lanes = self.machine, self.lanes
+        machine, lanes, receiver = self.machine, self.lanes, self.receiver
         for _ in range(MOST_ROUNDS):
             if machine.ended:
                 lanes.settle_ended()
@@ -361,11 +331,18 @@ class Engine:
                     self.reception.unsolicited(value)
             elif machine.queues.is_due and self.dispatcher.queue_rows():
                 continue
-            elif not self.reception.next_arrival() and not (
-                self.shutdown.on_done is not None and self.shutdown.go_on()
-            ):
-                return
-        place = self.receiver.stream.offset
+            else:
+                machine.is_idle = receiver.is_idle
+                if not machine.is_idle:
+                    if self.reception.next_arrival():
+                        continue
+                else:  # what to look for is worked out when something comes
+                    for run in lanes.order:
+                        if run.candidate is not None and run.state is State.RECEIVING:
+                            frame_gone(run, self.scope.now)
+                if self.shutdown.on_done is None or not self.shutdown.go_on():
+                    return
+        place = receiver.stream.offset
         if place != self._circle_at:
             self._circle_at = place
             self._settle()

@@ -7,7 +7,9 @@ the commands it returns. Times are whole nanoseconds of one monotonic clock; not
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 
 class LineFault(enum.Enum):
@@ -26,24 +28,29 @@ class CharacterFault:
     fault: LineFault
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Send:
     """Send these bytes, not before the given time; the driver answers with `Engine.sent` when the last bit has left.
 
-    `inside` allows to put the bytes into the frame that is going out now (embedded responses).
+    `inside` allows to put the bytes into the frame that is going out now (embedded responses). For the engine: the
+    `run` that sends (None: none), what is known of the frame (`info`), and who is told when the last bit has left.
     """
 
     data: bytes
     not_before: int = 0
     inside: bool = False
+    run: Any = field(default=None, repr=False, compare=False)
+    info: Any = field(default=None, repr=False, compare=False)
+    on_sent: Callable[[], None] | None = field(default=None, repr=False, compare=False)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Break:
-    """Hold the line in break state for `duration` ns, not before the given time; then `Engine.sent`."""
+    """Hold the line in break state for `duration` ns, not before the given time; then `Engine.sent`. `run`: whose."""
 
     duration: int
     not_before: int = 0
+    run: Any = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,14 +29,14 @@ class Outcome:
     raw: bytes = b""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, repr=False)
 class Exchange:
     """One run of an `exchange` sequence: `run` names it (None: the role's first).
 
     `arguments` are what the service's call gave, for sequences that take them; `params` are names for this exchange
     alone, and for what its sequences ask. `expected` are the reply frames the service named, the error frame included.
-    `inside` marks an exchange that an `ask` step has asked for: what the callback got as `done`. `on_done` is called
-    exactly once.
+    `inside` marks an exchange that an `ask` step has asked for: what the callback got as `done`. The engine says once
+    that it has `ended`.
     """
 
     run: str | None = None
@@ -49,6 +49,10 @@ class Exchange:
     inside: Any = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
     params: Mapping[str, Any] = field(default_factory=dict)
+
+    def ended(self, outcome: Outcome) -> None:
+        """It is over."""
+        self.on_done(outcome)
 
 
 @dataclass(slots=True)

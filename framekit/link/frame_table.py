@@ -193,7 +193,10 @@ class FrameTable:
         if info.shape:
             for kind, name, _ in info.shape:
                 inner = reply.fields.get(name)
-                if kind == "inner" and type(inner) is FrameValue and not self.fits_echo(inner, requests, names):
+                if kind != "inner" or type(inner) is not FrameValue:
+                    continue
+                below = self.infos.get(inner.frame)
+                if below is not None and (below.echo or below.shape) and not self.fits_echo(inner, requests, names):
                     return False
         return True
 

@@ -6,6 +6,7 @@ With them the shutdown, which waits for them and closes their session.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 from framekit.definition.model.procedure import Lane
@@ -34,13 +35,14 @@ class Lanes:
         self.was_closed = False
         self.is_holding = False
         self._plans: dict[Run, Exchange] = {}
+        self._lane_of: dict[str | None, LaneState] = {}
+        for lane in self.lanes:
+            for name in (None, *lane.exchange) if lane.exchange else ():
+                self._lane_of.setdefault(name, lane)
 
     def lane_for(self, run: str | None) -> LaneState | None:
         """The lane that runs an exchange of this sequence; without a name the first lane that runs any."""
-        for lane in self.lanes:
-            if lane.exchange and (run is None or run in lane.exchange):
-                return lane
-        return None
+        return self._lane_of.get(run)
 
     # ---- starting -----------------------------------------------------------------------------------------
 
@@ -72,8 +74,11 @@ class Lanes:
         late = machine.late
         if late.until and late.until <= machine.scope.now:
             self.release()
-        old = machine.scope.now - machine.output.last_received >= STALE
-        if not late.until and (not self.listens or (old and machine.has_bytes())):
+        if not late.until and (
+            not self.order
+            or not self.listens
+            or (machine.scope.now - machine.output.last_received >= STALE and machine.has_bytes())
+        ):
             machine.drop_stale()
         if lane.listener is not None:
             self._give_way(lane)
@@ -185,12 +190,21 @@ class Lanes:
         while machine.ended:
             run = machine.ended.popleft()
             outcome = run.outcome
+            assert outcome is not None
             if run.agenda and (outcome.ok or run.doing == "close") and self._next_of_agenda(run):
                 continue
             if not outcome.ok and run.doing != "close":
                 self._failed(run, outcome)
             machine.session.busy = False
-            self._remove(run, outcome)
+            lane = run.lane
+            if lane.listener is run:
+                lane.listener = None
+            elif run in lane.running:
+                lane.running.remove(run)
+            self._reorder()
+            exchange = self._plans.pop(run, None)
+            if exchange is not None:
+                machine.callbacks.append(partial(exchange.ended, outcome))
 
     def _failed(self, run: Run, outcome: Outcome) -> None:
         session = self.machine.session
@@ -204,18 +218,6 @@ class Lanes:
         if run.lane.listener is run and outcome.outcome == "circle":
             run.lane.held_until = self.machine.scope.now + HOLD
             self.is_holding = True
-
-    def _remove(self, run: Run, outcome: Outcome) -> None:
-        lane = run.lane
-        if lane.listener is run:
-            lane.listener = None
-        elif run in lane.running:
-            lane.running.remove(run)
-        self._reorder()
-        self.machine.stirred = True
-        exchange = self._plans.pop(run, None)
-        if exchange is not None:
-            self.machine.tell(exchange, outcome)
 
     def cancel(self, exchange: Exchange) -> None:
         """Ends an exchange at once, wherever it stands."""
@@ -246,13 +248,16 @@ class Lanes:
                 self.machine.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
 
     def _reorder(self) -> None:
-        order: list[Run] = []
+        """Other runs than before: what is looked for may be something else, and a lane may have room."""
+        machine, order = self.machine, []
+        machine.changed = True
         for lane in self.lanes:
             order += lane.running
             if lane.listener is not None:
                 order.append(lane.listener)
+            if lane.waiting or lane.listen is not None:
+                machine.stirred = True
         self.order = tuple(order)
-        self.machine.changed = True
 
     @property
     def is_free(self) -> bool:

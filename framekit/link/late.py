@@ -15,8 +15,8 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
 from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.events import Break, Send
 from framekit.link.invert import bare_name
-from framekit.link.output import OutputItem
 from framekit.link.scope import Scope
 
 LONGEST = 60_000_000_000
@@ -45,7 +45,7 @@ class LateReplies:
         self.until = 0
         self.within = 0
         self.replies: frozenset[str] = frozenset()
-        self.items: list[OutputItem] = []
+        self.items: list[Send | Break] = []
 
     def time(self, names: Names, within: int) -> int:
         """How long after its time, `within`, a reply may still come: as long again where the line does not say."""

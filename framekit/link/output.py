@@ -6,27 +6,12 @@ It gives the next command when the last one has left. It knows no sequences; who
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.protocol import Line
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.events import Break, Command, Send, SetRts
-from framekit.link.frame_info import FrameInfo
 from framekit.link.scope import Scope
-
-
-@dataclass(slots=True, eq=False)
-class OutputItem:
-    """Bytes to send, or a break of `duration` ns, of a run or of none. `on_sent` is told when the last bit has left."""
-
-    run: Any
-    data: bytes = b""
-    duration: int = 0
-    info: FrameInfo | None = None
-    on_sent: Callable[[], None] | None = None
 
 
 class Output:
@@ -39,9 +24,9 @@ class Output:
     def __init__(self, line: Line, scope: Scope, commands: list[Command], is_stream: bool = False) -> None:
         self.scope = scope
         self.commands = commands
-        self.pending: deque[OutputItem] = deque()
-        self.outgoing: OutputItem | None = None
-        self.joined: list[OutputItem] = []
+        self.pending: deque[Send | Break] = deque()
+        self.outgoing: Send | Break | None = None
+        self.joined: list[Send] = []
         self.is_stream = is_stream
         self.last_sent = self.last_received = scope.now - (1 << 62)
         self.clear_to_send = True
@@ -51,48 +36,49 @@ class Output:
         self._key_delay = _maybe(line.key_delay)
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
-    def put(self, item: OutputItem) -> bool:
+    def put(self, item: Send | Break) -> bool:
         """Queues something. False: it goes into the frame that is leaving, and nothing will be told of it."""
         outgoing = self.outgoing
-        if outgoing is not None and self._fits_inside(outgoing, item):
-            self.commands.append(Send(item.data, inside=True))
-            return False
-        is_free = outgoing is None and not self.pending and self.is_open and self.clear_to_send
-        if is_free and self.is_immediate and item.data:
+        if outgoing is None and self.is_immediate and self.is_open and not self.pending and self.clear_to_send:
             self.outgoing = item
-            self.commands.append(Send(item.data))
+            self.commands.append(item)
             return True
-        if outgoing is not None and self._joins(item):
+        if outgoing is not None and self._fits_inside(outgoing, item):
+            self.commands.append(item)
+            return False
+        if outgoing is not None and type(item) is Send and self._joins(item):
             return True
         self.pending.append(item)
         self.poll()
         return True
 
-    def _joins(self, item: OutputItem) -> bool:
+    def _joins(self, item: Send) -> bool:
         """Puts bytes behind those that are to be sent in this turn, if the port sends them as one."""
         last = self.commands[-1] if self.is_stream and self.commands else None
-        if self.pending or not item.data or not self.is_immediate or type(last) is not Send or last.inside:
+        if self.pending or not self.is_immediate or type(last) is not Send or last.inside:
             return False
         self.commands[-1] = Send(last.data + item.data)
         self.joined.append(item)
         return True
 
-    def _fits_inside(self, outgoing: OutputItem, item: OutputItem) -> bool:
-        info = outgoing.info
-        if info is None or item.info is None or info.insert is None or item.info.name not in info.carries:
+    def _fits_inside(self, outgoing: Send | Break, item: Send | Break) -> bool:
+        """Whether it may go into the frame that is leaving: then that is said in it."""
+        if type(outgoing) is not Send or type(item) is not Send:
             return False
-        return bool(info.insert(self.scope))
+        around, frame = outgoing.info, item.info
+        if around is None or frame is None or around.insert is None or frame.name not in around.carries:
+            return False
+        item.inside = bool(around.insert(self.scope))
+        return item.inside
 
     def poll(self) -> None:
         """Gives the next command, if the line is free."""
         if self.outgoing is not None or not self.pending or not self.is_open or not self.clear_to_send:
             return
         self.outgoing = item = self.pending.popleft()
-        not_before = self._not_before()
-        if item.data:
-            self.commands.append(Send(item.data, not_before))
-        else:
-            self.commands.append(Break(item.duration, not_before))
+        if not self.is_immediate:
+            item.not_before = self._not_before()
+        self.commands.append(item)
 
     def _not_before(self) -> int:
         """The silence before sending, and RTS the key delay before it."""
@@ -107,7 +93,7 @@ class Output:
             not_before = max(not_before, scope.now + int(self._key_delay(scope)))
         return not_before if not_before > scope.now else 0
 
-    def left(self) -> list[OutputItem]:
+    def left(self) -> list[Send | Break]:
         """The last bit of what was given to the line has left it: what was sent, nothing where that is forgotten."""
         items = [] if self.outgoing is None else [self.outgoing]
         if self.joined:

@@ -46,33 +46,27 @@ class Dispatcher:
 
     def offer(self, value: FrameValue) -> bool:
         """Offers a good frame to the rows of those who wait. Tells whether one took it."""
-        name = value.frame
+        name, machine = value.frame, self.machine
         for run in self.lanes.order:
-            if run.state is State.RECEIVING and name in run.interest and self._offer_to(run, value):
-                return True
-        return False
-
-    def _offer_to(self, run: Run, value: FrameValue) -> bool:
-        """Offers it to the rows of the step, then to `always` rows, its own sequence's and its callers'."""
-        top = run.top
-        context = top.d
-        if context.checks_echo:
-            asked, sent = context.asked, context.last_sent
-            sources = () if sent is None else (sent,)
-            if not self.machine.table.fits_echo(value, sources if asked is None else (asked, *sources), top.names):
-                return False
-        rows = run.rows.get(value.frame)
-        if rows is not None:
-            due, number = run.asked, run.wait_number
-            if self.machine.go(run, rows, top, value) is not NOT_TAKEN:
+            if run.state is not State.RECEIVING or name not in run.interest:
+                continue
+            top = run.top
+            context = top.d
+            if context.checks_echo:
+                asked, sent = context.asked, context.last_sent
+                sources = () if sent is None else (sent,)
+                if not machine.table.fits_echo(value, sources if asked is None else (asked, *sources), top.names):
+                    continue
+            rows, due, number = run.rows.get(name), run.asked, run.wait_number
+            if rows is not None and machine.go(run, rows, top, value) is not NOT_TAKEN:
                 if due is not None and run.wait_number == number and run.state is State.RECEIVING:
                     run.asked = due  # the run waits on as before: the reply is still due
                 return True
-        for frame in run.calls() if run.has_always else ():
-            always = frame.step.always
-            rows = None if always is None else always.of(frame.d.expected)[0].get(value.frame)
-            if rows is not None and self._taken(run, rows, frame, value):
-                return True
+            for frame in run.calls() if run.has_always else ():
+                always = frame.step.always
+                rows = None if always is None else always.of(frame.d.expected)[0].get(name)
+                if rows is not None and self._taken(run, rows, frame, value):
+                    return True
         return False
 
     def _taken(self, run: Run, rows: Any, frame: CallFrame, it: Any) -> bool:
@@ -196,7 +190,7 @@ class Reception:
         self.machine.drop_stale = self.drop_stale
 
     def next_arrival(self) -> bool:
-        """Handles the next thing in the bytes at hand. False: there is none, or nobody looks."""
+        """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
         if self.machine.changed:
             self._work_out_expected()
         if self.expected is None:
@@ -204,7 +198,7 @@ class Reception:
                 self.drop_stale()
             return False
         receiver = self.receiver
-        event = None if receiver.is_idle else receiver.next(*self.expected)
+        event = receiver.next(*self.expected)
         if event is None:
             waiting = receiver.waiting
             for run in self.lanes.order:
@@ -274,20 +268,21 @@ class Reception:
     # ---- arrivals -----------------------------------------------------------------------------------------
 
     def _frame(self, event: FrameArrived) -> None:
-        reading: FrameArrived | None = event
-        machine = self.machine
+        machine, value = self.machine, event.value
         self.counters.received += 1
         machine.last_frame = machine.scope.now
         if machine.monitor is not None:
-            machine.show_received(event.value, event.raw, event.started_at)
+            machine.show_received(value, event.raw, event.times[0])
         late = machine.late
-        if late.lost and late.was_kept(event.value.frame, self.receiver.is_followed_by(late.replies)):
-            self.unsolicited(event.value, True)
+        if late.lost and late.was_kept(value.frame, self.receiver.is_followed_by(late.replies)):
+            self.unsolicited(value, True)
             return
+        reading: FrameArrived | None = event
         while reading is not None:
-            if reading.value.frame in self._announcing:
-                self._announce(reading.value)
-            if self.dispatcher.offer(reading.value):
+            value = reading.value
+            if value.frame in self._announcing:
+                self._announce(value)
+            if self.dispatcher.offer(value):
                 return
             reading = self.receiver.other_reading()
         is_late = late.came(event.value.frame)
@@ -334,6 +329,5 @@ class Reception:
 
     def drop_stale(self) -> None:
         """An exchange begins and nothing listened: what came before cannot be its reply."""
-        if self.receiver.is_idle and not self.receiver.stream.is_marked:
-            return
-        self.show_noise(self.receiver.flush())
+        if not self.machine.is_idle or self.receiver.stream.is_marked:
+            self.show_noise(self.receiver.flush())

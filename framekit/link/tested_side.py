@@ -40,8 +40,8 @@ class Starter:
         if "read" in given:
             address = given["read"]
             if isinstance(address, list):
-                return client.read_variables(address, station=station, unit=unit, now=now, on_done=on_done)
-            return client.read(address, station=station, unit=unit, count=count, now=now, on_done=on_done)
+                return client.read_variables(address, station=station, unit=unit, now=now, on_done=on_done).commands
+            return client.read(address, station=station, unit=unit, count=count, now=now, on_done=on_done).commands
         if "write" in given:
             return self._write(client, given["write"], given.get("values"), station, unit, now, on_done)
         ((service, arguments),) = given.items()
@@ -50,7 +50,7 @@ class Starter:
         return client.call(
             service, plain, station=station, unit=unit, count=count, now=now, on_done=on_done,
             addresses=addresses if isinstance(addresses, list) else [addresses],
-        )  # fmt: skip
+        ).commands  # fmt: skip
 
     def _write(
         self, client: Client, where: Any, values: Any, station: Any, unit: str | None, now: int, on_done: Asked
@@ -64,8 +64,8 @@ class Starter:
             raise ValueError("write needs values: write: ADDRESS, values: [...]")
         numbers = [parse_number(item) for item in (values if isinstance(values, list) else [values])]
         if isinstance(where, list):
-            return client.write_variables(where, numbers, station=station, unit=unit, now=now, on_done=on_done)
-        return client.write(where, numbers, station=station, unit=unit, now=now, on_done=on_done)
+            return client.write_variables(where, numbers, station=station, unit=unit, now=now, on_done=on_done).commands
+        return client.write(where, numbers, station=station, unit=unit, now=now, on_done=on_done).commands
 
     def _send(self, engine: Engine, what: Any, now: int, on_done: Asked) -> list[Command]:
         """A frame by itself; done when it has left."""

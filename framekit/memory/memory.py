@@ -174,10 +174,6 @@ class Area:
         """Whether these bytes stand at byte `offset`."""
         return self._data.startswith(data, offset)
 
-    def holder(self, offset: int, data: bytes) -> Callable[[], bool]:
-        """`holds`, to be asked again and again."""
-        return partial(self._data.startswith, data, offset)
-
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
         """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
         end = offset + len(data)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, Protocol
+from typing import Protocol
 
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
@@ -241,18 +241,13 @@ class Counters:
         return self.started - self.done - self.failed
 
 
-Prompt = Callable[[], Callable[[], None] | None]
-"""A quick start of a block: what is to be done once it counts as begun, None where it has to start as usual."""
-
-
 class BlockState:
     """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
 
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
-    counts how often it has been armed; timers of earlier rounds mean nothing. `prompt`: its quick
-    start, False where it has none, None before somebody has asked. `key`: its set, and its number there. `chain`: the
-    blocks that made it due one after the other, each of which ended while it was being started. `switched_on`: the
-    block itself is on; `set_on`: its set is.
+    counts how often it has been armed; timers of earlier rounds mean nothing. `key`: its set, and its
+    number there. `chain`: the blocks that made it due one after the other, each of which ended while it was being
+    started. `switched_on`: the block itself is on; `set_on`: its set is.
     """
 
     __slots__ = (
@@ -270,7 +265,6 @@ class BlockState:
         "last_failure",
         "last_outcome",
         "probing",
-        "prompt",
         "reasons",
         "round",
         "set_on",
@@ -300,7 +294,6 @@ class BlockState:
         self.last_end: int | None = None
         self.companions: tuple[BlockState, ...] = ()
         self.probing = False
-        self.prompt: Prompt | Literal[False] | None = None
         self.dead = False
         self.round = 0
 

@@ -318,13 +318,6 @@ class BlockSettings:
                 changed = self._changed(changed, given, words)
         return changed
 
-    def unchanged(self, block: Block) -> Callable[[], bool]:
-        """Tells at every call whether `effective` would give the block itself; for one with a station of its own."""
-        holds = [
-            given.area.holder(2 * given.first, given.data) for given in self._given.get((block.set, block.number), ())
-        ]
-        return holds[0] if len(holds) == 1 else lambda: all(one() for one in holds)
-
     def _show_station(self, given: _Given, block: Block) -> None:
         """A station that the run takes from elsewhere is only shown."""
         item, place = given.section.items.get("station"), block.station_from

@@ -305,7 +305,7 @@ class Operation:
         service, arguments = self._calls.pop(0)
         known = Names(self.end.names(), self.names)
         given = {name: compute(known) for name, compute in arguments.items()}
-        return self.client.call(service, given, station=self._station, now=now, on_done=self._called)
+        return self.client.call(service, given, station=self._station, now=now, on_done=self._called).commands
 
     def _called(self, result: TransferResult) -> None:
         self._note(result)
@@ -335,7 +335,7 @@ class Operation:
         if own and "count" not in own:
             own["count"] = -(-count * address.unit_bits // unit_bits(self.around.own_span(own).unit))
         self._own = self._checked(own) if own else None
-        return self.client.read(address, station=self._station, count=count, now=now, on_done=self._was_read)
+        return self.client.read(address, station=self._station, count=count, now=now, on_done=self._was_read).commands
 
     def _own_place(self, given: dict[str, Any]) -> dict[str, Any]:
         try:
@@ -371,7 +371,7 @@ class Operation:
         else:
             data, count = self._source(self.block.source.on(self.names), address, given)
         values = values_of(fitted(data, count * address.unit_bits), address.unit, count)
-        return self.client.write(address, values, station=self._station, now=now, on_done=self._was_written)
+        return self.client.write(address, values, station=self._station, now=now, on_done=self._was_written).commands
 
     def _source(self, given_own: dict[str, Any], address: Address, given: Mapping[str, Any]) -> tuple[bytes, int]:
         """What the own place gives, and how many elements of the other side that is."""

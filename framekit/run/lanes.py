@@ -136,17 +136,6 @@ class BlockLane:
         self.running[state.id] = station
         return state
 
-    def take_at_once(self, state: BlockState, now: int) -> bool:
-        """As `push` and `take`, where nothing else waits and nothing is wrong; False: nothing has been done."""
-        if self.running or self.waiting or self._failing or not self.open or self.held or now < self.free_from:
-            return False
-        station, last = self.station_of(state) if state.has_station else None, self._last
-        if last is not None and station != last[0] and not self._silent_for(station, now):
-            return False
-        self._probed = False
-        self.running[state.id] = station
-        return True
-
     def _probe(self, now: int) -> Taken | None:
         """A dead station whose time has come is asked once. A block that talks to another one now just waits again."""
         for station, failing in self._failing.items():

@@ -14,7 +14,7 @@ from functools import partial
 
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
-from framekit.run.block_state import BlockState, Failure, Prompt
+from framekit.run.block_state import BlockState, Failure
 from framekit.run.lanes import BlockLane, LaneRules
 from framekit.run.model import BLOCKS_IN_SET, Block, Silence
 from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
@@ -214,8 +214,7 @@ class Scheduler:
     `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
     been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
     `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
-    `died(channel, station, dead)` hears of stations that are given up or back, `prompt` gives a quick start, which
-    may fail, to blocks without conditions that look at nothing that the owner brings up to date before `tick`.
+    `died(channel, station, dead)` hears of stations that are given up or back.
     """
 
     def __init__(
@@ -232,7 +231,6 @@ class Scheduler:
         joins: Joins | None = None,
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
-        prompt: Callable[[BlockState], Prompt | None] = lambda state: None,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
@@ -244,7 +242,6 @@ class Scheduler:
         self._tell_ended = ended
         self._joins = joins
         self._died = died
-        self._prompt = prompt
         self._active = False
         self._starting: BlockState | None = None
         for channel, rules in channels.items():
@@ -299,9 +296,6 @@ class Scheduler:
             lane.open = False
         elif not lane.open:
             lane.opened(now)
-            for state in self.states.values():
-                if state.lane == channel and state.prompt is None:
-                    self._prepare(state)  # takes longer than a start, so it is not left to the first one
             self._turns.stir(lane)
             self._mark_changes(channel, lane)
             self._wake()
@@ -349,15 +343,9 @@ class Scheduler:
         return self._turns.idle(channels)
 
     def add_channel(self, number: int, rules: LaneRules) -> None:
-        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting.
-
-        Quick starts of its blocks are asked for anew.
-        """
+        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting."""
         lane = self._turns.add(number, rules)
         lane.rules, lane.open = rules, False
-        for state in self.states.values():
-            if state.lane == number:
-                state.prompt = None
 
     def remove_channel(self, number: int) -> None:
         """A channel none of whose blocks is there any more."""
@@ -434,35 +422,6 @@ class Scheduler:
         for lane in self._turns.due(now):
             self._start_next(lane, now)
             self._turns.stir(lane)
-
-    def start_promptly(self, now: int) -> None:
-        """Starts the block that has come due, if it is the only one and has nobody to wait for.
-
-        For whoever has more to do at that moment, none of which such a block looks at (see `prompt`). What others do
-        in calls is written out here, since it stands between a trigger and the first byte.
-        """
-        fired, timers = self._registry.fired, self._registry.timers
-        if len(fired) != 1 or (timers and timers[0][0] <= now):
-            return
-        state = fired[0]
-        if state.prompt is None:
-            self._prepare(state)
-        if not (state.prompt and state.switched_on and state.set_on and self._active and state.starts_left != 0):
-            return
-        if self.lanes[state.lane].take_at_once(state, now):
-            fired.clear()
-            state.companions = ()
-            afterwards = state.prompt()
-            state.begun(now)
-            self._starting = state
-            if afterwards is None:
-                self._start(state, now)
-            else:
-                afterwards()
-            self._starting = None
-
-    def _prepare(self, state: BlockState) -> None:
-        state.prompt = self._prompt(state) or False
 
     def _begin(self, state: BlockState, now: int) -> None:
         state.companions = ()

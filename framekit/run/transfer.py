@@ -23,7 +23,6 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command
-from framekit.link.frame_sender import FrameSender
 from framekit.link.packing import Packer, cut_memory, join_memory, memory_of, values_of
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.values import FrameValue
@@ -60,7 +59,6 @@ class BlockTransfers:
         self.commands = CommandTransfers(engine, client, memory, mapping or {}, later, params_of)
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[int, FrameFields] = {}
-        self._senders: dict[str, FrameSender] = {}
         self._sending: list[Ended] = []
 
     def closed(self, reason: str) -> None:
@@ -92,23 +90,25 @@ class BlockTransfers:
             if len(block.targets) > 1:
                 return self.client.read_variables(
                     block.targets, station=station, unit=block.unit, now=now, on_done=done
-                )
+                ).commands
             return self.client.read(
                 block.targets[0], station=station, unit=block.unit, count=block.count, now=now, on_done=done
-            )
+            ).commands
         if block.instruction == "write":
             values = self.values_of(block)
             if len(block.targets) > 1:
                 return self.client.write_variables(
                     block.targets, values, station=station, unit=block.unit, now=now, on_done=done
-                )
-            return self.client.write(block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done)
+                ).commands
+            return self.client.write(
+                block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done
+            ).commands
         assert block.service is not None
         given = arguments_of_call(block, self.memory)
         return self.client.call(
             block.service, given, station=station, addresses=block.addresses, unit=block.unit, count=block.count,
             now=now, on_done=done,
-        )  # fmt: skip
+        ).commands  # fmt: skip
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
         """One read for several blocks of one station; each gets its own part, and its own end."""
@@ -127,7 +127,7 @@ class BlockTransfers:
 
         try:
             station = self.station_of(reads[0].key[0])
-            return self.client.read(address, station=station, count=count, now=now, on_done=done)
+            return self.client.read(address, station=station, count=count, now=now, on_done=done).commands
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             for read in reads:
                 read.key[1](Failure(outcome="cannot_send", cause=explain(error)))
@@ -195,27 +195,11 @@ class BlockTransfers:
 
     def _send(self, block: Block, now: int, ended: Ended) -> list[Command]:
         assert block.frame is not None
-
-        fields = self.fields_of(block)
-        commands = self._sender_of(block.frame).send(fields, now, partial(self.has_sent, ended))
+        commands = self.engine.send_frame(block.frame, now, self.fields_of(block), partial(self._has_sent, ended))
         self._sending.append(ended)
         return commands
 
-    def prepared_frame(self, block: Block) -> tuple[FrameSender, FrameFields]:
-        """What sends the frame of a SEND block, and what reads its fields. Raises as `fields_of`."""
-        assert block.frame is not None
-        return self._sender_of(block.frame), self._reader_of(block)
-
-    def is_sending(self, ended: Ended) -> None:
-        """Somebody sends a block's frame by what is prepared; `has_sent` follows unless the connection is lost."""
-        self._sending.append(ended)
-
-    def _sender_of(self, frame: str) -> FrameSender:
-        if frame not in self._senders:
-            self._senders[frame] = FrameSender(self.engine, frame)
-        return self._senders[frame]
-
-    def has_sent(self, ended: Ended) -> None:
+    def _has_sent(self, ended: Ended) -> None:
         """The frame of a block has left."""
         if ended in self._sending:
             self._sending.remove(ended)
@@ -228,14 +212,11 @@ class BlockTransfers:
 
     def fields_of(self, block: Block) -> dict[str, Any]:
         """The fields of a SEND block's frame as they are now. Raises DeviceMemoryError, ValueError."""
-        return self._reader_of(block).read()
-
-    def _reader_of(self, block: Block) -> FrameFields:
         found = self._fields.get(block.id)
         if found is None or found.block is not block:
             assert block.frame is not None
             found = self._fields[block.id] = FrameFields(block, self._parts_of(block.frame), self.memory)
-        return found
+        return found.read()
 
     def store_frame(self, block: Block, frame: FrameValue) -> None:
         """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""

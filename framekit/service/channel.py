@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -325,7 +326,7 @@ class RunChannels:
         port, devices = (
             port_for(channel, devices_of(channel, Path(folder)), self._clock) if listening is None else (listening, [])
         )
-        watcher = None if monitor is None else lambda seen: undisturbed(monitor, channel.number, seen)
+        watcher = None if monitor is None else partial(undisturbed, monitor, channel.number)
         for device in devices:
             device.watch_troubles(lambda trouble: self._trouble(channel.number, trouble))
         service = ChannelService(channel, port, self._clock, self._access, blocks, self._owner, watcher, self._moment)

@@ -14,10 +14,9 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.engine import Engine
-from framekit.link.events import Command
-from framekit.link.exchange import Asked, Exchange, Outcome
+from framekit.link.exchange import Asked
 from framekit.link.observe import Monitor
-from framekit.link.services.client import Client, Done, TransferResult
+from framekit.link.services.client import Client, Done, Transfer
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
@@ -32,48 +31,10 @@ MOST_FRAMES = 1000
 
 log = logging.getLogger(__name__)
 
-Begin = Callable[[Client, int, Done], list[Command]]
+Begin = Callable[[Client, int, Done], Transfer]
 """Starts a transfer of a client at a time, with what is to be called at its end."""
 StateChanged = Callable[[bool, str], None]
 """Told whether the port is open, and why not."""
-
-
-class Request:
-    """One transfer asked for; `exchange` is the one under way."""
-
-    def __init__(self) -> None:
-        self.exchange: Exchange | None = None
-        self.given_up = False
-
-
-class _Tracking:
-    """An engine that notes which request each exchange belongs to."""
-
-    def __init__(self, engine: Engine) -> None:
-        self.engine = engine
-        self.scope = engine.scope
-        self.current: Request | None = None
-
-    def start(self, exchange: Exchange, now: int) -> list[Command]:
-        request = self.current
-        if request is None or exchange.inside is not None:
-            return self.engine.start(exchange, now)
-        if request.given_up:
-            exchange.on_done(Outcome(False, "cancelled"))
-            return []
-        request.exchange = exchange
-        told = exchange.on_done
-
-        def during(outcome: Outcome) -> None:
-            """What the end of an exchange starts belongs to its request."""
-            before, self.current = self.current, request
-            try:
-                told(outcome)
-            finally:
-                self.current = before
-
-        exchange.on_done = during
-        return self.engine.start(exchange, now)
 
 
 class ClientService:
@@ -120,8 +81,7 @@ class ClientService:
             monitor=monitor,
             is_stream=port.is_stream,
         )
-        self.tracking = _Tracking(engine)
-        self.client = Client(protocol, codec, self.tracking)
+        self.client = Client(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
         self._role_has_session = role is not None and protocol.roles[role].session is not None
         self._sending: list[Callable[[bool], None]] = []
@@ -166,23 +126,16 @@ class ClientService:
 
     # ---- transfers ----------------------------------------------------------------------------------------
 
-    def request(self, begin: Begin, on_done: Callable[[TransferResult], None]) -> Request:
+    def request(self, begin: Begin, on_done: Done) -> Transfer:
         """Starts a transfer; `on_done` is called exactly once. Raises ValueError for what cannot be asked."""
-        request, tracking = Request(), self.tracking
-        before, tracking.current = tracking.current, request
-        try:
-            commands = begin(self.client, self.clock.now(), on_done)
-        finally:
-            tracking.current = before
-        self.driver.carry_out(commands)
-        return request
+        transfer = begin(self.client, self.clock.now(), on_done)
+        self.driver.carry_out(transfer.commands)
+        return transfer
 
-    def give_up(self, request: Request) -> None:
-        """Nobody waits for it any more: nothing more is asked, and the line is free once its reply came or is late."""
-        request.given_up = True
-        exchange = request.exchange
-        if exchange is not None:
-            self.driver.do(lambda now: self.engine.give_up(exchange, now))
+    def give_up(self, transfer: Transfer) -> None:
+        """Its end is of no interest: nothing more is asked, and the line is free once its reply came or is late."""
+        transfer.given_up = True
+        self.driver.do(lambda now: self.engine.give_up(transfer, now))
 
     def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
         self.client.ask(service, arguments, station, done)

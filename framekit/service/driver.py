@@ -145,8 +145,11 @@ class Driver:
         if moment is not None:
             moment.inside = True
         try:
-            self.pending.extend(self.engine.receive(data, now, faults))
-            self._next_commands()
+            commands = self.engine.receive(data, now, faults)
+            if commands:
+                self.pending.extend(commands)
+            if self.pending:
+                self._next_commands()
         finally:
             try:
                 if moment is not None:
@@ -197,48 +200,33 @@ class Driver:
 
     def _next_commands(self) -> None:
         """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
-        while self.pending:
-            command = self.pending[0]
-            wait_until = getattr(command, "not_before", 0)
-            if wait_until and wait_until > self.clock.now():
+        pending = self.pending
+        while pending:
+            command = pending[0]
+            if isinstance(command, Send | Break) and command.not_before > self.clock.now():
                 if self._send_timer is not None:
                     self._send_timer.cancel()
-                self._send_timer = self.clock.call_at(wait_until, self._go_on)
+                self._send_timer = self.clock.call_at(command.not_before, self._go_on)
                 return
-            self.pending.popleft()
-            self._one(command)
+            pending.popleft()
+            match command:
+                case Send(data=data):
+                    self.load.bytes_out += len(data)
+                    if self.port.write_through(data):  # all has left: `sent` will not be told
+                        pending.extend(self.engine.sent(self.clock.now()))
+                case Break(duration=duration):
+                    self.port.send_break(duration)
+                case SetRts(on=on):
+                    self.port.set_rts(on)
+                case Reopen(reason=reason):
+                    self.port.close()
+                    self.closed(self.clock.now(), reason)
 
     def _go_on(self) -> None:
         """The time of the next command has come; once it has left, the engine may have a time of its own."""
         self._send_timer = None
         self._next_commands()
         self.look_at_time()
-
-    def handed_over(self, data: bytes, has_left: bool, now: int) -> None:
-        """Somebody has given bytes to the port that the engine knows of, and whether they have left."""
-        self.load.bytes_out += len(data)
-        if has_left:
-            self.sent(now)
-        else:
-            self.look_at_time()
-
-    def write_through(self, data: bytes) -> bool:
-        """Gives bytes to the port; True: they have left, and `sent` will not be told."""
-        self.load.bytes_out += len(data)
-        return self.port.write_through(data)
-
-    def _one(self, command: Command) -> None:
-        match command:
-            case Send(data=data):
-                if self.write_through(data):
-                    self.pending.extend(self.engine.sent(self.clock.now()))
-            case Break(duration=duration):
-                self.port.send_break(duration)
-            case SetRts(on=on):
-                self.port.set_rts(on)
-            case Reopen(reason=reason):
-                self.port.close()
-                self.closed(self.clock.now(), reason)
 
     # ---- time ---------------------------------------------------------------------------------------------
 

@@ -8,15 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from functools import partial
 
-from framekit.memory.memory import DeviceMemoryError
-from framekit.run.block_state import BlockState, Failure, Prompt
+from framekit.run.block_state import BlockState, Failure
 from framekit.run.block_words import BlockMemory, SettingError
 from framekit.run.lanes import LaneRules
 from framekit.run.model import Block, Channel
 from framekit.run.transfer import Ended, Read, neighbours
 from framekit.service.channel import ChannelService
-from framekit.service.prompt_send import PromptSend
-from framekit.transport.clock import Clock
 
 
 class Exchanges:
@@ -93,17 +90,6 @@ class Exchanges:
         if reads:
             channel.start_joined(reads)
 
-    def prompt(self, state: BlockState, clock: Clock) -> Prompt:
-        """The quick start of a block: a frame may leave before anything is counted, all others start as usual."""
-        block = state.block
-        if block.instruction != "send" or block.params or self._block_memory.words.shows_starts:
-            return _not_at_once
-        settings, ended = self._block_memory.settings, partial(self._finished, state.id)
-        try:
-            return PromptSend(block, self._channels[block.channel], settings, clock, ended)
-        except (DeviceMemoryError, ValueError):
-            return _not_at_once  # what is wrong is told then
-
     def _effective(self, state: BlockState) -> Block | None:
         """The block with its settings; one that they spoil has ended."""
         try:
@@ -164,10 +150,6 @@ class Exchanges:
             return None
         read = channel.transfers.read_of(block, _nobody)
         return None if read is None else Read(state, read.address, read.count)
-
-
-def _not_at_once() -> None:
-    return None
 
 
 def _nobody(failure: Failure | None) -> None:

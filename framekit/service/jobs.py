@@ -430,13 +430,13 @@ class JobService:
                 params=params,
                 now=now,
                 on_done=done,
-            )
+            ).commands
         unit = order.unit or client.grammar.parse(order.remote).unit
         data = read_piece(self.memory, order.place, order.count * unit_bits(unit))
         values = values_of(data, unit, order.count)
         return client.write(
             order.remote, values, station=station, unit=order.unit, params=params, now=now, on_done=done
-        )
+        ).commands
 
     def _store(self, order: Order, result: TransferResult) -> Failure | None:
         """What was read, at its place in the own memory, whole."""

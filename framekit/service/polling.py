@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from framekit.link.events import Command
-from framekit.link.services.client import Client, Done, TransferResult
-from framekit.service.client import ClientService, Request
+from framekit.link.services.client import Client, Done, Transfer, TransferResult
+from framekit.service.client import ClientService
 from framekit.transport.clock import Handle
 
 LEAST_PAUSE = 100_000_000
@@ -34,7 +33,7 @@ class Polling:
         self._every = every
         self._on_result = on_result
         self._clock = service.clock
-        self._request: Request | None = None
+        self._request: Transfer | None = None
         self._timer: Handle | None = None
         self._due = 0
         self.is_running = False
@@ -68,7 +67,7 @@ class Polling:
         self._due = self._clock.now() + self._every
         self._request = self._service.request(self._begin, self._told)
 
-    def _begin(self, client: Client, now: int, done: Done) -> list[Command]:
+    def _begin(self, client: Client, now: int, done: Done) -> Transfer:
         return client.read(**self._asks_for, now=now, on_done=done)
 
     def _told(self, result: TransferResult) -> None:

@@ -16,7 +16,7 @@ from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
 from framekit.memory.memory import DeviceMemory
-from framekit.run.block_state import BlockState, BlockStatus, Failure, Prompt
+from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
 from framekit.run.model import Block, Channel, RunModel
@@ -35,19 +35,16 @@ from framekit.transport.clock import Clock, date_at
 class RunLoop:
     """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
 
-    `inside`: an event is being dealt with; whoever says so calls `end` afterwards. `first(now)`, once it has been set,
-    is called before everything else until `first_until`, which `next_time` may set: when something has to go before it.
+    `inside`: an event is being dealt with; what says so calls `end` afterwards.
     """
 
     def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[int], int]) -> None:
         self.clock = clock
         self.inside = False
-        self.first: Callable[[int], None] | None = None
         self._act = act
         self._next_time = next_time
         self._ask_soon = clock.bell(self._beat)
         self._alarm = clock.alarm(self._beat)
-        self.first_until = NEVER
         self._woken = False
         self._running = False
 
@@ -87,10 +84,7 @@ class RunLoop:
         self._woken = True  # what comes due meanwhile is in the next time the timer is set for
         try:
             if self._running:
-                now = self.clock.now()
-                if self.first is not None and now < self.first_until:
-                    self.first(now)
-                self._act(now)
+                self._act(self.clock.now())
         finally:
             self._woken = False
             self.set()
@@ -140,7 +134,6 @@ OnEnd = Callable[[BlockStatus, bool], None]
 class RunBlocks:
     """`channels` are those of the run; `wake` asks for a tick, `refresh` brings the memory's own bits up to date.
 
-    `is_prompt` tells which blocks depend on nothing that changes by itself.
     `jobs` carries out the commands of blocks that have no channel, where the run has jobs.
     """
 
@@ -148,11 +141,9 @@ class RunBlocks:
         self, run: RunModel, clock: Clock, memory: DeviceMemory, resolve: Resolve,
         channels: Mapping[int, ChannelService],
         wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None,
-        is_prompt: Callable[[Block], bool],
     ) -> None:  # fmt: skip
         self._clock = clock
         self._refresh = refresh
-        self._is_prompt = is_prompt
         self.on_end = on_end
         self.jobs: JobService | None = None
         self.memory = BlockMemory(memory, run.memory, run.status)
@@ -169,7 +160,6 @@ class RunBlocks:
             joins=self.exchanges.joins,
             sets=run.sets,
             died=self._died,
-            prompt=self._prompt,
         )
         for state in self.states.values():
             self.memory.add(state, protocol_of(run, state.block))
@@ -198,9 +188,6 @@ class RunBlocks:
         else:
             self.memory.started(state)
             self.jobs.take(state.block.job)
-
-    def _prompt(self, state: BlockState) -> Prompt | None:
-        return self.exchanges.prompt(state, self._clock) if self._is_prompt(state.block) else None
 
     def finished(self, number: int, failure: Failure | None) -> None:
         """The exchange of a block, or its command, has ended."""
@@ -289,10 +276,9 @@ class RunService:
         self.pulse = RunLoop(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
         self.blocks = blocks = RunBlocks(
-            run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end, self._is_prompt
+            run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end
         )
         self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
-        self.pulse.first = self.scheduler.start_promptly
         self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.pulse)
         self.devices_on = lines.devices
         for number in run.channels:
@@ -305,7 +291,6 @@ class RunService:
         self.keeper = self._keeper()
         awaited = awaited_bits(run.triggers, self.resolve)
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
-        self._pulses_count = self._look_at_words(awaited)
         self.running = False
 
     def _jobs(self, resolve: ResolveHost) -> JobService | None:
@@ -431,7 +416,6 @@ class RunService:
         self.refresh()
         awaited = awaited_bits(self.run.triggers, self.resolve)
         self.system.wait_for(awaited)
-        self._pulses_count = self._look_at_words(awaited)
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not, ValueError for one that receives."""
@@ -493,7 +477,7 @@ class RunService:
             self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
-        """Does what is due; what somebody waits for, and nothing here has a say in, has been started already."""
+        """Does what is due."""
         self.system.update(now)
         self.editor.step()
         self.block_memory.tick(now)
@@ -501,25 +485,10 @@ class RunService:
             self.jobs.tick(now)
         self.scheduler.tick(now)
 
-    def _is_prompt(self, block: Block) -> bool:
-        """Whether what a block does depends on nothing that changes by itself: bits of the memory, jobs, conditions."""
-        if block.instruction not in ("send", "read", "write") or block.job is not None or block.unless is not None:
-            return False
-        places = [*block.places, *block.data.values(), *([] if block.station_from is None else [block.station_from])]
-        changing = self.system.areas | self.block_memory.areas
-        return not any(place.address.area in changing for place in places)
-
-    def _look_at_words(self, awaited: Iterable[tuple[str, int]]) -> bool:
-        """Whether the end of a pulse in the words of blocks may make a block due."""
-        return any(self.memory.area(area).name in self.block_memory.areas for area, _ in awaited)
-
     def _next_time(self, now: int) -> int:
-        """When something is due next; until something else than the end of a pulse is, quick starts come first."""
-        due, pulses = min(self.scheduler.deadline, self.system.next_change(now)), self.block_memory.deadline
-        if self.jobs is not None:
-            due = min(due, self.jobs.deadline)
-        self.pulse.first_until = min(due, pulses) if self._pulses_count else due
-        return min(due, pulses)
+        """When something is due next."""
+        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
+        return due if self.jobs is None else min(due, self.jobs.deadline)
 
 
 class RunEditor:

@@ -80,11 +80,11 @@ class Loop:
         reply = self._back(served, exchange, names)
         self.log.append((raw, b"" if reply is None else reply.raw or b"", served))
         if self.outcomes:
-            exchange.on_done(self.outcomes.pop(0))
+            exchange.ended(self.outcomes.pop(0))
         elif reply is None and served.refusal:
-            exchange.on_done(Outcome(False, "aborted"))
+            exchange.ended(Outcome(False, "aborted"))
         else:
-            exchange.on_done(Outcome(True, reply=reply, buffer=served.reply_buffer, raw=self.log[-1][1]))
+            exchange.ended(Outcome(True, reply=reply, buffer=served.reply_buffer, raw=self.log[-1][1]))
         return []
 
     def _back(self, served: Served, exchange: Exchange, names: Names) -> FrameValue | None:

@@ -39,13 +39,13 @@ class Pair(Commands):
     def read(self, address: str, count: int = 1, **params: Any) -> TransferResult:
         results: list[TransferResult] = []
         options = {"station": NODE, "params": params, "now": self.asking.now, "on_done": results.append}
-        self.asking.do(self.client.read(address, count=count, **options))
+        self.asking.do(self.client.read(address, count=count, **options).commands)
         return self._finish(results)
 
     def write(self, address: str, values: list[int], **params: Any) -> TransferResult:
         results: list[TransferResult] = []
         options = {"station": NODE, "params": params, "now": self.asking.now, "on_done": results.append}
-        self.asking.do(self.client.write(address, values, **options))
+        self.asking.do(self.client.write(address, values, **options).commands)
         return self._finish(results)
 
     def commands(self) -> list[str]:
@@ -229,7 +229,7 @@ def test_parts_of_elements_are_those_of_the_elements(processor: str, file: str, 
     assert pair.write(f"{file}:0", elements).ok
     results: list[TransferResult] = []
     options: dict[str, Any] = {"station": NODE, "now": pair.asking.now, "on_done": results.append}
-    pair.asking.do(pair.client.read(f"{file}:1", unit=unit, count=count, **options))
+    pair.asking.do(pair.client.read(f"{file}:1", unit=unit, count=count, **options).commands)
     parts = [content >> width + bits * number & (1 << bits) - 1 for number in range(count)]
     assert pair._finish(results).values == parts
 

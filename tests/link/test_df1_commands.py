@@ -45,8 +45,10 @@ class Pair:
 
     def call(self, service: str, params: dict[str, Any] | None = None, **arguments: Any) -> TransferResult:
         return self.until_done(
-            lambda done: self.client.call(
-                service, arguments, station=NODE, params=params, now=self.asking.now, on_done=done
+            lambda done: (
+                self.client.call(
+                    service, arguments, station=NODE, params=params, now=self.asking.now, on_done=done
+                ).commands
             )
         )
 
@@ -400,7 +402,7 @@ def test_what_an_error_reply_tells_more() -> None:
         pair = Pair("slc")
         results: list[TransferResult] = []
         options: dict[str, Any] = {"station": NODE, "now": 0, "on_done": results.append}
-        pair.asking.do(pair.client.call("get_edit_resource", {}, **options))
+        pair.asking.do(pair.client.call("get_edit_resource", {}, **options).commands)
         pair.asking.run(SECOND // 10)
         pair.asking.gets(b"\x10\x06")
         packet = bytes.fromhex("00 05 4F F0 01 00" + tail)
@@ -628,7 +630,7 @@ def test_a_read_is_planned_once_and_its_packets_are_new_every_time(monkeypatch: 
     for value in range(5):
         pair.memory.write("file7", "word", 0, [value])
         result = pair.until_done(
-            lambda done: pair.client.read("N7:0", station=NODE, count=1, now=pair.asking.now, on_done=done)
+            lambda done: pair.client.read("N7:0", station=NODE, count=1, now=pair.asking.now, on_done=done).commands
         )
         assert (result.ok, result.values) == (True, [value]), result
     assert plans == ["read"]

@@ -110,7 +110,9 @@ class Pair:
         params = arguments.pop("params", None)
         results: list[TransferResult] = []
         self.asking.do(
-            self.client.call(service, arguments, station=1, params=params, now=self.asking.now, on_done=results.append)
+            self.client.call(
+                service, arguments, station=1, params=params, now=self.asking.now, on_done=results.append
+            ).commands
         )
         end = self.asking.now + 20 * SECOND
         while not results and self.asking.now < end:

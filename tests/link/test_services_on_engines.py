@@ -33,7 +33,7 @@ class Pair:
     def do(self, method: str, *arguments: Any, time: int = 20 * SECOND, **options: Any) -> TransferResult:
         results: list[TransferResult] = []
         options = {"station": 1, **options, "now": self.asking.now, "on_done": results.append}
-        self.asking.do(getattr(self.client, method)(*arguments, **options))
+        self.asking.do(getattr(self.client, method)(*arguments, **options).commands)
         end = self.asking.now + time
         while not results and self.asking.now < end:
             self.pass_on()
@@ -104,7 +104,7 @@ def test_a_changed_byte_count_is_never_stored() -> None:
     pair = Pair("modbus-tcp")
     pair.memory.write("holding", "word", 0, [1, 2, 3])
     results: list[TransferResult] = []
-    pair.asking.do(pair.client.read("40001", count=3, station=1, now=0, on_done=results.append))
+    pair.asking.do(pair.client.read("40001", count=3, station=1, now=0, on_done=results.append).commands)
     pair.asking.run(MS)
     ((_, sent),) = pair.asking.sent
     pair.asking.gets(sent[:4] + b"\0\7" + sent[6:7] + bytes.fromhex("03 04 00 01 00 02"), whole=True)

@@ -7,29 +7,45 @@ import weakref
 from types import SimpleNamespace
 from typing import Any
 
+from framekit.link.events import Command
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.services.client import Transfer, TransferResult
 
 
-def made(on_done: Any) -> Exchange:
-    return Exchange(on_done=on_done)
+class Engine:
+    """Starts exchanges, and keeps them."""
+
+    scope = SimpleNamespace(now=0)
+
+    def __init__(self) -> None:
+        self.started: list[Exchange] = []
+
+    def start(self, exchange: Exchange, now: int) -> list[Command]:
+        self.started.append(exchange)
+        return []
 
 
 def test_a_transfer_that_has_ended_is_freed_without_a_collection() -> None:
     results: list[TransferResult] = []
-    started: list[Exchange] = []
+    engine = Engine()
+    row = SimpleNamespace(
+        reply=SimpleNamespace(expected=()), facts=SimpleNamespace(row=SimpleNamespace(outside_session=False))
+    )
     gc.disable()
     try:
-        one = SimpleNamespace(exchange=made, answer=lambda outcome: ([], {}), written=0)
+        one = SimpleNamespace(
+            answer=lambda outcome: ([], {}), written=0, row=row, run=None, station=None, request=None, buffer=b"",
+            inside=None, arguments={}, params={},
+        )  # fmt: skip
         plan: Any = SimpleNamespace(exchanges=[one, one], result=lambda data: TransferResult(True))
-        transfer = Transfer(plan, started.append, results.append)
-        transfer.go()
+        transfer = Transfer(plan, engine, 0, results.append)
         for number in (1, 2):
-            assert len(started) == number
-            started[-1].on_done(Outcome(True))
+            assert engine.started == [transfer] * number
+            transfer.ended(Outcome(True))
         gone = weakref.ref(transfer)
+        engine.started.clear()
         del transfer
-        assert gone() is None, "its exchanges, which are still there, do not hold it"
+        assert gone() is None
     finally:
         gc.enable()
     assert [result.ok for result in results] == [True]

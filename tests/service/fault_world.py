@@ -131,8 +131,8 @@ class FaultWorld:
 
         def start(now: int) -> Any:
             if write:
-                return self.client.write(self.link.address, values, now=now, **keys)
-            return self.client.read(self.link.address, count=4, now=now, **keys)
+                return self.client.write(self.link.address, values, now=now, **keys).commands
+            return self.client.read(self.link.address, count=4, now=now, **keys).commands
 
         self.driver.do(start)
         end = self.clock.now() + 3600 * SECOND

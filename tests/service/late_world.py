@@ -14,9 +14,8 @@ from typing import Any
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import parse_format
-from framekit.link.events import Command
 from framekit.link.observe import Seen
-from framekit.link.services.client import Client, Done, TransferResult
+from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.client import ClientService
@@ -152,7 +151,7 @@ class LateWorld:
         self._ended.clear()
         asks_for = {"address": self.line.places[at], "station": self.line.station, "unit": None, "count": 1}
 
-        def begin(client: Client, now: int, done: Done) -> list[Command]:
+        def begin(client: Client, now: int, done: Done) -> Transfer:
             return client.read(**asks_for, now=now, on_done=done)
 
         self.service.request(begin, self._ended.append)

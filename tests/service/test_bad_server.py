@@ -89,7 +89,7 @@ def read_twice(first: bytes, delay: int, retries: int) -> tuple[list[Any], BadSe
     results: list[Any] = []
 
     def asking(now: int) -> list[Command]:
-        return client.read("40001", station=1, now=now, on_done=results.append)
+        return client.read("40001", station=1, now=now, on_done=results.append).commands
 
     for number in (1, 2):
         driver.do(asking)

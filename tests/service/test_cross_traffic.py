@@ -118,7 +118,7 @@ class Station:
             self.known[place] = value if result.ok else None
             self.ended(result)
 
-        return self.client.write(f"N7:{place}", [value], station=self.other, now=now, on_done=ended)
+        return self.client.write(f"N7:{place}", [value], station=self.other, now=now, on_done=ended).commands
 
     def _read(self, place: int, now: int) -> list[Command]:
         def ended(result: TransferResult) -> None:
@@ -128,7 +128,7 @@ class Station:
                     self.wrong.append(f"N7:{place} read as {result.values}, not {expected}")
             self.ended(result)
 
-        return self.client.read(f"N7:{place}", count=3, station=self.other, now=now, on_done=ended)
+        return self.client.read(f"N7:{place}", count=3, station=self.other, now=now, on_done=ended).commands
 
     def ended(self, result: TransferResult) -> None:
         self.outcomes["ok" if result.ok else result.outcome] += 1
@@ -187,7 +187,7 @@ def test_commands_outstanding_are_matched_by_their_number(outstanding: int) -> N
         def ask(now: int, place: int = place) -> list[Command]:
             return asking.client.read(
                 f"N7:{place}", count=5, station=2, now=now, on_done=lambda done: found.update({place: done.values})
-            )
+            ).commands
 
         asking.driver.do(ask)
     most = 0

@@ -15,7 +15,7 @@ from typing import Any
 from framekit.codec import support
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence
+from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.walk import parts_of
 from framekit.definition.sources import current_keeper
@@ -53,7 +53,7 @@ class Program:
         keeper = current_keeper()
         make = partial(sequence_code, protocol, table)
         code = make() if keeper is None else keeper.code(protocol, "sequences", make)
-        self.sequences, self.need_names = load_sequences(code, protocol, table)
+        self.sequences, self.need_names, self.shown_later = load_sequences(code, protocol, table)
         self._replies: dict[str | None, frozenset[str]] = {}
 
     def replies_of(self, role: str | None) -> frozenset[str]:
@@ -86,15 +86,20 @@ def sequence_source(protocol: Protocol, table: FrameTable) -> str:
     module.functions.add()
     module.functions.add()
     module.functions.add(f"NEED_NAMES.update({literal(needing)})")
+    targets = parts_of((tuple(protocol.sequences.values()), tuple(protocol.services.values())), Target)
+    changes = any(target.field is not None for target in targets)
+    later = () if changes else tuple(name for name in protocol.frames if not frames.reads(name))
+    module.functions.add(f"SHOWN_LATER.update({literal(later)})")
     return module.text(f"The sequences of {protocol.name}.")
 
 
 def load_sequences(
     code: CodeType, protocol: Protocol, table: FrameTable
-) -> tuple[dict[str, CompiledSequence], set[str]]:
-    """The sequences that compiled code makes, and the frames that are built on names of an exchange."""
+) -> tuple[dict[str, CompiledSequence], set[str], set[str]]:
+    """The sequences that compiled code makes; frames built on names of an exchange; those that may be shown later."""
     found: dict[str, CompiledSequence] = {}
     need_names: set[str] = set()
+    later: set[str] = set()
     state = protocol.state.values()
     names: dict[str, Any] = {
         **_GLOBALS,
@@ -102,6 +107,7 @@ def load_sequences(
         "__builtins__": _BUILTINS,
         "SEQUENCES": found,
         "NEED_NAMES": need_names,
+        "SHOWN_LATER": later,
         "TABLE": table,
         "INFOS": table.infos,
         "LAYOUTS": table.codec.layouts,
@@ -109,7 +115,7 @@ def load_sequences(
         "FITS": {one.name: fit_of(one.type, one.values, one.size) for one in state},
     }
     exec(code, names)
-    return found, need_names
+    return found, need_names, later
 
 
 def _of_exchanges(protocol: Protocol) -> set[str]:

@@ -17,11 +17,12 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.clock import with_date
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
+from framekit.link.events import Break, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
 from framekit.link.observe import Monitor, Seen
-from framekit.link.output import Output, OutputItem
+from framekit.link.output import Output
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import (
     MOST_STEPS,
@@ -85,7 +86,9 @@ class Machine:
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
     out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
-    `is_open`: the line is there. `need_names`: the frames that are built on names of the exchange.
+    `is_open`: the line is there. `is_idle`: no byte was left to be looked at after the last event. `need_names`: the
+    frames that are built on names of the exchange. `shown_later`: those that can be read from their
+    bytes at any time, since nothing changes fields.
     """
 
     def __init__(
@@ -110,7 +113,9 @@ class Machine:
         self.callbacks: deque[Callable[[], None]] = deque()
         self.ended: deque[Run] = deque()
         self.need_names: Collection[str] = table.infos
+        self.shown_later: Collection[str] = ()
         self.is_open = False
+        self.is_idle = True
         self.changed = True
         self.stirred = True
         self.asking: Run | None = None
@@ -125,12 +130,12 @@ class Machine:
         run.state = GOING
         run.top = sequence.frame(run, context, None, False, {})
         run.has_always = sequence.has_always
-        try:
-            count(run)
-        except CircleError:
-            self._circle(run)
-            return
-        self.go(run, sequence.begin, run.top)
+        lane = run.lane
+        if lane.steps_since != self.scope.now:
+            lane.steps_since, lane.steps_done = self.scope.now, 1
+            self.go(run, sequence.begin, run.top)
+        else:
+            self.go(run, _first, sequence, run.top)
 
     def go(self, run: Run, do: Callable[..., Next], *arguments: Any) -> Next:
         """Does something for a run, and what follows from it. Tells whether it was NOT_TAKEN."""
@@ -203,8 +208,8 @@ class Machine:
         if self.on_send is not None:
             self.on_send()
         if self.monitor is not None:
-            self.show("frame", "out", data, value.frame, value.complete(), repeated=repeated)
-        if self.output.put(OutputItem(run, data, 0, self.table.infos[value.frame])):
+            self.show_sent(value, data, repeated)
+        if self.output.put(Send(data, 0, False, run, self.table.infos[value.frame])):
             run.unsent += 1
 
     def left(self, run: Run) -> None:
@@ -233,24 +238,31 @@ class Machine:
 
     # ---- showing ------------------------------------------------------------------------------------------
 
-    def show(
-        self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", fields: dict[str, Any] | None = None,
-        **more: Any,
-    ) -> None:  # fmt: skip
+    def show(self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", **more: Any) -> None:
         on_fault = None if kind == "frame" else self.on_fault
         if on_fault is None and self.monitor is None:
             return
-        shown = {name: plain(value) for name, value in fields.items()} if fields else {}
-        seen = Seen(direction, kind, self.scope.now, raw, frame, shown, **more)
+        seen = Seen(direction, kind, self.scope.now, raw, frame, **more)
         if on_fault is not None:
             on_fault(seen)
         if self.monitor is not None:
             self.monitor(seen)
 
+    def show_sent(self, value: FrameValue, data: bytes, repeated: bool = False) -> None:
+        """A frame that goes out. Its fields are read from its bytes when they are asked for, if that is the same."""
+        if self.monitor is not None:
+            fields, computed = value.fields, value.pending
+            if computed is None or value.frame not in self.shown_later:
+                fields, computed = _plain_of(value), None
+            seen = Seen("out", "frame", self.scope.now, data, value.frame, fields, "", 0, "", 0, repeated, computed)
+            self.monitor(seen)
+
     def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
-        reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
-        self.show("frame", "in", raw, value.frame, value.fields, reason=reason, started_at=started_at)
+        if self.monitor is not None:
+            reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
+            fields = value.fields if self.shown_later else _plain_of(value)
+            self.monitor(Seen("in", "frame", self.scope.now, raw, value.frame, fields, reason, started_at))
 
     def set_session(self, new: bool) -> None:
         self.session.end()
@@ -259,7 +271,12 @@ class Machine:
 
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
         """Calls back when everything that follows at this point has been done."""
-        self.callbacks.append(partial(exchange.on_done, outcome))
+        self.callbacks.append(partial(exchange.ended, outcome))
+
+
+def _plain_of(value: FrameValue) -> dict[str, Any]:
+    """All fields of a frame as codecs give them."""
+    return {name: plain(one) for name, one in value.complete().items()}
 
 
 class EngineFunctions:
@@ -475,7 +492,7 @@ def _end_nested(run: Run, d: ExchangeContext, outcome: Outcome) -> None:
     def tell() -> None:
         before, machine.asking = machine.asking, run
         try:
-            exchange.on_done(outcome)
+            exchange.ended(outcome)
         finally:
             machine.asking = before
 
@@ -685,7 +702,7 @@ def has_more(a: CallFrame) -> bool:
 
 def hold_break(a: CallFrame, duration: int) -> None:
     machine, run = a.m, a.run
-    if duration > 0 and machine.output.put(OutputItem(run, duration=duration)):
+    if duration > 0 and machine.output.put(Break(duration, 0, run)):
         run.unsent += 1
         if machine.monitor is not None:
             machine.show("break", "out")

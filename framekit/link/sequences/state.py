@@ -159,7 +159,8 @@ class ExchangeContext:
             self.expected = exchange.expected
             self.buffer = exchange.buffer
             if exchange.request is not None:
-                self.request = self.asked = exchange.request.copy()
+                given = exchange.request
+                self.request = self.asked = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal)
             if exchange.params:
                 self.params = Names(exchange.params, scope, scope.formulas_for(exchange.params))
             self.arguments = exchange.arguments
@@ -276,7 +277,7 @@ class Run:
         self.top: CallFrame = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
         self.agenda: deque[tuple[str, str, ExchangeContext]] = deque()
         self.doing = kind
-        self.outcome = Outcome(True)
+        self.outcome: Outcome | None = None
         self.state = State.GOING
         self.unsent = 0
         self.started = 0

@@ -132,14 +132,6 @@ class Prepared:
     inside: Any = None
     written: int = 0
 
-    def exchange(self, on_done: Callable[[Outcome], None]) -> Exchange:
-        """A new one to start."""
-        row = self.row
-        return Exchange(
-            self.run, self.station, self.request, self.buffer, row.reply.expected, row.facts.row.outside_session,
-            on_done, self.inside, self.arguments, self.params,
-        )  # fmt: skip
-
     def again(self) -> Prepared:
         """The same with a new request. Raises ServiceError."""
         request, buffer, run = self.row.made(self.names)
@@ -202,9 +194,7 @@ class TransferPlan:
                 self._read = reader_of(unit, count)
 
     def again(self) -> TransferPlan:
-        """What is planned, to be done once more. Raises ServiceError."""
-        if not self.is_new_each_time:
-            return self
+        """What is planned, with requests of its own. Raises ServiceError."""
         return TransferPlan(self.plans, [one.again() for one in self.exchanges], self.wanted)
 
     def result(self, data: Sequence[bytes]) -> TransferResult:
@@ -239,14 +229,15 @@ class ReadyReads:
         self._lasting: dict[RowFacts, tuple[bool, bool]] = {}
 
     def find(self, key: Hashable) -> TransferPlan | None:
-        """What was kept for this."""
+        """What was kept for this, to be done once more. Raises ServiceError."""
         scope = self._scope
         if scope is None:
             return None
         if scope.settings != self._settings:
             self._settings = scope.settings
             self._kept.clear()
-        return self._kept.get(key)
+        found = self._kept.get(key)
+        return found.again() if found is not None and found.is_new_each_time else found
 
     def keep(self, key: Hashable, read: TransferPlan) -> None:
         """Keeps a read for the next who asks, if the same exchanges will do then."""
@@ -283,89 +274,83 @@ def _has_parts(request: FrameValue | None) -> bool:
     return request is not None and any(isinstance(one, (FrameValue, dict, list)) for one in request.fields.values())
 
 
-class Transfer:
-    """One transfer under way. `start` hands an exchange to the engine."""
+class Transfer(Exchange):
+    """One transfer under way: it is each of its exchanges, one after the other.
+
+    `commands`: what the engine wants done because it began. `given_up`: no further exchange of it begins.
+    """
 
     __slots__ = (
-        "__weakref__",
-        "_data",
-        "_gives",
-        "_going",
-        "_last",
-        "_next",
-        "_on_done",
-        "_over",
-        "_plan",
-        "_start",
-        "_under_way",
-        "_written",
+        "__weakref__", "_data", "_done", "_engine", "_gives", "_going", "_last", "_next", "_plan", "_under_way",
+        "_written", "commands", "given_up",
     )  # fmt: skip
 
-    def __init__(self, plan: TransferPlan, start: Callable[[Exchange], None], on_done: Done) -> None:
-        self._plan = plan
-        self._start = start
-        self._on_done = on_done
-        self._next = 0
-        self._going = self._over = False
-        self._under_way: Exchange | None = None
+    def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
+        self._plan, self._engine, self._done = plan, engine, on_done
+        self._next = self._written = 0
+        self._under_way = self.given_up = False
         self._data: list[bytes] = []
         self._gives: dict[str, Any] = {}
-        self._written = 0
         self._last = NOTHING_YET
+        self.commands: list[Command] = []
+        self._go(now)
 
-    def go(self) -> None:
+    def _go(self, now: int) -> None:
         """Starts exchanges as long as their outcomes come at once."""
-        if self._going:
-            return
         self._going = True
-        exchanges = self._plan.exchanges
-        while self._under_way is None and not self._over:
+        exchanges, engine = self._plan.exchanges, self._engine
+        while not self._under_way and self._done is not _told:
             if self._next == len(exchanges):
                 result = self._plan.result(self._data)
                 result.gives = self._gives
                 self._end(result)
-                break
-            prepared = exchanges[self._next]
-            self._next += 1
-            self._under_way = exchange = prepared.exchange(self._ended)
-            self._start(exchange)
+            elif self.given_up:
+                self._end(TransferResult(False, outcome="cancelled"))
+            else:
+                one = exchanges[self._next]
+                self._next += 1
+                self.run, self.station, self.request, self.buffer = one.run, one.station, one.request, one.buffer
+                self.expected, self.outside_session = one.row.reply.expected, one.row.facts.row.outside_session
+                self.inside, self.arguments, self.params = one.inside, one.arguments, one.params
+                self._under_way = True
+                self.commands += engine.start(self, now)
         self._going = False
 
-    def _ended(self, outcome: Outcome) -> None:
-        prepared = self._plan.exchanges[self._next - 1]
-        if self._under_way is not None:
-            self._under_way.on_done = _told  # nothing is left that refers to itself, so it is freed at once
-        self._under_way = None
+    def ended(self, outcome: Outcome) -> None:
+        self._under_way = False
         self._last = outcome
-        answer = prepared.answer(outcome)
+        one = self._plan.exchanges[self._next - 1]
+        answer = one.answer(outcome)
         if isinstance(answer, TransferResult):
             self._end(answer)
             return
         data, gives = answer
-        self._data.extend(data)
+        self._data += data
         self._gives.update(gives)
-        self._written += prepared.written
-        self.go()
+        self._written += one.written
+        if not self._going:
+            self._go(self._engine.scope.now)
 
     def _end(self, result: TransferResult) -> None:
-        self._over = True
         result.exchanges, result.written = self._next, self._written
         result.reply, result.raw, result.buffer = self._last.reply, self._last.raw, self._last.buffer
-        self._on_done(result)
+        done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
+        done(result)
 
 
 NOTHING_YET = Outcome(False)
 
 
-def _told(outcome: Outcome) -> None:
-    """An exchange is told once how it ended."""
+def _told(result: TransferResult) -> None:
+    """A transfer is told once how it ended."""
 
 
 class Client:
     """READ, WRITE and other services over one engine.
 
-    Every method returns the engine's commands and calls `on_done` exactly once, perhaps before it returns. What cannot
-    be asked at all is raised before anything is sent: AddressError, ServiceError, PackingError (all ValueError).
+    Every method gives the transfer that it begins, with the engine's commands, and calls `on_done` exactly once,
+    perhaps before it returns. What cannot be asked at all is raised before anything is sent: AddressError,
+    ServiceError, PackingError (all ValueError).
     `params` are names for this transfer alone, its rows and its sequences; they go before the protocol's parameters.
     """
 
@@ -385,46 +370,45 @@ class Client:
     def read(
         self, address: str | Address, *, station: Any = None, unit: str | None = None, count: int = 1,
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
-    ) -> list[Command]:  # fmt: skip
+    ) -> Transfer:  # fmt: skip
         """Reads `count` elements of `unit` (default: the address's own)."""
         key = None if params else (address, unit, count, station)
         ready = None if key is None else self._ready.find(key)
-        if ready is not None:
-            ready = ready.again()
-        else:
+        if ready is None:
             names = self._names(station, params)
             place, elements = self._place(address, unit, count)
             plan = self.planner.plan("read", Piece(place, elements), names)
             ready = self._planned([plan], [(unit or place.unit, count)], names)
             if key is not None:
                 self._ready.keep(key, ready)
-        return self._begin(ready, now, on_done)
+        return Transfer(ready, self.engine, now, on_done)
 
     def write(
         self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
-    ) -> list[Command]:  # fmt: skip
+    ) -> Transfer:  # fmt: skip
         """Writes the values to as many elements."""
         names = self._names(station, params)
         place, elements = self._place(address, unit, len(values))
         piece = Piece(place, elements, memory_of(values, unit or place.unit))
-        return self._begin(self._planned([self.planner.plan("write", piece, names)], [], names), now, on_done)
+        plan = self._planned([self.planner.plan("write", piece, names)], [], names)
+        return Transfer(plan, self.engine, now, on_done)
 
     def read_variables(
         self, addresses: Sequence[str | Address], *, station: Any = None, unit: str | None = None,
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
-    ) -> list[Command]:  # fmt: skip
+    ) -> Transfer:  # fmt: skip
         """Reads one element each; in lists where the protocol has them, else one by one. Values in the order asked."""
         names = self._names(station, params)
         pieces = [Piece(*self._place(address, unit, 1)) for address in addresses]
         plans = self.planner.plan_list("read", pieces, names)
         wanted = [(unit or piece.address.unit, 1) for piece in pieces]
-        return self._begin(self._planned(plans, wanted, names), now, on_done)
+        return Transfer(self._planned(plans, wanted, names), self.engine, now, on_done)
 
     def write_variables(
         self, addresses: Sequence[str | Address], values: Sequence[int], *, station: Any = None,
         unit: str | None = None, params: Mapping[str, Any] | None = None, now: int, on_done: Done,
-    ) -> list[Command]:  # fmt: skip
+    ) -> Transfer:  # fmt: skip
         """Writes one value each."""
         if len(addresses) != len(values):
             raise ServiceError(f"there are {len(addresses)} addresses for {len(values)} values")
@@ -434,7 +418,7 @@ class Client:
             place, elements = self._place(address, unit, 1)
             pieces.append(Piece(place, elements, memory_of([value], unit or place.unit)))
         plans = self.planner.plan_list("write", pieces, names)
-        return self._begin(self._planned(plans, [], names), now, on_done)
+        return Transfer(self._planned(plans, [], names), self.engine, now, on_done)
 
     def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
         """What a request is made of. Raises ParameterError for a parameter that does not fit."""
@@ -456,16 +440,6 @@ class Client:
             offered = Names({} if len(pieces) > 1 else variables[0], names)
             offered[EACH] = variables
         return self._rows[plan.facts].prepared(pieces, offered, names["station"], params)
-
-    def _begin(self, plan: TransferPlan, now: int, on_done: Done) -> list[Command]:
-        commands: list[Command] = []
-        engine = self.engine
-
-        def start(exchange: Exchange) -> None:
-            commands.extend(engine.start(exchange, max(now, engine.scope.now)))
-
-        Transfer(plan, start, on_done).go()
-        return commands
 
     def _place(self, address: str | Address, unit: str | None, count: int) -> tuple[Address, int]:
         """Where `count` elements of `unit` begin, and how many elements of the place's own unit they are.
@@ -490,7 +464,7 @@ class Client:
         self, service: str, arguments: Mapping[str, Any] | None = None, *, station: Any = None,
         addresses: Sequence[str | Address] = (), unit: str | None = None, count: int = 1,
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
-    ) -> list[Command]:  # fmt: skip
+    ) -> Transfer:  # fmt: skip
         """Runs any service but read and write. One address stands for `count` elements, several for one each."""
         return self._call(service, arguments or {}, station, addresses, unit, count, params, on_done, None, now)
 
@@ -506,7 +480,7 @@ class Client:
     def _call(
         self, service: str, arguments: Mapping[str, Any], station: Any, addresses: Sequence[str | Address],
         unit: str | None, count: int, params: Mapping[str, Any] | None, on_done: Done, inside: Any, now: int,
-    ) -> list[Command]:  # fmt: skip
+    ) -> Transfer:  # fmt: skip
         rows = self.shared.rows.get(service)
         if not rows or service in ("read", "write"):
             known = ", ".join(name for name in self.shared.rows if name not in ("read", "write"))
@@ -522,7 +496,7 @@ class Client:
         prepared = self._prepared(plan, tuple(pieces), offered, given_in(names))
         arguments = {argument.name: offered[argument.name] for argument in facts.row.takes}
         prepared = replace(prepared, arguments=arguments, inside=inside)
-        return self._begin(TransferPlan([plan], [prepared], []), now, on_done)
+        return Transfer(TransferPlan([plan], [prepared], []), self.engine, now, on_done)
 
     def _row_for(
         self, rows: Sequence[RowFacts], arguments: Mapping[str, Any], pieces: list[Piece], names: Names

@@ -97,14 +97,16 @@ class ReplyReader:
     def data(self, outcome: Outcome, pieces: Sequence[Piece], names: Names) -> list[bytes]:
         """The data of each piece in memory's form; [] if the reply row brings none. Raises UnfitReplyError."""
         problem: UnfitReplyError | None = None
-        for find in self._fitting(outcome.reply):
+        reply = outcome.reply
+        for find in self._finds.get(None if reply is None else reply.frame) or self._fitting(reply):
             try:
-                found = find(outcome.reply, outcome.buffer, names)
+                found = find(reply, outcome.buffer, names)
                 if found and len(found) != len(pieces):
                     raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
-                return [
-                    self._of_piece(data, padded, piece) for (data, padded), piece in zip(found, pieces, strict=False)
-                ]
+                brought: list[bytes] = []
+                for (data, padded), piece in zip(found, pieces, strict=False):
+                    brought.append(self._of_piece(data, padded, piece))
+                return brought
             except EVALUATION_ERRORS as error:
                 problem = problem or _unfit(error)
         return self._nothing_found(outcome, problem)

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from framekit.cli.main import build_parser, main
 from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.screen.app import parse_filter
 from framekit.cli.serve_verb import ServeSession, server_of
+from framekit.link.observe import Kind, Seen
 from framekit.runfile.run_file import load_run
 from framekit.transport.pty_pair import PtyPair
 
@@ -183,8 +183,9 @@ def test_brackets_from_the_line_and_from_people_are_no_markup() -> None:
         number = app.view.log.last_number
         seen = app.view.log.entry(number)
         assert seen is not None
-        for kind, raw in (("noise", b"[/x] [bold]y"), ("bad", b"[/x]")):
-            at = replace(seen.seen, kind=kind, raw=raw, frame="", fields={}, reason="[/x]")
+        kinds: list[tuple[Kind, bytes]] = [("noise", b"[/x] [bold]y"), ("bad", b"[/x]")]
+        for kind, raw in kinds:
+            at = Seen(seen.seen.direction, kind, seen.seen.at, raw, reason="[/x]")
             app.view.log.add(seen.channel, at)
         await pilot.press("x")
         app.draw()

@@ -1,9 +1,8 @@
-"""Blocks that start before anything else is looked at: never before others that are due, and counted as all others."""
+"""SEND blocks that a bit of the memory makes due: whose turn it is, what their frames show, and how they count."""
 
 from __future__ import annotations
 
 import gc
-import random
 import shutil
 from pathlib import Path
 from weakref import ref
@@ -80,15 +79,13 @@ class _SaysNothing:
 class Bench:
     """A run with scales, and what is written on its first channel."""
 
-    def __init__(self, folder: Path, *, at_once: bool = False, prompt: bool = True, run: str = RUN) -> None:
+    def __init__(self, folder: Path, *, at_once: bool = False, run: str = RUN) -> None:
         for name in ("scale.yaml", "scale.device.yaml"):
             shutil.copy(EXAMPLES / name, folder / name)
         self.path = folder / "r.run.yaml"
         self.clock = VirtualClock()
         self.at_once = at_once
         self.service = RunService(self.loaded(run), self.clock)
-        if not prompt:
-            self.service.pulse.first = None
         self.tap()
         self.memory = self.service.memory
         self.memory.write("M", "word", 1, [1, 2])
@@ -119,9 +116,8 @@ WAYS = pytest.mark.parametrize("at_once", [True, False], ids=["at once", "later"
 # ---- whose turn it is -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("prompt", [True, False])
-def test_a_block_does_not_go_before_one_that_is_due_by_a_bit_of_the_memory(tmp_path: Path, prompt: bool) -> None:
-    bench = Bench(tmp_path, prompt=prompt)
+def test_a_block_does_not_go_before_one_that_is_due_by_a_bit_of_the_memory(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
     bench.clock.call_at(100 * MS, bench.trigger)
     bench.clock.run_for(200 * MS)
     assert [frame[1:4] for _, frame in bench.port.frames][:2] == [b"W02", b"W01"], "F00091 rises then: priority 5"
@@ -150,7 +146,7 @@ def test_a_frame_with_a_pulse_in_it_shows_it_as_it_is_then(tmp_path: Path) -> No
 
 
 @WAYS
-def test_a_channel_that_has_been_replaced_is_forgotten_and_its_blocks_start_at_once_again(
+def test_a_channel_that_has_been_replaced_is_forgotten_and_its_blocks_start_on_the_new_one(
     tmp_path: Path, at_once: bool
 ) -> None:
     run = RUN.replace("F00091", "M00900")
@@ -159,20 +155,15 @@ def test_a_channel_that_has_been_replaced_is_forgotten_and_its_blocks_start_at_o
     bench.trigger()
     bench.clock.run_for(500 * MS)
     old, before = ref(service.channels[1]), bench.counts(0)
-    assert before[1] == 1 and callable(service.states[0].prompt)
+    assert before[1] == 1
     service.on_channel = lambda number, channel: bench.tap()
     service.edit(bench.loaded(run.replace("protocol: scale}", "protocol: scale, speed: 4800}")))
     bench.clock.run_for(500 * MS)
-    prepared = service.states[0].prompt
     bench.trigger()
     bench.clock.run_for(0)
     assert [frame[1:4] for _, frame in bench.port.frames if frame[1:2] == b"W"][-1] == b"W01"
-    prompt = service.states[0].prompt
     bench.clock.run_for(500 * MS)
     assert bench.counts(0) == (2, 2, 0)
-    assert prompt, "it has a quick start on the new channel"
-    assert prompt is prepared, "and had it before its first start there"
-    assert prompt() is not None, "and that sends"
     gc.collect()
     assert old() is None
 
@@ -199,46 +190,11 @@ def test_a_port_that_is_lost_while_a_frame_leaves(tmp_path: Path, at_once: bool)
         bench.clock.run_for(5000 * MS)
 
 
-@WAYS
-def test_everything_is_as_without_quick_starts(tmp_path: Path, at_once: bool) -> None:
-    told = []
-    for prompt in (True, False):
-        folder = tmp_path / str(prompt)
-        folder.mkdir()
-        bench, chance = Bench(folder, at_once=at_once, prompt=prompt), random.Random(5)
-        trace: list[object] = []
-        for _ in range(400):
-            bench.clock.run_for(chance.choice((chance.randrange(MS), chance.randrange(40 * MS))))
-            match chance.randrange(20):
-                case 0:
-                    bench.service.enable(0, chance.random() < 0.7)
-                case 1:
-                    bench.service.enable_set(1, chance.random() < 0.9)
-                case 2:
-                    bench.memory.write("M", "word", 1, [chance.choice((1, 1, 7, 300))])
-                case 3:
-                    bench.service.enable_channel(1, chance.random() < 0.9)
-                case 4:
-                    bench.service.fire(0)
-                case 5:
-                    if bench.service.channels[1].driver.is_open and chance.random() < 0.3:
-                        bench.port.lose()
-                case _:
-                    bench.trigger()
-            trace.append([(bench.counts(number), state.last_outcome) for number, state in bench.service.states.items()])
-            trace.append(bench.memory.read("L", "word", 625, 30))
-        told.append((bench.port.frames, trace))
-    assert told[0] == told[1]
-    assert len(told[0][0]) > 40
-
-
 # ---- pulses that end at the very moment ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("looked_at", [False, True], ids=["nobody looks at it", "a block waits for it"])
-def test_the_end_of_a_pulse_goes_first_only_where_a_block_looks_at_it(tmp_path: Path, looked_at: bool) -> None:
-    run = RUN + ("  5: {send: ASK, data: {station: M2}, when: L006550}\n" if looked_at else "")
-    bench = Bench(tmp_path, at_once=True, run=run)
+def test_the_end_of_a_pulse_goes_first(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, at_once=True)
     bench.trigger()
     bench.clock.run_for(MS)
     end = bench.service.block_memory.deadline
@@ -250,7 +206,7 @@ def test_the_end_of_a_pulse_goes_first_only_where_a_block_looks_at_it(tmp_path: 
     bench.clock._now = end  # the clock's time has come, and nobody has been called yet
     bench.trigger()
     bench.clock.run_until(end)
-    assert seen == [[0] if looked_at else [1]]
+    assert seen == [[0]]
     assert bench.counts(0) == (2, 2, 0)
     bench.clock.run_for(20 * MS)
     assert bench.memory.read("L", "word", 625) == [0], "pulses end all the same"
