@@ -32,7 +32,7 @@ from framekit.link.sequences.compiler import program_of
 from framekit.link.sequences.runtime import EngineFunctions, Machine
 from framekit.link.sequences.state import Run, State, frame_gone
 from framekit.link.sessions import SessionState
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, plain
 
 MOST_ROUNDS = 100_000
 """So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""
@@ -235,20 +235,23 @@ class Engine:
         on_sent: Callable[[], None] | None = None,
     ) -> list[Command]:
         """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
-        self.scope.now = max(self.scope.now, now)
-        machine = self.machine
+        scope, machine = self.scope, self.machine
+        scope.now = max(scope.now, now)
         if isinstance(frame, str):
-            frame = machine.table.made(frame, dict(fields or {}), self.scope)
-        data = machine.table.encode(frame, self.scope)
-        machine.announce(frame)
-        machine.show_sent(frame, data)
+            frame = machine.table.made(frame, dict(fields or {}), scope)
+        info = machine.table.infos[frame.frame]
+        data = info.encode(frame.fields if info.flat else plain(frame.fields), scope)
+        if info.announces or machine.monitor is not None:
+            machine.table.mark_sent(frame, data, scope)
+            machine.announce(frame)
+            machine.show_sent(frame, data)
         self.counters.sent += 1
-        item = Send(data, info=machine.table.infos[frame.frame], on_sent=on_sent)
-        if machine.late.until > self.scope.now:
+        item = Send(data, 0, False, None, info, on_sent)
+        if machine.late.until > scope.now:
             machine.late.items.append(item)
         else:
             self.output.put(item)
-        return self._finish()
+        return self._finish() if machine.stirred or not machine.is_idle else self._given()
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
@@ -288,18 +291,9 @@ class Engine:
         return self._given()
 
     def _given(self) -> list[Command]:
-        """The commands that have come together, in order; none inside of what follows from an event."""
+        """The commands that have come together, and when to be called next; nothing inside of what follows."""
         if self.is_busy:
             return []
-        self._note_deadline()
-        if not self._commands:
-            return []
-        commands = self._commands.copy()
-        self._commands.clear()
-        return commands
-
-    def _note_deadline(self) -> None:
-        """When `tick` is to be called next."""
         machine, deadline = self.machine, NEVER
         for run in self.lanes.order:
             if run.deadline < deadline:
@@ -315,6 +309,11 @@ class Engine:
         if machine.callbacks or machine.ended:  # a circle: the rest comes later
             deadline = self.scope.now
         self.deadline = deadline
+        if not self._commands:
+            return []
+        commands = self._commands.copy()
+        self._commands.clear()
+        return commands
 
     def _settle(self) -> None:
         machine, lanes, receiver = self.machine, self.lanes, self.receiver

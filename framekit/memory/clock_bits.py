@@ -100,6 +100,7 @@ class SystemBits:
         words = self._words.values()
         self._waited_for = [clock for word in words for clock in word.clocks if clock.waited_for]
         self._has_scan_bits = any(word.first_scan or word.after_first_scan for word in words)
+        self._calendar_counts = self._counts_calendar()
         for word in words:
             word.area.watch(word.number, 1, self._look_again, word.owned)
 
@@ -115,6 +116,7 @@ class SystemBits:
             for clock in word.clocks:
                 clock.waited_for = (word.area.name, 16 * word.number + clock.mask.bit_length() - 1) in self._wake
         self._waited_for = [clock for word in self._words.values() for clock in word.clocks if clock.waited_for]
+        self._calendar_counts = self._counts_calendar()
 
     def _add_clock(self, address: str, period: int, first: int) -> None:
         word, mask = self._place(address)
@@ -160,11 +162,12 @@ class SystemBits:
 
     def next_change(self, now: int) -> int:
         """When `update` has something to do, `now` if it has already; NEVER when nothing changes any more."""
-        origin = self._started()
+        if self._origin is None:
+            raise DeviceMemoryError("the system bits have not been started")
         due = self._scan if self._has_scan_bits and self._time < self._scan else NEVER
         for clock in self._waited_for:
             due = min(due, clock.next_edge(self._time))
-        change = max(now, origin + due) if due < NEVER else NEVER
+        change = max(now, self._origin + due) if due < NEVER else NEVER
         return min(change, max(now, self._next_second)) if self._calendar_counts else change
 
     def update(self, now: int) -> None:
@@ -173,7 +176,9 @@ class SystemBits:
         A clock somebody waits for that has risen since the last update shows one rising edge, even if its on
         phase has passed or a new one has begun: the word is then written up to three times.
         """
-        time = now - self._started()
+        if self._origin is None:
+            raise DeviceMemoryError("the system bits have not been started")
+        time = now - self._origin
         if now >= self._next_second:
             self._show_calendar(now)
         if time < self._next_edge or time <= self._time:
@@ -183,8 +188,7 @@ class SystemBits:
             self._show(word, time)
         self._note_next_edge()
 
-    @property
-    def _calendar_counts(self) -> bool:
+    def _counts_calendar(self) -> bool:
         """Whether a block waits for a bit of the calendar."""
         places = {(area.name, number) for area, number, _ in self._calendar}
         return bool(places) and (self._wake is None or any((name, bit // 16) in places for name, bit in self._wake))
@@ -213,11 +217,6 @@ class SystemBits:
         """Between two edges an update has nothing to do, and they are far apart."""
         words = self._words.values()
         self._next_edge = min((word.next_edge(self._time, self._scan) for word in words), default=NEVER)
-
-    def _started(self) -> int:
-        if self._origin is None:
-            raise DeviceMemoryError("the system bits have not been started")
-        return self._origin
 
     def _show(self, word: _Word, time: int) -> None:
         risen = 0

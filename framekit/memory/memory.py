@@ -170,16 +170,17 @@ class Area:
         """Reads byte `offset` as a number at every call."""
         return partial(self._data.__getitem__, offset)
 
-    def holds(self, offset: int, data: bytes) -> bool:
-        """Whether these bytes stand at byte `offset`."""
-        return self._data.startswith(data, offset)
+    def holder(self, offset: int, data: bytes) -> Callable[[], bool]:
+        """Tells at every call whether these bytes stand at byte `offset`."""
+        return partial(self._data.startswith, data, offset)
 
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
         """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
         end = offset + len(data)
         if offset < 0 or end > len(self._data):
             raise self._beyond("byte", offset, len(data), len(self._data))
-        self._allow(force)
+        if self.access == "read" and not force:
+            raise self._read_only()
         if self._spare and data and end == len(self._data):
             data = data[:-1] + bytes([data[-1] & (0xFF >> self._spare)])
         self._store(offset, data)

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Protocol
@@ -203,14 +204,14 @@ ITEMS: Mapping[str, Callable[[Countable], int]] = MappingProxyType(
         "error": lambda status: 0 if status.last_failure is None else status.last_failure.error,
         "reason": lambda status: 0 if status.last_failure is None else status.last_failure.reason,
         "device_code": lambda status: 0 if status.last_failure is None else status.last_failure.device_code or 0,
-        "started_count": lambda status: status.started,
-        "done_count": lambda status: status.done,
-        "failed_count": lambda status: status.failed,
-        "overrun_count": lambda status: status.overruns,
-        "enabled": lambda status: status.enabled,
-        "waiting": lambda status: status.waiting,
-        "running": lambda status: status.running,
-        "dead": lambda status: status.dead,
+        "started_count": attrgetter("started"),
+        "done_count": attrgetter("done"),
+        "failed_count": attrgetter("failed"),
+        "overrun_count": attrgetter("overruns"),
+        "enabled": attrgetter("enabled"),
+        "waiting": attrgetter("waiting"),
+        "running": attrgetter("running"),
+        "dead": attrgetter("dead"),
     }
 )
 """What the words of a block can show, by the names that memory profiles use."""
@@ -267,6 +268,7 @@ class BlockState:
         "probing",
         "reasons",
         "round",
+        "running",
         "set_on",
         "started_at",
         "starts_left",
@@ -294,6 +296,7 @@ class BlockState:
         self.last_end: int | None = None
         self.companions: tuple[BlockState, ...] = ()
         self.probing = False
+        self.running = False
         self.dead = False
         self.round = 0
 
@@ -301,10 +304,6 @@ class BlockState:
     def enabled(self) -> bool:
         """Whether it may come due: neither it nor its set is switched off."""
         return self.switched_on and self.set_on
-
-    @property
-    def running(self) -> bool:
-        return self.counters.running > 0
 
     @property
     def started(self) -> int:
@@ -328,10 +327,12 @@ class BlockState:
         if self.starts_left is not None:
             self.starts_left -= 1
         self.started_at = now
+        self.running = True
         self.counters.started += 1
 
     def ended(self, failure: Failure | None, now: int) -> None:
         """An exchange of it has ended, well if `failure` is None."""
+        self.running = False
         if failure is None:
             self.counters.done += 1
             self.last_outcome = ""

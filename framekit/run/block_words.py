@@ -34,12 +34,14 @@ class StatusWords:
     """Shows blocks in the words of `sections`; areas that are read-only for others are written all the same.
 
     `pulse` is how long a pulse lasts, in nanoseconds. Blocks for which a section has no words are not shown there.
+    `deadline`: when a pulse ends next, at the earliest.
     """
 
     def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords], pulse: int) -> None:
         self._memory = memory
         self._sections = tuple(sections)
         self._pulse = pulse
+        self.deadline = NEVER
         self._ends: list[tuple[int, Key]] = []
         self._end_of: dict[Key, int] = {}
         self._places: dict[Key, tuple[_WordPlace, ...]] = {}
@@ -56,11 +58,12 @@ class StatusWords:
     def completed(self, key: Key, status: Countable, ok: bool, now: int) -> None:
         """An exchange has ended: the counts, then the pulse of its kind."""
         pulses = False
-        for place in self._places_of(key):
+        for place in self._places.get(key) or self._places_of(key):
             pulses |= place.completed(status, PULSES[0] if ok else PULSES[1])
         if pulses:
             if key not in self._end_of:
                 heapq.heappush(self._ends, (now + self._pulse, key))
+                self.deadline = self._ends[0][0]
             self._end_of[key] = now + self._pulse
 
     def forget(self, key: Key) -> None:
@@ -68,16 +71,15 @@ class StatusWords:
         if self._end_of.pop(key, None) is not None:
             self._ends = [entry for entry in self._ends if entry[1] != key]
             heapq.heapify(self._ends)
+            self._note_deadline()
         for place in self._places_of(key):
             place.clear()
         self._places.pop(key, None)
 
     # ---- time ---------------------------------------------------------------------------------------------
 
-    @property
-    def deadline(self) -> int:
-        """When a pulse ends next, at the earliest."""
-        return self._ends[0][0] if self._ends else NEVER
+    def _note_deadline(self) -> None:
+        self.deadline = self._ends[0][0] if self._ends else NEVER
 
     def tick(self, now: int) -> None:
         """Ends the pulses whose time is over."""
@@ -91,6 +93,7 @@ class StatusWords:
             del self._end_of[key]
             for place in self._places_of(key):
                 place.end_pulses()
+        self._note_deadline()
 
     # ---- words --------------------------------------------------------------------------------------------
 
@@ -135,7 +138,7 @@ class _WordPlace:
     def completed(self, status: Countable, pulse: str) -> bool:
         """Whether there is a pulse for it."""
         before = self._area.read_bytes(self._at, self._size)
-        if self._every_pulse:
+        if int.from_bytes(before, "little") & self._every_pulse:
             before = self._without_pulses(before)
         self._put(before, self._shown(before, status), self._pulses[pulse])
         return bool(self._pulses[pulse])
@@ -231,21 +234,24 @@ class _Slot:
 
 
 class _Given:
-    """The words of one section for a block as the run gives them, and where they stand: from word `first` of `area`."""
+    """The words of one section for a block as the run gives them, and where they stand: from word `first` of `area`.
 
-    __slots__ = ("area", "data", "first", "section", "words")
+    `holds` tells whether they do.
+    """
+
+    __slots__ = ("area", "first", "holds", "section", "words")
 
     def __init__(self, section: BlockWords, area: Area, first: int, words: list[int]) -> None:
         self.section = section
         self.area = area
         self.first = first
         self.words = words
-        self.data = memory_of(words, "word")
+        self.holds = area.holder(2 * first, memory_of(words, "word"))
 
     def put(self, item: BlockItem, value: int) -> None:
         """Another value for one item."""
         put_item(self.words, item, value)
-        self.data = memory_of(self.words, "word")
+        self.holds = self.area.holder(2 * self.first, memory_of(self.words, "word"))
 
 
 def settings_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
@@ -313,7 +319,7 @@ class BlockSettings:
         for given in self._given.get((block.set, block.number), ()):
             if block.station_from is not None:
                 self._show_station(given, block)
-            if not given.area.holds(2 * given.first, given.data):
+            if not given.holds():
                 words = given.area.read("word", given.first, len(given.words))
                 changed = self._changed(changed, given, words)
         return changed
@@ -437,22 +443,9 @@ class BlockMemory:
         self.settings.forget((block.set, block.number))
         self.words.forget((block.set, block.number))
 
-    def effective(self, block: Block) -> Block:
-        """The block with its settings as they stand in memory. Raises SettingError."""
-        return self.settings.effective(block)
-
-    def started(self, state: BlockState) -> None:
-        """An exchange begins."""
-        if self.words.shows_starts:
-            self.words.show(state.key, state)
-
     def changed(self, state: BlockState) -> None:
         """Something about a block is different, such as whether it is enabled."""
         self.words.show(state.key, state)
-
-    def ended(self, state: BlockState, ok: bool, now: int) -> None:
-        """A completion: counts, error and one pulse."""
-        self.words.completed(state.key, state, ok, now)
 
     def places(self, block: Block) -> list[tuple[str, int, int]]:
         """The words of a block: area, first word, how many."""
@@ -461,15 +454,6 @@ class BlockMemory:
             (section.area, first, section.words)
             for section, first in (*self.words.words(key), *self.settings.words(key))
         ]
-
-    @property
-    def deadline(self) -> int:
-        """When `tick` has something to do."""
-        return self.words.deadline
-
-    def tick(self, now: int) -> None:
-        """Ends the pulses whose time is over."""
-        self.words.tick(now)
 
 
 def status_of(state: BlockState) -> BlockStatus:

@@ -61,7 +61,8 @@ class _Failing:
 class BlockLane:
     """One channel. `station_of` says which station a block talks to; None counts as no station.
 
-    `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `Turns` has it.
+    `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `Turns` has it. `changed`: stations
+    that have died (True) or come back (False).
     """
 
     def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable], order: int = 0) -> None:
@@ -77,7 +78,7 @@ class BlockLane:
         self._failing: dict[Hashable, _Failing] = {}
         self._probed = False
         self._last: tuple[Hashable, int] | None = None
-        self._changed: list[tuple[Hashable, bool]] = []
+        self.changed: list[tuple[Hashable, bool]] = []
 
     @property
     def busy(self) -> bool:
@@ -168,12 +169,12 @@ class BlockLane:
     def _next(self, now: int) -> Taken | None:
         while self.waiting:
             entry = heapq.heappop(self.waiting)
-            state = entry[3]
-            station = self.station_of(state)
+            state, last = entry[3], self._last
+            station = self.station_of(state) if state.has_station else None
             if self._failing and self.is_dead(station):
                 heapq.heappush(self._failing[station].parked, entry)
                 continue
-            if not self._silent_for(station, now):
+            if last is not None and station != last[0] and not self._silent_for(station, now):
                 heapq.heappush(self.waiting, entry)
                 return None
             return state, station
@@ -198,7 +199,7 @@ class BlockLane:
         state.probing = False
         self._last = station, now
         self.free_from = now + max(self.rules.silence.between, least)
-        if station is not None:
+        if station is not None and (failure is not None or self._failing):
             self._judge(station, failure, now)
 
     def _judge(self, station: Hashable, failure: Failure | None, now: int) -> None:
@@ -211,7 +212,7 @@ class BlockLane:
                 for entry in failing.parked:
                     heapq.heappush(self.waiting, entry)
                 if failing.probe_at is not None:
-                    self._changed.append((station, False))
+                    self.changed.append((station, False))
             return
         rule = self.rules.dead_rule(station)
         if rule is None:
@@ -221,7 +222,7 @@ class BlockLane:
         failing.failures += 1
         if failing.probe_at is None and failing.failures >= rule.failures and now - failing.since >= rule.after:
             failing.probe_at = now + rule.every
-            self._changed.append((station, True))
+            self.changed.append((station, True))
 
     def is_dead(self, station: Hashable) -> bool:
         failing = self._failing.get(station)
@@ -233,10 +234,8 @@ class BlockLane:
         return tuple(station for station in self._failing if self.is_dead(station))
 
     def changes(self) -> list[tuple[Hashable, bool]]:
-        """Stations that have died (True) or come back (False) since this was asked last."""
-        if not self._changed:
-            return []
-        found, self._changed = self._changed, []
+        """What has `changed` since this was asked last."""
+        found, self.changed = self.changed, []
         return found
 
     def opened(self, now: int) -> None:
@@ -250,5 +249,5 @@ class BlockLane:
             for entry in failing.parked:
                 heapq.heappush(self.waiting, entry)
             if failing.probe_at is not None:
-                self._changed.append((station, False))
+                self.changed.append((station, False))
         self._failing.clear()

@@ -113,20 +113,21 @@ def piece_reader(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[
     return partial(area.read_bits, first, bits)
 
 
+def piece_writer(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[bytes], None]:
+    """Stores so many bits, in memory's form, from a place on at every call. Raises DeviceMemoryError: it cannot be."""
+    area, first = memory.area(place.address.area), place.address.first_bit
+    if area.access == "read":
+        raise AccessError(f"{place.text} is in area {area.name}, which can only be read")
+    if first + bits > area.size_bits:
+        raise MemoryRangeError(f"{bits} bits from {place.text} on are not in area {area.name}")
+    return partial(area.write_bytes, first // 8) if not (first | bits) % 8 else partial(area.write_bits, first, bits)
+
+
 def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:
     """Stores all pieces, or, when one cannot be stored, none. Raises DeviceMemoryError."""
-    for place, bits, _ in pieces:
-        area = memory.area(place.address.area)
-        if area.access == "read":
-            raise AccessError(f"{place.text} is in area {area.name}, which can only be read")
-        if place.address.first_bit + bits > area.size_bits:
-            raise MemoryRangeError(f"{bits} bits from {place.text} on are not in area {area.name}")
-    for place, bits, data in pieces:
-        area, first = memory.area(place.address.area), place.address.first_bit
-        if first % 8 == 0 and bits % 8 == 0:
-            area.write_bytes(first // 8, data)
-        else:
-            area.write_bits(first, bits, data)
+    writers = [(piece_writer(memory, place, bits), data) for place, bits, data in pieces]
+    for write, data in writers:
+        write(data)
 
 
 FramePart = Data | Field | BitsPart | Length | Count | Value

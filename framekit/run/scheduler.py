@@ -92,12 +92,6 @@ class TriggerRegistry:
                 one.chain = chain
                 self.fired.append(one)
 
-    def take_fired(self) -> list[BlockState]:
-        """Those that have come due since this was asked last."""
-        fired = self.fired.copy()
-        self.fired.clear()
-        return fired
-
     # ---- time ---------------------------------------------------------------------------------------------
 
     def at(self, when: int, state: BlockState) -> None:
@@ -106,11 +100,6 @@ class TriggerRegistry:
 
     def _at(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
         heapq.heappush(self.timers, (when, next(self._order), cycle, state, state.round))
-
-    @property
-    def next_time(self) -> int:
-        """When a block is due by its time next."""
-        return self.timers[0][0] if self.timers else NEVER
 
     def due(self, now: int) -> Iterator[tuple[BlockState, int, int]]:
         """Blocks whose time has come: when that was, and how many times more it has come since then."""
@@ -162,7 +151,9 @@ class Turns:
 
     def stir(self, lane: BlockLane) -> None:
         """Something about the lane is different: it may have something to do at another time."""
-        when = lane.deadline
+        if lane.running or not lane.open or lane.held:
+            return
+        when = lane.free_from if lane.waiting else lane.deadline
         if when < lane.asked_for:
             lane.asked_for = when
             heapq.heappush(self._heap, (when, lane.order, lane))
@@ -174,10 +165,7 @@ class Turns:
             when, _, lane = heapq.heappop(heap)
             if when == lane.asked_for:
                 lane.asked_for = NEVER
-                if lane.deadline <= now:
-                    found.append(lane)
-                else:
-                    self.stir(lane)
+                found.append(lane)
         if len(found) > 1:
             found.sort(key=lambda lane: lane.order)
         return found
@@ -387,9 +375,9 @@ class Scheduler:
         return triggers is None or triggers.unless is None or not triggers.unless()
 
     def _due(self, state: BlockState, now: int) -> None:
+        lane = self.lanes[state.lane]
         if not self._may_start(state):
             return
-        lane = self.lanes[state.lane]
         if state.waiting or state.running:
             state.counters.overruns += 1
             if state.waiting:
@@ -405,59 +393,59 @@ class Scheduler:
     @property
     def deadline(self) -> int:
         """When `tick` has to be called next."""
-        if self._registry.fired:
+        registry = self._registry
+        if registry.fired:
             return 0
-        return min(self._registry.next_time, self._turns.deadline)
+        turns = self._turns.deadline
+        return min(registry.timers[0][0], turns) if registry.timers else turns
 
     def tick(self, now: int) -> None:
         """Makes due what is due now, and starts what can start."""
-        if self._registry.next_time <= now:
+        registry = self._registry
+        if registry.timers and registry.timers[0][0] <= now:
             for state, due, missed in self._registry.due(now):
                 self._due(state, due)
                 if missed and self._may_start(state):
                     state.counters.overruns += missed
-        if self._registry.fired:
-            for state in self._registry.take_fired():
+        if registry.fired:
+            fired = registry.fired.copy()
+            registry.fired.clear()
+            for state in fired:
                 self._due(state, now)
         for lane in self._turns.due(now):
             self._start_next(lane, now)
             self._turns.stir(lane)
 
-    def _begin(self, state: BlockState, now: int) -> None:
-        state.companions = ()
-        state.begun(now)
-        self._starting = state
-        self._start(state, now)
-        self._starting = None
-
     def _start_next(self, lane: BlockLane, now: int) -> None:
         state = lane.take(now)
         if state is None:
             return
-        joins = self._joins
-        if joins is not None and lane.waiting and not state.probing:
+        joins, state.companions = self._joins, ()
+        if joins is None or not lane.waiting or state.probing:
+            self._starting = state
+        else:
             state.companions = tuple(lane.companions(lambda others: joins(state, others)))
             for one in state.companions:
                 one.begun(now)
-            state.begun(now)
-            self._start(state, now)
-        else:
-            self._begin(state, now)
+        state.begun(now)
+        self._start(state, now)
+        self._starting = None
 
     def finished(self, number: int, failure: Failure | None, now: int) -> None:
         """An exchange has ended, well if `failure` is None; blocks that wait for this come due.
 
-        Telling it twice changes nothing.
+        Telling it twice changes nothing, nor does telling it of a block that is no more.
         """
-        state = self.states[number]
-        if not state.running:
+        state = self.states.get(number)
+        if state is None or not state.running:
             return
         channel = state.lane
         lane = self.lanes[channel]
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
         self._turns.stir(lane)
-        self._mark_changes(channel, lane)
+        if lane.changed:
+            self._mark_changes(channel, lane)
         if state.dead:
             state.dead = lane.is_dead(lane.station_of(state))
         self._ended(state, failure, now)

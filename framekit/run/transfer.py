@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -24,14 +25,23 @@ from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command
 from framekit.link.packing import Packer, cut_memory, join_memory, memory_of, values_of
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed, from_float
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
 from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
-from framekit.run.own_memory import FrameFields, FramePart, Piece, parts_of, read_piece, store_pieces, to_memory
+from framekit.run.own_memory import (
+    FrameFields,
+    FramePart,
+    Piece,
+    parts_of,
+    piece_writer,
+    read_piece,
+    store_pieces,
+    to_memory,
+)
 
 Ended = Callable[[Failure | None], None]
 """Told once how a block's exchange ended; None when all is well."""
@@ -58,7 +68,8 @@ class BlockTransfers:
         self.station = station
         self.commands = CommandTransfers(engine, client, memory, mapping or {}, later, params_of)
         self._parts: dict[str, dict[str, FramePart]] = {}
-        self._fields: dict[int, FrameFields] = {}
+        self._fields: dict[tuple[int, int], FrameFields] = {}
+        self._writers: dict[tuple[int, int], tuple[Block, Callable[[bytes], None]]] = {}
         self._sending: list[Ended] = []
 
     def closed(self, reason: str) -> None:
@@ -69,46 +80,49 @@ class BlockTransfers:
 
     def forget(self, block: Block) -> None:
         """A block is no more: what was prepared for it is not kept."""
-        self._fields.pop(block.id, None)
+        self._fields.pop((block.set, block.number), None)
+        self._writers.pop((block.set, block.number), None)
+
+    def prepare(self, block: Block) -> None:
+        """Works out what the first start of a block would take longer for; what is wrong is told then."""
+        if block.instruction == "send":
+            with suppress(DeviceMemoryError, ValueError):
+                self.fields_of(block)
 
     def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
         """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
         try:
-            return self._start(block, now, ended)
+            if block.frame is not None and block.instruction == "send":
+                fields, told = self.fields_of(block).read(), partial(self._has_sent, ended)
+                commands = self.engine.send_frame(block.frame, now, fields, told)
+                self._sending.append(ended)
+                return commands
+            station = block.station if block.station_from is None else self.station_of(block)
+            if block.instruction == "command":
+                return self.commands.start(block, station, now, ended)
+            return self._transfer(block, station, now, partial(self._done, block, ended)).commands
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             ended(Failure(outcome="cannot_send", cause=explain(error)))
             return []
 
-    def _start(self, block: Block, now: int, ended: Ended) -> list[Command]:
-        if block.instruction == "send":
-            return self._send(block, now, ended)
-        if block.instruction == "command":
-            return self.commands.start(block, self.station_of(block), now, ended)
-        assert self.client is not None
-        station, done = self.station_of(block), self._finisher(block, ended)
+    def _transfer(self, block: Block, station: Any, now: int, done: Done) -> Transfer:
+        client, targets, unit = self.client, block.targets, block.unit
+        assert client is not None
         if block.instruction == "read":
-            if len(block.targets) > 1:
-                return self.client.read_variables(
-                    block.targets, station=station, unit=block.unit, now=now, on_done=done
-                ).commands
-            return self.client.read(
-                block.targets[0], station=station, unit=block.unit, count=block.count, now=now, on_done=done
-            ).commands
+            if len(targets) > 1:
+                return client.read_variables(targets, station=station, unit=unit, now=now, on_done=done)
+            return client.read(targets[0], station=station, unit=unit, count=block.count, now=now, on_done=done)
         if block.instruction == "write":
             values = self.values_of(block)
-            if len(block.targets) > 1:
-                return self.client.write_variables(
-                    block.targets, values, station=station, unit=block.unit, now=now, on_done=done
-                ).commands
-            return self.client.write(
-                block.targets[0], values, station=station, unit=block.unit, now=now, on_done=done
-            ).commands
+            if len(targets) > 1:
+                return client.write_variables(targets, values, station=station, unit=unit, now=now, on_done=done)
+            return client.write(targets[0], values, station=station, unit=unit, now=now, on_done=done)
         assert block.service is not None
         given = arguments_of_call(block, self.memory)
-        return self.client.call(
-            block.service, given, station=station, addresses=block.addresses, unit=block.unit, count=block.count,
+        return client.call(
+            block.service, given, station=station, addresses=block.addresses, unit=unit, count=block.count,
             now=now, on_done=done,
-        ).commands  # fmt: skip
+        )  # fmt: skip
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
         """One read for several blocks of one station; each gets its own part, and its own end."""
@@ -123,7 +137,7 @@ class BlockTransfers:
                 if result.ok:
                     data = cut_memory(result.data, (read.address.start - address.start) * bits, read.count * bits)
                     part = TransferResult(True, data=data)
-                self._finisher(block, ended)(part)
+                self._done(block, ended, part)
 
         try:
             station = self.station_of(reads[0].key[0])
@@ -168,23 +182,28 @@ class BlockTransfers:
         unit = block.units[0]
         return values_of(read_piece(self.memory, block.places[0], block.count * unit_bits(unit)), unit, block.count)
 
-    def _finisher(self, block: Block, ended: Ended) -> Callable[[TransferResult], None]:
-        def done(result: TransferResult) -> None:
-            if result.ok and (block.instruction == "read" or block.results):
-                try:
-                    pieces = list(result_pieces(block, result)) if block.results else self.pieces_of(block, result.data)
-                    store_pieces(self.memory, pieces)
-                except (DeviceMemoryError, ValueError) as error:
-                    ended(Failure(outcome="cannot_store", cause=str(error)))
-                    return
-            ended(failure_of(result))
-
-        return done
+    def _done(self, block: Block, ended: Ended, result: TransferResult) -> None:
+        """What a transfer has brought goes into memory, and its end is told."""
+        if result.ok and (block.instruction == "read" or block.results):
+            try:
+                if block.results:
+                    store_pieces(self.memory, list(result_pieces(block, result)))
+                elif len(block.targets) == 1:
+                    key = block.set, block.number
+                    known = self._writers.get(key)
+                    if known is None or known[0] is not block:
+                        bits = block.count * unit_bits(block.units[0])
+                        known = self._writers[key] = block, piece_writer(self.memory, block.places[0], bits)
+                    known[1](result.data)
+                else:
+                    store_pieces(self.memory, self.pieces_of(block, result.data))
+            except (DeviceMemoryError, ValueError) as error:
+                ended(Failure(outcome="cannot_store", cause=str(error)))
+                return
+        ended(None if result.ok else failure_of(result))
 
     def pieces_of(self, block: Block, data: bytes) -> list[Piece]:
-        """What a READ block has read, in memory's form, at its places."""
-        if len(block.targets) == 1:
-            return [(block.places[0], block.count * unit_bits(block.units[0]), data)]
+        """What a READ block of several places has read, in memory's form, at each."""
         starts = [0]
         for unit in block.units:
             starts.append(starts[-1] + unit_bits(unit))
@@ -192,12 +211,6 @@ class BlockTransfers:
         return [(place, end - start, cut_memory(data, start, end - start)) for place, (start, end) in spans]
 
     # ---- SEND and RECEIVE ---------------------------------------------------------------------------------
-
-    def _send(self, block: Block, now: int, ended: Ended) -> list[Command]:
-        assert block.frame is not None
-        commands = self.engine.send_frame(block.frame, now, self.fields_of(block), partial(self._has_sent, ended))
-        self._sending.append(ended)
-        return commands
 
     def _has_sent(self, ended: Ended) -> None:
         """The frame of a block has left."""
@@ -210,13 +223,14 @@ class BlockTransfers:
             self._parts[frame] = dict(parts_of(self.frames[frame].segments))
         return self._parts[frame]
 
-    def fields_of(self, block: Block) -> dict[str, Any]:
-        """The fields of a SEND block's frame as they are now. Raises DeviceMemoryError, ValueError."""
-        found = self._fields.get(block.id)
+    def fields_of(self, block: Block) -> FrameFields:
+        """What reads the fields of a SEND block's frame. Raises DeviceMemoryError, ValueError."""
+        key = block.set, block.number
+        found = self._fields.get(key)
         if found is None or found.block is not block:
             assert block.frame is not None
-            found = self._fields[block.id] = FrameFields(block, self._parts_of(block.frame), self.memory)
-        return found.read()
+            found = self._fields[key] = FrameFields(block, self._parts_of(block.frame), self.memory)
+        return found
 
     def store_frame(self, block: Block, frame: FrameValue) -> None:
         """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""

@@ -199,9 +199,10 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        params = self._params_for(block, repeats)
-        told = self._overriding(params, ended) if params else ended
-        self.driver.do(lambda now: self.transfers.start(block, now, told))
+        if not repeats or block.params or self.channel.stations:
+            params = self._params_for(block, repeats)
+            ended = self._overriding(params, ended) if params else ended
+        self.driver.carry_out(self.transfers.start(block, self._clock.now(), ended))
 
     def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
         """Gives parameters other values until the exchange has ended."""

@@ -5,7 +5,7 @@ It knows which station a block talks to now, and which waiting reads go together
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import partial
 
 from framekit.run.block_state import BlockState, Failure
@@ -60,11 +60,18 @@ class Exchanges:
             self._stations[state.id] = block, found
         return found
 
+    def prepare(self, number: int, blocks: Iterable[Block]) -> None:
+        """A channel is open: its blocks get ready."""
+        for block in blocks:
+            if block.job is None and block.channel == number:
+                self._channels[number].transfers.prepare(block)
+
     # ---- starting -----------------------------------------------------------------------------------------
 
     def start(self, state: BlockState) -> None:
         """Begins the exchange of a block, and of those that come with it."""
-        self._block_memory.started(state)
+        if self._block_memory.words.shows_starts:
+            self._block_memory.changed(state)
         try:
             block = self._block_memory.settings.effective(state.block)
         except SettingError as error:
@@ -93,7 +100,7 @@ class Exchanges:
     def _effective(self, state: BlockState) -> Block | None:
         """The block with its settings; one that they spoil has ended."""
         try:
-            return self._block_memory.effective(state.block)
+            return self._block_memory.settings.effective(state.block)
         except SettingError as error:
             self._spoiled(state, error)
             return None
@@ -145,7 +152,7 @@ class Exchanges:
         if state.id in self._alone:
             return None
         try:
-            block = self._block_memory.effective(state.block)
+            block = self._block_memory.settings.effective(state.block)
         except SettingError:
             return None
         read = channel.transfers.read_of(block, _nobody)

@@ -186,13 +186,13 @@ class RunBlocks:
         if state.block.job is None or self.jobs is None:
             self.exchanges.start(state)
         else:
-            self.memory.started(state)
+            if self.memory.words.shows_starts:
+                self.memory.changed(state)
             self.jobs.take(state.block.job)
 
     def finished(self, number: int, failure: Failure | None) -> None:
         """The exchange of a block, or its command, has ended."""
-        if number in self.states:
-            self.scheduler.finished(number, failure, self._clock.now())
+        self.scheduler.finished(number, failure, self._clock.now())
 
     def _died(self, channel: int, station: Hashable, dead: bool) -> None:
         """A station is given up for now, or back."""
@@ -205,7 +205,7 @@ class RunBlocks:
                 self.memory.changed(state)
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
-        self.memory.ended(state, ok, now)
+        self.memory.words.completed(state.key, state, ok, now)
         if self.on_end is not None:
             undisturbed(self.on_end, status_of(state), ok)
 
@@ -214,6 +214,8 @@ class RunBlocks:
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
         self.scheduler.set_open(channel, is_open, self._clock.now())
+        if is_open:
+            self.exchanges.prepare(channel, (state.block for state in self.states.values()))
         if self.jobs is not None:
             self.jobs.opened(channel, is_open)
 
@@ -223,7 +225,7 @@ class RunBlocks:
         if not self.scheduler.takes(block):
             return None
         try:
-            return self.memory.effective(self.states[block].block)
+            return self.memory.settings.effective(self.states[block].block)
         except SettingError as error:
             self.arrived(block, Failure(outcome="bad_setting", cause=str(error)))
             return None
@@ -479,15 +481,18 @@ class RunService:
     def _act(self, now: int) -> None:
         """Does what is due."""
         self.system.update(now)
-        self.editor.step()
-        self.block_memory.tick(now)
+        if self.editor.waiting is not None:
+            self.editor.step()
+        words = self.block_memory.words
+        if words.deadline <= now:
+            words.tick(now)
         if self.jobs is not None:
             self.jobs.tick(now)
         self.scheduler.tick(now)
 
     def _next_time(self, now: int) -> int:
         """When something is due next."""
-        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.deadline)
+        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.words.deadline)
         return due if self.jobs is None else min(due, self.jobs.deadline)
 
 
@@ -496,7 +501,7 @@ class RunEditor:
 
     def __init__(self, service: RunService) -> None:
         self.service = service
-        self._waiting: _Prepared | None = None
+        self.waiting: _Prepared | None = None
 
     def request(self, run: RunModel, applied: Applied) -> None:
         """Applies an edited run as soon as it can be; `applied` is called then. One that still waits is forgotten.
@@ -509,16 +514,16 @@ class RunEditor:
         prepared = _Prepared(edit, applied)
         for number in (*edit.channels_changed, *edit.channels_new):
             prepared.channels[number] = service.lines.of_run(run, number)
-        self._waiting = prepared
+        self.waiting = prepared
         service.scheduler.hold(edit.touched)
         self.step()
 
     def step(self) -> None:
         """Applies what waits, if its moment has come."""
-        prepared, service = self._waiting, self.service
+        prepared, service = self.waiting, self.service
         if prepared is None or not service.running or not service.scheduler.idle(prepared.edit.touched):
             return
-        self._waiting = None
+        self.waiting = None
         self._apply(prepared)
         service.scheduler.hold(())
         prepared.applied(prepared.edit)

@@ -197,7 +197,7 @@ def test_the_end_of_a_pulse_goes_first(tmp_path: Path) -> None:
     bench = Bench(tmp_path, at_once=True)
     bench.trigger()
     bench.clock.run_for(MS)
-    end = bench.service.block_memory.deadline
+    end = bench.service.block_memory.words.deadline
     assert bench.memory.read("L", "word", 625) == [1], "it has ended well"
     bench.clock.run_until(end - 1)
     seen: list[list[int]] = []
