@@ -76,7 +76,7 @@ class TransferWorld:
     def do(self, start: Callable[..., Any]) -> TransferResult:
         """Runs one transfer to its end."""
         results: list[TransferResult] = []
-        self.drivers[1].do(lambda now: start(now=now, on_done=results.append))
+        self.drivers[1].do(lambda now: start(now=now, on_done=results.append).commands)
         end = self.clock.now() + PATIENCE
         while not results and self.clock.now() < end:
             self.clock.run_for(10_000_000)
@@ -106,7 +106,7 @@ class TransferWorld:
         return self.client.grammar.parse(text)
 
     def _write(self, text: str, place: Any, values: list[int], known: list[int | None]) -> None:
-        result = self.do(lambda **keys: self.client.write(place, values, station=self.station, **keys).commands)
+        result = self.do(lambda **keys: self.client.write(place, values, station=self.station, **keys))
         known[: len(values)] = values if result.ok else [None] * len(values)
         if result.ok:
             there = self.grammar.parse(text)
@@ -114,7 +114,7 @@ class TransferWorld:
                 self.wrong.append(f"write of {len(values)} to {text} is not in the device")
 
     def _read(self, text: str, place: Any, count: int, known: list[int | None]) -> None:
-        result = self.do(lambda **keys: self.client.read(place, count=count, station=self.station, **keys).commands)
+        result = self.do(lambda **keys: self.client.read(place, count=count, station=self.station, **keys))
         there = self.grammar.parse(text)
         if result.ok and result.values != self.memory.read(there.area, there.unit, there.start, count):
             self.wrong.append(f"read of {count} from {text} is not what the device has")

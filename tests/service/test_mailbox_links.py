@@ -58,7 +58,7 @@ class Bench:
 
     def call(self, service: str, **arguments: Any) -> TransferResult:
         there = self.world
-        return there.do(lambda **keys: there.client.call(service, arguments, station=there.station, **keys).commands)
+        return there.do(lambda **keys: there.client.call(service, arguments, station=there.station, **keys))
 
     def ok(self, service: str, **arguments: Any) -> dict[str, Any]:
         result = self.call(service, **arguments)
@@ -199,7 +199,7 @@ def test_a_lost_session_is_opened_anew() -> None:
     there = world("snp")
 
     def read() -> TransferResult:
-        return there.do(lambda **keys: there.client.read("R1", station=there.station, **keys).commands)
+        return there.do(lambda **keys: there.client.read("R1", station=there.station, **keys))
 
     assert read().ok
     there.drivers[0].do(there.server.line_break)

@@ -156,7 +156,10 @@ def test_task_and_block_memory_of_the_large_family() -> None:
 
 
 def read_word(asking: Side, client: Client, results: dict[int, Any], number: int) -> None:
-    asking.do(client.read(f"R{number}", now=asking.now, on_done=lambda done: results.__setitem__(number, done.values)))
+    def told(done: TransferResult) -> None:
+        results[number] = done.values
+
+    asking.do(client.read(f"R{number}", now=asking.now, on_done=told).commands)
 
 
 def answer_to(request: bytes, value: int) -> bytes:
@@ -195,7 +198,7 @@ def test_a_restart_of_the_server_only_costs_what_is_under_way() -> None:
     there = TransferWorld(PROTOCOL, "client", "server")
 
     def read() -> TransferResult:
-        return there.do(lambda **keys: there.client.read("R1", **keys).commands)
+        return there.do(lambda **keys: there.client.read("R1", **keys))
 
     assert read().ok
     for driver in there.drivers:
