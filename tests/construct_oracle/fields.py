@@ -116,6 +116,8 @@ class FieldConstruct(ValueSegment):
     def _meant(self, value: Any, filling: Filling) -> Any:
         """A value of the field's type; names of numbers become the numbers. Raises EncodeError."""
         field = self.segment
+        if value is None and not filling.is_there(self.name):
+            return None
         if field.values is not None and isinstance(value, str) and field.type.kind != "ascii":
             number = next((number for number, text in field.values.items() if text == value), None)
             if number is None:

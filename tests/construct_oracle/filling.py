@@ -242,6 +242,8 @@ class Filling(Mapping[str, Any]):
             if not self._is_field(name) and self.names.is_unset(name):
                 return None
         size = self.compute(expression, own)
+        if size is None:
+            raise self.error(own, f"what the size of '{own}' is worked out from is not there")
         try:
             return room(size) if isinstance(size, int) else size
         except ValueError as error:

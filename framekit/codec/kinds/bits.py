@@ -58,7 +58,7 @@ class BitsKind(TypedKind[Bits]):
                 among[part.name] = (number,), "value"
             if part.is_ is not None and part.name not in among:
                 wanted = d.writer(scope).value(part.is_)
-                d.deferred.append(f'n.same("value", {quoted(part.name)}, lambda n: {wanted}{d.refuse(segment)})')
+                d.later(f'n.same("value", {quoted(part.name)}, lambda n: {wanted}{d.refuse(segment)})', part.is_)
         rules = f", among={literal(among)}" if among else ""
         size = d.ask(segment.type.size if segment.type.size is not None else 0, scope)
         d.out.add(

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import covers_later, span_names
+from framekit.codec.python.function import covers_later, on_the_wire, span_names
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Check,
-    Segment,
     Segments,
 )
 from framekit.definition.model.walk import leaves
@@ -64,7 +63,7 @@ def _in_one_buffer(check: Check, segments: Segments) -> bool:
     """Whether a check stands in the same buffer as everything it covers."""
     names = set(span_names(check, segments))
     return any(
-        check in buffer and names <= {leaf.name for segment in buffer for leaf in _unwrapped(segment)}
+        check in buffer and names <= {one.name for one in on_the_wire(buffer)}
         for buffer in _buffers(segments)
     )
 
@@ -75,8 +74,3 @@ def _buffers(segments: Segments) -> Iterator[Segments]:
         if segment.is_there_inside:
             for block in segment.blocks:
                 yield from _buffers(block)
-
-
-def _unwrapped(segment: Segment) -> Iterable[Segment]:
-    """The leaves of a segment that stand in the buffer itself."""
-    return () if segment.is_there_inside else leaves((segment,))

@@ -103,4 +103,4 @@ class ChooseKind(SegmentKind[Choose]):
 def _diagnose_case(d: DiagnosisWriter, segment: Choose, case: Segments, scope: Scope, behind: Behind) -> None:
     if absent := d.without((segment,), case):
         d.out.add(absent)
-    d.list(case, scope, behind)
+    d.list(case, scope, behind, all_is_read=False)

@@ -14,7 +14,7 @@ from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item, Slot, not_possible
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import (
-    is_always_there,
+    comes_with,
     is_followed,
     is_plain_name,
     targets_of,
@@ -101,9 +101,9 @@ def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> 
 
 def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
     """Text of the length that must come out; None where nothing can disagree."""
-    targets = targets_of(length, d.segments)
-    if is_followed(length, targets):
+    if is_followed(length, d.segments):
         return None
+    targets = targets_of(length, d.segments)
     single = [target.only for target in targets.values()]
     converted = [t for t in single if length.plain and isinstance(t, Data) and t.convert is not None]
     rooms = [quoted(name) for name in length.of if name not in {target.name for target in converted}]
@@ -168,7 +168,7 @@ def _read_number(r: BufferReader, item: Item, segment: Length | Count) -> None:
 def _items_of(d: DiagnosisWriter, count: Count) -> str | None:
     """Text of the number of items; None where nothing can disagree."""
     repeat = d.by_name.get(count.of)
-    there = is_always_there(count.of, d.segments)
+    there = comes_with(count.of, count, d.segments)
     followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
     if not isinstance(repeat, Repeat) or (there and followed):
         return None
@@ -182,4 +182,5 @@ def _diagnose(d: DiagnosisWriter, segment: Length | Count, scope: Scope, wanted:
     d.out.add(f"n.field({name}, {size}, {d.parse(segment.type, segment)}{d.refuse(segment)}{limits})")
     if wanted is not None:
         plus = "" if not segment.plus else f" + {segment.plus}" if segment.plus > 0 else f" - {-segment.plus}"
-        d.deferred.append(f'n.same("length", {name}, lambda n: {wanted}{plus}{d.refuse(segment)})')
+        counted = segment.of if isinstance(segment, Length) else (segment.of,)
+        d.later(f'n.same("length", {name}, lambda n: {wanted}{plus}{d.refuse(segment)})', *counted)

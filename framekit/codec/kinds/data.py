@@ -149,7 +149,7 @@ def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
     conditions = [] if data.when is None else [w.text(data.when, scope, AND)]
     size = str(data.size)
     if isinstance(data.size, Expression):
-        conditions += w._is_announced(data.size, scope)
+        conditions += w.is_announced(data.size, scope)
         size = w.bounded(data.size, scope)
     line = f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
     if conditions:

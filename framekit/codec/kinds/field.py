@@ -116,7 +116,7 @@ class FieldKind(TypedKind[Field]):
             d.out.add(f"n.field({name}, {d.ask(type_.size, scope)}, {d.parse(type_, segment)}{behind_it}")
         if segment.is_ is not None and (segment.constants is not None or constant_of(segment.is_) is None):
             wanted = d.writer(scope).value(segment.is_)
-            d.deferred.append(f'n.same("value", {name}, lambda n: {wanted}{d.refuse(segment)})')
+            d.later(f'n.same("value", {name}, lambda n: {wanted}{d.refuse(segment)})', segment.is_)
 
     def describe(self, segment: Field) -> str:
         text = f"{segment.name} {type_text(segment.type)}"

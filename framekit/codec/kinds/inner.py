@@ -15,6 +15,7 @@ from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted
+from framekit.definition.expression.emit import AND
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
     Inner,
@@ -83,7 +84,9 @@ class InnerKind(SegmentKind[Inner]):
     def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:
         choice = d.module.choice(segment.frames, "frames_of", segment.name)
         fixed = d.shapes.present(segment).fixed
-        known = all(d.shapes.present(one).fixed is not None and d.is_told(one) for one, _ in behind)
+        known = not d.in_item and all(
+            d.shapes.present(one).fixed is not None and d.is_told(one) for one, _ in behind
+        )
         option = ""
         if isinstance(segment.size, Expression):
             size = d.ask(segment.size, scope)
@@ -135,14 +138,11 @@ class InnerKind(SegmentKind[Inner]):
 
 def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
     """A frame inside must take as many bytes as other values say."""
-    check, wire = w.module.function("check_size"), w.wires[inner.name]
-    size = w.text(inner.size, scope) if isinstance(inner.size, Expression) else str(inner.size)
-    line = f"{check}({quoted(inner.name)}, len({wire}), {size})"
-    if inner.when is None:
-        w.add(line)
-    else:
-        with w.out.block(f"if {w.text(inner.when, scope)}:"):
-            w.add(line)
+    size, conditions = str(inner.size), [] if inner.when is None else [w.text(inner.when, scope, AND)]
+    if isinstance(inner.size, Expression):
+        size = w.text(inner.size, scope)
+        conditions += w.is_announced(inner.size, scope)
+    w.compare_size((inner.name,), f"len({w.wires[inner.name]})", size, conditions)
 
 
 def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw: str) -> None:

@@ -45,7 +45,7 @@ class OptionalKind(SegmentKind[Optional]):
         if absent := d.absent(segment):
             d.out.add(absent)
         with d.out.block(f"if n.rest({d.behind(behind)}, {d.named(segment)}) > 0:"):
-            d.list(segment.of, scope, behind)
+            d.list(segment.of, scope, behind, all_is_read=False)
         if absent := d.without(segment.of):
             with d.out.block("else:"):
                 d.out.add(absent)

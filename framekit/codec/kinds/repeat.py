@@ -74,7 +74,9 @@ class RepeatKind(SegmentKind[Repeat]):
             d.out.add(f"n.values({name}, {times}, {segment.of.fixed_size}, {parse}{d.refuse(segment)}{option})")
             return
         with d.out.block(f"for _ in n.items({name}, {times}{option}):"):
+            outside, d.in_item = d.in_item, True
             d.list(segment.of, inside_of(scope, segment.name), ())
+            d.in_item = outside
 
     def measure(self, m: MeasureWriter, segment: Repeat, scope: Scope, after: Pairs) -> None:
         item = segment.of.sizes if isinstance(segment.of, FieldType) else m.shapes.all(segment.of)
@@ -163,6 +165,7 @@ def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) 
     assert isinstance(repeat.times, Expression)
     found = w.count_of(scope.entries[repeat.name].text)
     conditions = [] if repeat.when is None else [w.text(repeat.when, scope, AND)]
+    conditions += w.is_announced(repeat.times, scope)
     conditions.append(f"{found} != {w.text(repeat.times, scope, BIT_OR)}")  # sooner than the call
     w.compare_size((*given.path, repeat.name), found, w.text(repeat.times, scope), conditions)
 
@@ -328,7 +331,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
             function.add(f"{begin} = {r.at}")
         outside = r.deferred, r.in_item
         r.deferred, r.in_item = [], True
-        r.read(of, inside, fields, ())
+        r.read(of, inside, fields)
         r.deferred, r.in_item = outside
         r.settle()
         if begin is not None:

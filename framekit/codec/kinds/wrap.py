@@ -43,8 +43,9 @@ class WrapKind(SegmentKind[Wrap]):
         else:
             _undouble(r, item, segment, fixed, after, plain)
         inside = BufferReader(function, plain, function.names.fresh(f"{plain}_at"))
-        inside.read(segment.of, item.scope, item.fields)
+        inside.read(segment.of, item.scope, item.fields, all_is_read=False)
         inside.close()
+        r.deferred += inside.deferred
         if segment.least:
             function.misfit_if(f"len({plain}) < {segment.least}")
         if segment.most is not None:
@@ -100,9 +101,9 @@ class WrapKind(SegmentKind[Wrap]):
         option += checks_option(segment.of)
         with d.out.block(f"with n.inside({d.named(segment)}, {size}, {open_up}{option}):"):
             _diagnose_limits(d, segment, scope)
-            outside, d.deferred = d.deferred, []
-            d.region(segment.of, scope)
-            d.deferred = outside
+            outside, d.deferred, in_item, d.in_item = d.deferred, [], d.in_item, False
+            d.region(segment.of, scope, all_is_read=False)
+            d.deferred, d.in_item = outside + d.deferred, in_item
 
     def measure(self, m: MeasureWriter, segment: Wrap, scope: Scope, after: Pairs) -> None:
         fixed = m.shapes.all(segment.of).fixed

@@ -7,6 +7,7 @@ write their own calls.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from framekit.codec.python import forms
 from framekit.codec.python.describe import write_docstring
@@ -68,6 +69,14 @@ def checks_option(segments: tuple[Segment, ...]) -> str:
     return ", checks=True" if there else ""
 
 
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A call that needs what comes later: all segments of these names."""
+
+    line: str
+    names: frozenset[str]
+
+
 class DiagnosisWriter:
     """Writes the calls of one careful function."""
 
@@ -79,7 +88,9 @@ class DiagnosisWriter:
         self.out = Source()
         self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
-        self.deferred: list[str] = []
+        self.deferred: list[Comparison] = []
+        self.passed: set[str] = set()
+        self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
         self.late_checks: list[str] = []
         self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.read_names: set[str] = set()
@@ -124,7 +135,7 @@ class DiagnosisWriter:
         fixed, parts = 0, []
         for segment, scope in after:
             size = self.shapes.present(segment).fixed
-            if size is None or not self.is_told(segment):
+            if size is None or self.in_item or not self.is_told(segment):
                 return self._constant_behind(after[0][0])
             if segment.when is None:
                 fixed += size
@@ -173,7 +184,9 @@ class DiagnosisWriter:
         for line in self.late_checks:
             self.out.add(line)
 
-    def region(self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None) -> None:
+    def region(
+        self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None, *, all_is_read: bool = True
+    ) -> None:
         """A whole buffer. What stands behind its last variable part is read from the end, whatever came before."""
         self.declare(segments, scope)
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
@@ -186,12 +199,13 @@ class DiagnosisWriter:
                 with self.out.block(f"with n.attempt({self.behind(behind)}{checks_option(middle)}):"):
                     self.list(middle, scope, behind, finish=False)
             self.list(tail, scope, (), finish=False)
-        self.finish()
+        self.finish(all_is_read=all_is_read)
 
     def _delimited(self, frame: Frame, scope: Scope, mark: int) -> None:
         """A frame whose body ends where its tail begins, whatever is in it."""
         surplus = "" if frame.surplus is None else f", surplus={frame.surplus:#x}"
-        self.list(frame.head, scope, (), finish=False)
+        behind = tuple((segment, scope) for segment in (*frame.body, *frame.tail))
+        self.list(frame.head, scope, behind, finish=False)
         with self.out.block(f"with n.part(n.until_tail({mark:#04x}){surplus}{checks_option(frame.body)}):"):
             self.list(frame.body, scope, (), finish=False)
         self.list(frame.tail, scope, (), finish=False)
@@ -228,8 +242,12 @@ class DiagnosisWriter:
         scope: Scope,
         after: Behind,
         finish: bool = True,
+        all_is_read: bool = True,
     ) -> None:
-        """The segments of a list; `after`: what follows them in the buffer."""
+        """The segments of a list; `after`: what follows them in the buffer.
+
+        `finish`: what can be compared at its end is; `all_is_read`: everything, as nothing more of the record comes.
+        """
         segments = tuple(segments)
         outside = self.deferred
         if finish:
@@ -241,15 +259,25 @@ class DiagnosisWriter:
             else:
                 self._segment(segment, scope, behind)
             self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
+            self.passed.update(one.name for one in everything((segment,)) if one.name)
         if finish:
-            self.finish()
-            self.deferred = outside
+            self.finish(all_is_read=all_is_read)
+            self.deferred = outside + self.deferred
 
-    def finish(self) -> None:
+    def later(self, line: str, *needed: str | Expression) -> None:
+        """Writes a call when the segments of these names, and those an expression reads, have been read."""
+        names = {one for one in needed if isinstance(one, str)}
+        names.update(name for one in needed if isinstance(one, Expression) for name in names_in(one.root))
+        self.deferred.append(Comparison(line, frozenset(names) & (self.field_names | self.by_name.keys())))
+
+    def finish(self, *, all_is_read: bool) -> None:
         """Comparisons that need what comes later."""
         deferred, self.deferred = self.deferred, []
-        for line in deferred:
-            self.out.add(line)
+        for one in deferred:
+            if all_is_read or one.names <= self.passed | self.read_names:
+                self.out.add(one.line)
+            else:
+                self.deferred.append(one)
 
     def _conditional(self, segment: Segment, scope: Scope, behind: Behind) -> None:
         assert segment.when is not None

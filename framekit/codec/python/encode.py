@@ -23,7 +23,7 @@ from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.rules import RuleWriter
-from framekit.codec.python.shape import follows_its_length, named, names_read
+from framekit.codec.python.shape import ending_constants, follows_its_length, named, names_read
 from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, OR, PRODUCT
 from framekit.definition.expression.syntax import (
@@ -193,6 +193,7 @@ class EncodeWriter:
         self.rooms: dict[str, str] = {}
         self.counts: dict[str, str] = {}
         self.coverage = Coverage(segments)
+        self.ends = dict(ending_constants(self.shapes, segments))
         self.buffer = "frame"
         self.gathered: dict[str, str] = {}
         self.parts: list[KeptBytes] = []
@@ -445,10 +446,10 @@ class EncodeWriter:
         is_text = isinstance(item, Field) and self.fills_up(item)
         found = f"max(len({local}), {size})" if is_text else f"len({local})"
         conditions = [] if item.when is None else [self.text(item.when, scope, AND)]
-        conditions += self._is_announced(told, scope)
+        conditions += self.is_announced(told, scope)
         self.compare_size((*given.path, name), found, size, conditions)
 
-    def _is_announced(self, told: Expression, scope: Scope) -> list[str]:
+    def is_announced(self, told: Expression, scope: Scope) -> list[str]:
         """Texts of the conditions that what a size goes by has been announced."""
         found = []
         for other in sorted(self.waits(told)):
@@ -545,6 +546,11 @@ class EncodeWriter:
         if isinstance(segment, Repeat):
             follow.add(id(segment.times))  # compared when the items are there; a length over them may give it
         read = self.waits(*(one for one in expressions_of(segment) if id(one) not in follow))
+        for one in everything((segment,)):
+            if isinstance(one, Length):
+                read.update(token for name in one.of for token in self.room_tokens(name))
+            elif isinstance(one, Count):
+                read.add(one.of)
         own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
         return read - own
 
@@ -585,6 +591,8 @@ class EncodeWriter:
         """The `struct` code of a list of numbers, and its order; a list ends a run. None for all other segments."""
         if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.name in self.wires:
             return None
+        if (segment.name, segment.at) in self.ends:
+            return None
         code = forms.struct_code(segment.of)
         return None if code is None or code == ("B", "") or code[0].endswith("s") else code
 
@@ -592,7 +600,7 @@ class EncodeWriter:
         """Text of the bytes of a run; it depends on the condition its segments stand under."""
         segment, scope = placed[0]
         if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
-            return self.single(segment, scope)
+            return self._ended(segment, self.single(segment, scope))
         arguments: list[PackArgument] = []
         last, numbers = placed[-1], self.numbers_of(placed[-1][0])
         for one, inside in placed if numbers is None else placed[:-1]:
@@ -732,13 +740,12 @@ class EncodeWriter:
             elif isinstance(segment, Check):
                 if segment.name in self.coverage.whole:
                     texts = [self.gather(texts, buffer)] if texts else []
-                texts.append(self._check(segment, inside, [before, *texts]))
-                self.parts.append(KeptBytes((segment.name or "",), texts[-1]))
+                texts.append(self._kept(placed[place : place + 1], self._check(segment, inside, [before, *texts])))
             elif isinstance(segment, Fill):
                 texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
             elif segment.name in self.late:
                 texts = [self.gather(texts, buffer)] if texts else []
-                texts.append(self._late(segment.name or "", [before, *texts]))
+                texts.append(self._ended(segment, self._late(segment.name or "", [before, *texts])))
                 self.parts.append(KeptBytes(tuple(leaf.name or "" for leaf in leaves((segment,))), texts[-1]))
             else:
                 count = self.length_of_run(placed[place:])
@@ -834,6 +841,22 @@ class EncodeWriter:
             texts.extend([] if part is None else [part.text])
             left = left[max(1, 0 if part is None else sum(name in left for name in part.names)) :]
         return texts
+
+    def _ended(self, segment: Segment, text: str) -> str:
+        """The text of a part that a constant ends; it must not hold that constant itself."""
+        constant = self.ends.get((segment.name, segment.at))
+        if constant is None:
+            return text
+        if not text.isidentifier():
+            local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_bytes")
+            self.add(f"{local} = {text}")
+            text = local
+        end = bytes_literal(constant)
+        held = f"{end} in {text}" if len(constant) == 1 else f"({text} + {end}).find({end}) != len({text})"
+        shown = segment.name if segment.name and not segment.name.startswith("_") else "a part"
+        what = f"'{shown}' holds {constant.hex(' ').upper()}, which ends it"
+        self.complain(held, quoted(shown), quoted(what))
+        return text
 
     # ---- single segments ----------------------------------------------------------------------------------
 

@@ -79,6 +79,7 @@ class Examination:
         self.bounds: dict[str, tuple[bytes, int, int]] = {}
         self.turn = 0
         self.turns: dict[str, int] = {}
+        self.starts: dict[str, int] = {}
         self.spans: list[Span] = []
         self.notes = Notes()
         self.is_quiet = False
@@ -118,9 +119,13 @@ class Examination:
 
     def note(self, cause: str, segment: str, place: int, expected: str, found: str, refuse: int | None = None) -> None:
         """A fault; the first one in the frame counts."""
+        self.note_at(self.wire(place), cause, segment, expected, found, refuse)
+
+    def note_at(self, place: int, cause: str, segment: str, expected: str, found: str, refuse: int | None) -> None:
+        """As `note`, for a place on the wire."""
         if self.is_quiet:
             return
-        place, turn = self.wire(place), self.turns.get(segment, self.turn)
+        turn = self.turns.get(segment, self.turn)
         first = self.notes.first
         if first is None or (place, turn) < (first.offset, self.notes.turn):
             self.notes.turn = turn
@@ -144,6 +149,7 @@ class Examination:
         """The turn of the next segment; gives the place where it begins."""
         self.turn += 1
         self.turns[name] = self.turn
+        self.starts[name] = self.wire(self.at)
         return self.at
 
     def take(self, name: str, size: int, refuse: int | None = None) -> bytes:
@@ -394,7 +400,7 @@ class Examination:
             return
         for part, (low, mask) in parts.items():
             value = number >> low & mask
-            self.turns[part] = self.turn
+            self.turns[part], self.starts[part] = self.turn, self.starts[name]
             self.bounds[part] = self.bounds[name]
             self.scopes[-1][part] = value
             self.show(part, start, value)
@@ -491,10 +497,10 @@ class Examination:
             right = wanted(self)
         except EVALUATION_ERRORS:
             if self.fault is None:
-                self.note(cause, name, self.bounds[name][1], "values it can be worked out from", "none", refuse)
+                self.note_at(self.starts[name], cause, name, "values it can be worked out from", "none", refuse)
             return
         if found != right:
-            self.note(cause, name, self.bounds[name][1], str(right), str(found), refuse)
+            self.note_at(self.starts[name], cause, name, str(right), str(found), refuse)
 
     def check(self, name: str, size: int, code: Ask, digits: bool = False, verify: bool = True) -> None:
         """A check code over what was read before it; `digits` may be in upper or lower case."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from framekit.codec.python.expressions import ExpressionWriter, Scope
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place, between
-from framekit.codec.python.shape import Target, is_followed, names_asked_for, targets_of
+from framekit.codec.python.shape import Target, is_followed, names_asked_for
 from framekit.codec.python.source import Identifiers, Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import (
@@ -20,7 +20,9 @@ from framekit.definition.model.segments import (
     Optional,
     Record,
     Repeat,
+    Require,
     Segment,
+    Value,
     Wrap,
 )
 from framekit.definition.model.walk import everything, expressions_of, flat, leaves
@@ -63,6 +65,11 @@ class Function:
         self.bounds: dict[str, Bounds] = {}
         self.parts = {
             segment.name: tuple(leaf.name for leaf in leaves((segment,)) if leaf.name)
+            for segment in everything(segments)
+            if isinstance(segment, CONTAINERS) and segment.name
+        }
+        self.wire_parts = {
+            segment.name: tuple(part.name for part in on_the_wire((segment,)) if part.name)
             for segment in everything(segments)
             if isinstance(segment, CONTAINERS) and segment.name
         }
@@ -148,7 +155,8 @@ class Function:
 
     def preset(self, segments: Iterable[Segment], place: str) -> None:
         """Segments that may not be there take no bytes at `place`, as long as nothing else is known of them."""
-        for leaf in leaves(segments):
+        segments = tuple(segments)
+        for leaf in (*leaves(segments), *(one for one in on_the_wire(segments) if isinstance(one, Wrap))):
             if leaf.name in self.tracked and leaf.name not in self.presets:
                 shown = leaf.name.strip("_")
                 start, end = self.names.fresh(f"{shown}_start"), self.names.fresh(f"{shown}_end")
@@ -189,6 +197,9 @@ class Function:
 
     def wire_size(self, name: str) -> str:
         """Text of the bytes a segment that was read takes on the wire."""
+        parts = self.wire_parts.get(name, (name,))
+        if parts != (name,):
+            return " + ".join(self.wire_size(part) for part in parts) or "0"
         bounds = self.bounds.get(name)
         if bounds is None:
             return "0"
@@ -208,13 +219,26 @@ def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
         if isinstance(segment, Check):
             found.update(leaf.name or "" for leaf in _named(segments, segment.over or ()))
             found.update(span_names(segment, segments))
-        if isinstance(segment, Length) and not is_followed(segment, targets_of(segment, segments)):
-            found.update(segment.of)
+        if isinstance(segment, Length) and not is_followed(segment, segments):
+            counted = (one for one in everything(segments) if one.name in segment.of)
+            found.update(segment.of, (part.name or "" for part in on_the_wire(counted)))
     for expression in expressions_of(segments):
         for node in walk(expression.root):
             if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
                 found.add(node.arguments[0].name)
     return found
+
+
+def on_the_wire(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """The segments that take bytes of the buffer they stand in: what is in records and cases, wraps as a whole."""
+    for segment in segments:
+        inside = segment.blocks if segment.inner_record is None else (segment.inner_record,)
+        if isinstance(segment, (Wrap, Repeat)) or not inside:
+            if not isinstance(segment, (Value, Require)):
+                yield segment
+            continue
+        for block in inside:
+            yield from on_the_wire(block)
 
 
 def _named(segments: tuple[Segment, ...], names: tuple[str, ...]) -> Iterator[Segment]:

@@ -17,8 +17,8 @@ from framekit.codec.python.expressions import NameEntry, Scope, constant_of, def
 from framekit.codec.python.function import MISFIT, Function, covers_later, span_names
 from framekit.codec.python.places import Fields, Place, between, index
 from framekit.codec.python.registry import kind_of
-from framekit.codec.python.shape import Target, is_always_there, is_followed, is_plain_name, targets_of
-from framekit.codec.python.source import bytes_literal, literal, quoted
+from framekit.codec.python.shape import Target, comes_with, is_followed, is_plain_name, targets_of
+from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import AND, BIT_OR, SUM
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.segments import (
@@ -35,7 +35,7 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
-from framekit.definition.model.walk import everything, without_when
+from framekit.definition.model.walk import everything, flat, without_when
 from framekit.definition.problems import DefinitionError, Problem
 
 START = Place("", 0)
@@ -104,6 +104,14 @@ class Chunk:
         return self.pieces[0].order if len(self.pieces) == 1 and not self.code.endswith("s") else ""
 
 
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Something to write that needs what comes later; `is_ready` tells whether all of that has been read."""
+
+    write: Callable[[], None]
+    is_ready: Callable[[], bool]
+
+
 class BufferReader:
     """Reads one buffer. `buffer` is its text, `at` the local that holds the offset once that is not fixed any more.
 
@@ -117,7 +125,7 @@ class BufferReader:
         self.buffer = buffer
         self.at = at
         self.place = START
-        self.deferred: list[Callable[[], None]] = []
+        self.deferred: list[Comparison] = []
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
@@ -242,15 +250,18 @@ class BufferReader:
     def when_known(self, expression: Expression, scope: Scope, action: Callable[[], None]) -> None:
         """Does something with an expression at once, or when the fields it reads are there."""
         if self.function.waits_for(expression, scope):
-            self.deferred.append(action)
+            self.deferred.append(Comparison(action, lambda: not self.function.waits_for(expression, scope)))
         else:
             action()
 
-    def finish_deferred(self) -> None:
-        """Does what waited for later fields."""
+    def finish_deferred(self, *, all_is_read: bool) -> None:
+        """Does what waited for later fields; what they still do not tell is left, unless nothing more comes."""
         deferred, self.deferred = self.deferred, []
-        for action in deferred:
-            action()
+        for one in deferred:
+            if all_is_read or one.is_ready():
+                one.write()
+            else:
+                self.deferred.append(one)
 
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
         """Text of a size; one that can come out negative is kept in a local and looked at."""
@@ -376,16 +387,21 @@ class BufferReader:
 
     def compare_length(self, item: Item, length: Length) -> None:
         """A length whose segments are not sized by it is compared with the room they take."""
-        targets = targets_of(length, self.function.segments)
-        if is_followed(length, targets):
+        if is_followed(length, self.function.segments):
             return
+        targets = targets_of(length, self.function.segments)
         local = item.scope.entries[length.name].text
-        self.deferred.append(lambda: self.function.misfit_if(f"{local} != {self.room_text(length, targets)}"))
+        parts = [part for name in targets for part in self.function.wire_parts.get(name, (name,))]
+
+        def compare() -> None:
+            self.function.misfit_if(f"{local} != {self.room_text(length, targets)}")
+
+        self.deferred.append(Comparison(compare, lambda: all(part in self.function.bounds for part in parts)))
 
     def compare_count(self, item: Item, count: Count) -> None:
         """A count that does not say itself how often something is repeated is compared with the list."""
         repeat = self.function.by_name.get(count.of)
-        there = is_always_there(count.of, self.function.segments)
+        there = comes_with(count.of, count, self.function.segments)
         followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
         if not isinstance(repeat, Repeat) or (there and followed):
             return
@@ -397,7 +413,7 @@ class BufferReader:
             if items is not None:
                 self.function.misfit_if(f"{local} != len({items.text}{'' if there else ' or ()'}){plus}")
 
-        self.deferred.append(compare)
+        self.deferred.append(Comparison(compare, lambda: item.scope.find(count.of) is not None))
 
     def room_text(self, length: Length, targets: Mapping[str, Target]) -> str:
         """Text of what a length counts, when everything is read."""
@@ -583,7 +599,7 @@ class BufferReader:
         assert first.segment.when is not None
         condition = self.function.writer(first.scope).text(first.segment.when)
         inside = [Item(without_when(item.segment), item.scope, item.fields) for item in items]
-        if all(isinstance(item.segment, Require) for item in inside):
+        if all(isinstance(one.segment, Require) and not self._waits(one.segment, one.scope) for one in inside):
             text = self.function.writer(first.scope).text(first.segment.when, AND)
             for item in inside:
                 assert isinstance(item.segment, Require)
@@ -591,6 +607,9 @@ class BufferReader:
                 self.function.misfit_if(f"{text} and {holds}")
             return
         self._branches([(f"if {condition}:", inside)], after, items)
+
+    def _waits(self, require: Require, scope: Scope) -> bool:
+        return self.function.waits_for(require.condition, scope)
 
     def _branches(
         self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], absent: Iterable[Item]
@@ -605,10 +624,11 @@ class BufferReader:
         self.settle()
         known = [(item.scope, set(item.scope.entries)) for _, items in branches for item in items]
         defaults = [item for item in absent if isinstance(item.segment, Field) and item.segment.default is not None]
+        flags = _Flags(function)
         function.in_branch += 1
         for header, items in branches:
             with function.out.block(header):
-                self._branch(items, after, {item.segment.name for item in defaults})
+                self._branch(items, after, {item.segment.name for item in defaults}, flags)
             self.place = Place(self.at, 0)
         lines = self._else_lines(known, defaults, [item for _, items in branches for item in items])
         function.in_branch -= 1
@@ -620,7 +640,9 @@ class BufferReader:
             assert item.segment.name is not None
             item.fields.add(item.segment.name, item.scope.entries[item.segment.name].text)
 
-    def _branch(self, items: list[Item], after: tuple[Item, ...], unconditional: set[str | None]) -> None:
+    def _branch(
+        self, items: list[Item], after: tuple[Item, ...], unconditional: set[str | None], flags: _Flags
+    ) -> None:
         expanded: list[Item] = []
         for item in items:
             if isinstance(item.segment, Record) and item.segment.when is None:
@@ -629,8 +651,8 @@ class BufferReader:
                 expanded.append(item)
         outside, self.deferred = self.deferred, []  # what waits outside is compared behind all branches
         self.read_items(expanded, after)
-        self.finish_deferred()
-        self.deferred = outside
+        self.finish_deferred(all_is_read=False)
+        left, self.deferred = self.deferred, outside
         for item in items:
             entry = item.scope.entries.get(item.segment.name or "")
             if isinstance(item.segment, Record) and entry is not None and entry.record is not None:
@@ -644,8 +666,26 @@ class BufferReader:
             item.fields.flush(self.function.out)
         for item in items:
             item.fields.flush(self.function.out)
+        if left:
+            self._compare_behind(flags.raised(), left, [item.fields for item in (*expanded, *items)])
         if self.place != Place(self.at, 0):
             self.advance(self.place.text(self.buffer))
+
+    def _compare_behind(self, flag: str, left: list[Comparison], fields: list[Fields]) -> None:
+        """What a branch leaves to be compared is compared later, if that branch was taken."""
+
+        def write() -> None:
+            self.function.flush()
+            for values in fields:
+                values.flush(self.function.out)
+            with self.function.out.block(f"if {flag}:"):
+                for one in left:
+                    one.write()
+                self.function.flush()
+                for values in fields:
+                    values.flush(self.function.out)
+
+        self.deferred.append(Comparison(write, lambda: all(one.is_ready() for one in left)))
 
     def _else_lines(self, known: list[tuple[Scope, set[str]]], defaults: list[Item], items: list[Item]) -> list[str]:
         """What has to be so when nothing was read: defaults, and names that expressions may ask for."""
@@ -666,7 +706,9 @@ class BufferReader:
             for segment in everything((item.segment,)):
                 bounds = function.bounds.get(segment.name or "")
                 if segment.name in function.tracked and bounds is not None:
-                    lines.append(f"{bounds.first.base} = {bounds.last.base} = {self.at}")
+                    bases = [place.base for place in (bounds.first, bounds.last) if place.base not in ("", "end")]
+                    here = self.at if bounds.buffer == self.buffer else "0"  # of a wrap that is not there
+                    lines += [" = ".join((*dict.fromkeys(bases), here))] if bases else []
                     self._wire_by_bounds(item.scope, segment)
         return lines
 
@@ -679,7 +721,7 @@ class BufferReader:
         """Names of cases that expressions elsewhere may read have a local before any case is taken."""
         function = self.function
         for item in items:
-            for segment in (item.segment,):
+            for segment in flat((item.segment,)):
                 for name in segment.value_names:
                     if name in function.read_names and name not in item.scope.entries:
                         local = function.names.fresh(name)
@@ -693,21 +735,22 @@ class BufferReader:
         function.flush()
         self.settle()
         function.preset((item.segment for _, items in branches for item in items), self.at)
+        flags = _Flags(function)
         function.in_branch += 1
         for header, items in branches:
             with function.out.block(header):
-                self._branch(items, after, set())
+                self._branch(items, after, set(), flags)
             self.place = Place(self.at, 0)
         function.in_branch -= 1
         if fault:
             with function.out.block("else:"):
                 function.add(MISFIT)
 
-    def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, after: tuple[Item, ...] = ()) -> None:
-        """Reads the segments; `after` is what follows them in the buffer."""
+    def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, *, all_is_read: bool = True) -> None:
+        """Reads the segments of a whole buffer or item; `all_is_read`: nothing else of the frame comes later."""
         items = self.items(segments, scope, fields)
-        self.read_items(items, after)
-        self.finish_deferred()
+        self.read_items(items, ())
+        self.finish_deferred(all_is_read=all_is_read)
         for item in items:
             item.fields.attach()
 
@@ -731,6 +774,24 @@ class BufferReader:
     # ---- lists --------------------------------------------------------------------------------------------
 
     # ---- wraps and inner frames ---------------------------------------------------------------------------
+
+
+class _Flags:
+    """Locals that tell later which of several branches was taken; each is false before all of them."""
+
+    def __init__(self, function: Function) -> None:
+        self._function = function
+        self._before = len(function.out.lines)
+        self._depth = function.out.depth
+
+    def raised(self) -> str:
+        """A new one that the branch being written makes true."""
+        flag = self._function.names.fresh("is_there")
+        line = Source(self._depth)
+        line.add(f"{flag} = False")
+        self._function.out.lines[self._before : self._before] = line.lines
+        self._function.add(f"{flag} = True")
+        return flag
 
 
 def without_end(segment: Segment) -> DefinitionError:

@@ -169,8 +169,10 @@ def needed(values: Context, name: str, path: str) -> Any:
     return values[name]
 
 
-def check_size(name: str, found: int, wanted: int) -> None:
+def check_size(name: str, found: int, wanted: int | None) -> None:
     """A value must be as long as another one says. Raises EncodeError."""
+    if wanted is None:
+        raise EncodeError(name, f"the size of '{name}' cannot be told: a value it is worked out from is not there")
     if found != wanted:
         raise EncodeError(name, f"'{name}' has a length of {found}, it must be {wanted}")
 

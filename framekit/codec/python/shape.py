@@ -5,7 +5,7 @@ It reads the model and writes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.definition.expression.syntax import Attribute, Expression, Name, names_in, walk
@@ -15,15 +15,19 @@ from framekit.definition.model.segments import (
     Count,
     Data,
     Field,
+    Inner,
     Length,
+    Optional,
     Record,
     Repeat,
     Require,
     Segment,
+    Segments,
     Value,
     Wrap,
 )
 from framekit.definition.model.walk import certain, everything, expressions_of, flat
+from framekit.definition.problems import Position
 
 
 def may_be_empty(shapes: StaticSizes, repeat: Repeat) -> bool:
@@ -64,10 +68,12 @@ def named(segments: Iterable[Segment]) -> dict[str, Target]:
     }
 
 
-def is_followed(length: Length, targets: Mapping[str, Target]) -> bool:
+def is_followed(length: Length, segments: tuple[Segment, ...]) -> bool:
     """Whether the size of what a length counts is read from it, so that nothing can disagree."""
-    found = [segment for target in targets.values() for segment in target.segments]
-    return bool(found) and all(follows_its_length(length, segment) for segment in found)
+    found = [one for target in targets_of(length, segments).values() for one in target.segments]
+    return bool(found) and all(
+        follows_its_length(length, one) and comes_with(one.name, length, segments) for one in found
+    )
 
 
 def names_read(segments: Iterable[Segment]) -> set[str]:
@@ -83,17 +89,65 @@ def names_asked_for(segments: Iterable[Segment]) -> set[str]:
     return names_read(segments) | attributes | {one.of for one in everything(segments) if isinstance(one, Count)}
 
 
-def is_always_there(name: str, segments: Iterable[Segment]) -> bool:
-    """Whether a segment stands under no condition, in no choice and in no optional part."""
-    return any(
-        one.when is None
-        and (
-            one.name == name
-            or is_always_there(name, one.inner_record or ())
-            or (one.is_there_inside and any(is_always_there(name, block) for block in one.blocks))
-        )
-        for one in segments
-    )
+def comes_with(name: str | None, number: Segment, segments: tuple[Segment, ...]) -> bool:
+    """Whether what has that name is there wherever a number of the same list is that counts it."""
+    for of in (segments, *(one.inner_record for one in everything(segments) if one.inner_record)):
+        places = tuple(_conditions(of))
+        own = [there for one, there in places if (one.name, one.at) == (number.name, number.at)]
+        others = [there for one, there in places if one.name == name]
+        if own and others:
+            return all(any(other <= there for other in others) for there in own)
+    return False
+
+
+def _conditions(
+    segments: Iterable[Segment], around: frozenset[object] = frozenset()
+) -> Iterator[tuple[Segment, frozenset[object]]]:
+    """The segments of one record, each with all that it depends on whether it is there."""
+    for segment in segments:
+        there = around if segment.when is None else around | {str(segment.when)}
+        yield segment, there
+        for case, block in enumerate(segment.blocks):
+            yield from _conditions(block, there if segment.is_there_inside else there | {(id(segment), case)})
+
+
+def ending_constants(
+    shapes: StaticSizes, segments: Segments, after: Segments = (), in_item: bool = False
+) -> Iterator[tuple[tuple[str | None, Position], bytes]]:
+    """By name and place: the constant that ends a part which takes the rest, where nothing else tells its end."""
+    segments = tuple(_in_place_of_records(segments))
+    for place, segment in enumerate(segments):
+        behind = (*segments[place + 1 :], *after)
+        first = behind[0] if behind else None
+        if _takes_rest(segment) and isinstance(first, Const):
+            unread = {name for one in everything((segment, *behind)) for name in one.value_names}
+            told = all(one.when is None or not names_in(one.when.root) & unread for one in behind)
+            if in_item or not told or any(shapes.present(one).fixed is None for one in behind):
+                yield (segment.name, segment.at), first.data
+        for block in segment.blocks:
+            inside = segment.is_there_inside
+            yield from ending_constants(shapes, block, () if inside else behind, False if inside else in_item)
+        if segment.inner_record is not None:
+            is_list = isinstance(segment, Repeat)
+            yield from ending_constants(shapes, segment.inner_record, () if is_list else behind, is_list or in_item)
+
+
+def _takes_rest(segment: Segment) -> bool:
+    """Whether a segment reaches as far as what follows it leaves room, whatever it holds."""
+    match segment:
+        case Data(size="rest") | Inner(size="rest") | Repeat(times="rest") | Optional():
+            return True
+        case Field(type=type_, long=None):
+            return type_.size is None and type_.end is None
+    return False
+
+
+def _in_place_of_records(segments: Segments) -> Iterator[Segment]:
+    for segment in segments:
+        if isinstance(segment, Record) and segment.when is None:
+            yield from _in_place_of_records(segment.of)
+        else:
+            yield segment
 
 
 def leading(shapes: StaticSizes, segments: tuple[Segment, ...]) -> bytes:

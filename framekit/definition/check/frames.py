@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression.syntax import Expression, Logic, names_in
-from framekit.definition.model.frames import Frame, StaticSizes, all_fixed, fixed_size, least_size
+from framekit.definition.model.frames import Frame, StaticSizes, all_fixed, bytes_of, fixed_size, least_size
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     MOST_BYTES,
@@ -15,15 +15,17 @@ from framekit.definition.model.segments import (
     Count,
     Data,
     Field,
+    FieldType,
     Inner,
     Length,
     Optional,
     Repeat,
     Segment,
     Segments,
+    Skip,
     Wrap,
 )
-from framekit.definition.model.walk import field_names, flat, parts_of
+from framekit.definition.model.walk import everything, field_names, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 
@@ -36,8 +38,8 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found += ends.check(frame)
     found += _spans(frame)
     if frame.delimited:
-        found += _delimited(frame)
-    found += _whole_size(frame)
+        found += _delimited(protocol, frame)
+    found += _whole_size(frame, ends)
     found += _there_or_not(frame)
     found += _keys(protocol, frame)
     found += _inner(protocol, frame, ends)
@@ -366,15 +368,17 @@ def _fixed(segment: Segment) -> bool:
     return segment.number_type is not None and segment.number_type.size is not None
 
 
-def _delimited(frame: Frame) -> Iterator[Problem]:
+def _delimited(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
     """The tail of a delimited frame begins with its end constant, and the body cannot hold its first byte."""
     first = frame.tail[0] if frame.tail else None
-    if not isinstance(first, Const):
+    if not isinstance(first, Const) or first.when is not None:
         at = first.at if first is not None else frame.at
-        yield Problem(at, f"the tail of '{frame.name}' must begin with a constant", "delimited bodies end there")
+        what = f"the tail of '{frame.name}' must begin with a constant that is always there"
+        yield Problem(at, what, "delimited bodies end there")
         return
     end = first.data[0]
-    for segment in flat(frame.body):
+    inside = {id(one): one for inner in parts_of(frame.body, Inner) for one in _frames_in(protocol, inner, set())}
+    for segment in everything((*frame.body, *(one for other in inside.values() for one in other.segments))):
         if _may_hold(segment, end):
             verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
@@ -384,14 +388,26 @@ def _delimited(frame: Frame) -> Iterator[Problem]:
             )
 
 
+def _frames_in(protocol: Protocol, inner: Inner, known: set[str]) -> Iterator[Frame]:
+    """The frames that may stand inside a frame, with those inside them."""
+    for name in inner.frames:
+        if name in protocol.frames and name not in known:
+            known.add(name)
+            yield protocol.frames[name]
+            for other in parts_of(protocol.frames[name].segments, Inner):
+                yield from _frames_in(protocol, other, known)
+
+
 def _may_hold(segment: Segment, byte: int) -> bool:
-    if isinstance(segment, Const):
-        return byte in segment.data
-    if isinstance(segment, Data):
-        return segment.convert != "hex_to_ascii"
-    if segment.number_type is not None and segment.value_names == (segment.name,):
-        return segment.number_type.kind not in ("digits", "ascii")
-    return isinstance(segment, Wrap) and segment.how == "escape"
+    """Whether a segment itself may hold a byte; text is looked at when it is sent, and what fills a frame up is not."""
+    if isinstance(segment, Skip):
+        return byte in (segment.fill * segment.size)[: segment.size]
+    if isinstance(segment, Repeat) and isinstance(segment.of, FieldType):
+        return segment.of.kind != "ascii" and byte in bytes_of((segment,))
+    if segment.blocks or segment.inner_record is not None or segment.frames_inside or segment.whole_frame is not None:
+        return isinstance(segment, Wrap) and segment.how == "escape"
+    is_text = segment.number_type is not None and segment.number_type.kind == "ascii"
+    return segment.takes_bytes and not is_text and byte in bytes_of((segment,))
 
 
 def _items(segments: tuple[Segment, ...]) -> int:
@@ -407,8 +423,12 @@ def _items(segments: tuple[Segment, ...]) -> int:
     return found
 
 
-def _whole_size(frame: Frame) -> Iterator[Problem]:
-    for segment in _without_own_end(frame.body) if frame.size is not None else ():
+def _whole_size(frame: Frame, ends: _Ends) -> Iterator[Problem]:
+    before = (*frame.head, *frame.body)
+    if frame.size is not None and not any(one.takes_rest for one in _without_own_end(before)) and ends.is_open(before):
+        what = f"nothing shows where the content of '{frame.name}' ends and what fills it up begins"
+        yield Problem(frame.at, what, "give the frame inside a size, or leave the frame's size out")
+    for segment in _without_own_end(before) if frame.size is not None else ():
         if segment.takes_rest:
             what = f"{segment.title} reaches to the end of the body, and would read what fills '{frame.name}' up"
             yield Problem(segment.at, what, "give it a size, such as that of a length, or leave the frame's size out")

@@ -178,6 +178,8 @@ class Field(Segment):
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
+        if self.when is not None and self.default is not None:
+            yield "default of what may be absent", self.default
         if isinstance(self.type.size, Expression):
             yield "size", self.type.size
 
