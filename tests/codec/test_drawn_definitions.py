@@ -13,7 +13,7 @@ from definition_trial import Trial
 from drawn_definitions import DRAWN, DrawnDefinition
 
 from framekit.codec.codec import compile_protocol
-from framekit.codec.errors import EncodeError
+from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
@@ -182,9 +182,175 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 3, "i": {"open": {"d": b""}}},
         "03",
     ),
+    "a value of a wrap that is not there is nothing": (
+        "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{length: n, type: u8, of: [d]}, {data: d, size: n}],"
+        " when: k},"
+        " {const: 10 03}, {field: x, type: u8, when: n == 2}]",
+        {"k": 0},
+        "00 10 03",
+    ),
+    "a length in a case counts what stands behind the cases": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{length: n, type: u8, of: [d]}]}, else: []},"
+        " {data: d, size: rest}]",
+        {"k": 1, "d": b"ab"},
+        "01 02 61 62",
+    ),
+    "a length under a condition counts what stands behind it": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [d], when: k}, {data: d, size: rest}]",
+        {"k": 1, "d": b"ab"},
+        "01 02 61 62",
+    ),
+    "a count under a condition counts what stands behind it": (
+        "[{field: k, type: u8}, {count: n, type: u8, of: r, when: k}, {repeat: r, times: rest, of: u8}]",
+        {"k": 1, "r": [7, 8]},
+        "01 02 07 08",
+    ),
+    "a length in a wrap counts what stands behind it": (
+        "[{wrap: {escape: DLE}, of: [{length: n, type: u8, of: [d]}]}, {const: 10 03}, {data: d, size: rest}]",
+        {"d": b"ab"},
+        "02 10 03 61 62",
+    ),
+    "a count in digits counts what stands behind them": (
+        "[{wrap: hex, of: [{count: n, type: u8, of: r}]}, {repeat: r, times: rest, of: u8}]",
+        {"r": [7, 8]},
+        "30 32 07 08",
+    ),
+    "a field under a condition is what comes later": (
+        "[{field: k, type: u8}, {field: z, type: u8, is: w, when: k}, {field: w, type: u8}]",
+        {"k": 1, "w": 3},
+        "01 03 03",
+    ),
+    "a length of a record of any size": (
+        "[{length: n, type: u8, of: [r]}, {include: sized, as: r}]",
+        {"r": {"m": 2, "d": b"ab"}},
+        "03 02 61 62",
+    ),
+    "a length of cases with a wrap in them": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [c]}, {choose: k, name: c,"
+        " cases: {1: [{wrap: hex, of: [{field: z, type: u8}, {data: d, size: z}]}]}, else: []}]",
+        {"k": 1, "z": 2, "d": b"ab"},
+        "01 06 30 32 36 31 36 32",
+    ),
+    "a check over a wrap that may be absent covers what is in it": (
+        "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{data: d, size: 1}], when: k, name: w}, {const: 10 03},"
+        " {check: sum8, over: w..here}]",
+        {"k": 1, "d": b"\x10"},
+        "01 10 10 10 03 23",
+    ),
+    "a check over a record that may be absent covers what is in its wrap": (
+        "[{field: k, type: u8}, {include: wrapped, as: r, when: k}, {check: sum8, over: r..here}]",
+        {"k": 1, "r": {"a": 5, "d": b"a"}},
+        "01 05 36 31 66",
+    ),
+    "a check over cases with a check of their own covers what is in their wrap": (
+        "[{field: k, type: u8}, {choose: k, name: c, cases: {1: [{wrap: hex, of: [{data: d, size: 2},"
+        " {check: xor8}]}]}, else: []}, {check: sum8, over: c..here}]",
+        {"k": 1, "d": b"ab"},
+        "01 36 31 36 32 30 33 C6",
+    ),
+    "a check over a check before another one": (
+        "[{const: 7E, name: a}, {check: sum8, name: b}, {check: crc16-modbus}, {check: xor8, over: a..b}]",
+        {},
+        "7E 7E 30 A0 00",
+    ),
+    "a check over a wrap with two checks": (
+        "[{wrap: hex, of: [{data: d, size: 1}, {check: sum8}, {check: xor8}], name: w}, {check: sum8, over: [w]}]",
+        {"d": b"a"},
+        "36 31 36 31 30 30 C2",
+    ),
+    "a body that ends at its tail behind a frame inside": (
+        "[], group: behind_frame",
+        {"i": {"counted": {"r": []}}},
+        "30 03",
+    ),
+    "a body that ends at its tail behind a list": (
+        "[], group: behind_list",
+        {"r": [6, 7]},
+        "36 37 03",
+    ),
+    "a frame inside that reaches as far as the constant in its item": (
+        "[{repeat: r, times: 1, of: [{inner: i, of: [word], size: rest}, {const: 10 02}]}, {const: 03}]",
+        {"r": [{"i": {"word": {}}}]},
+        "61 62 10 02 03",
+    ),
 }
 """By what it shows: a body, values, their bytes."""
+DAMAGED: dict[str, tuple[str, str, str]] = {
+    "a length of what is not there": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [d]}, {data: d, size: n, when: k}]", "00 04", "length"
+    ),
+    "a length of what another case holds": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [d]},"
+        " {choose: k, cases: {1: [{data: d, size: n}]}, else: []}]",
+        "02 04",
+        "length",
+    ),
+    "a count under a condition": (
+        "[{field: k, type: u8}, {count: n, type: u8, of: r, when: k}, {repeat: r, times: rest, of: u8}]",
+        "01 02 07",
+        "length",
+    ),
+    "text with the byte that ends the body": (
+        "[{field: t, type: ascii, size: 3}], group: ended", "61 03 62 03", "short"
+    ),
+    "text with the byte that ends the body behind a head of any size": (
+        "[{field: t, type: ascii, size: 3}], group: behind_list", "36 61 03 62 03", "short"
+    ),
+}  # fmt: skip
+"""By what it shows: a body, damaged bytes, the cause."""
+UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
+    "data that hold the constant that ends them": (
+        "[{data: d, size: rest}, {const: 10 03}, {field: k, type: u8}, {data: e, size: k}]",
+        {"d": b"\x10\x03", "k": 1, "e": b"a"},
+        "'d' holds 10 03, which ends it",
+    ),
+    "data that make that constant with its first byte": (
+        "[{data: d, size: rest}, {const: 03 03}, {field: k, type: u8}, {data: e, size: k}]",
+        {"d": b"a\x03", "k": 1, "e": b"a"},
+        "'d' holds 03 03, which ends it",
+    ),
+    "a list that holds the constant that ends it": (
+        "[{repeat: r, times: rest, of: u16}, {const: 03}, {field: k, type: u8}, {data: e, size: k}]",
+        {"r": [3], "k": 1, "e": b"a"},
+        "'r' holds 03, which ends it",
+    ),
+    "a frame inside whose size is not there": (
+        "[{field: k, type: u8}, {field: n, type: u8, when: k}, {inner: i, of: [word], size: n}]",
+        {"k": 0, "i": {"word": {}}},
+        "the size of 'i' cannot be told: a value it is worked out from is not there",
+    ),
+    "data whose size is not there": (
+        "[{field: k, type: u8}, {field: n, type: u8, when: k}, {data: d, size: n}]",
+        {"k": 0, "d": b"a"},
+        "the size of 'd' cannot be told: a value it is worked out from is not there",
+    ),
+}
+"""By what it shows: a body, values, what is said about them."""
 REFUSED: dict[str, tuple[str, str]] = {
+    "a default that comes later": (
+        "[{field: k, type: u8}, {field: a, type: u8, default: b + 1, when: k}, {bits: {b: 0-2}, of: u8}]",
+        "the default of what may be absent uses 'b', which is read only later – move 'b' before it",
+    ),
+    "a tail that may be absent": (
+        "[{field: a, type: hex, size: 2}], group: maybe_ended",
+        "the tail of 'f' must begin with a constant that is always there – delimited bodies end there",
+    ),
+    "bits that may hold the byte that ends the body": (
+        "[{bits: {a: 0-7}, of: u8}], group: ended",
+        "the bits part may hold 03, the byte that ends the body of 'f'",
+    ),
+    "items that may hold the byte that ends the body": (
+        "[{repeat: r, times: 2, of: [{field: a, type: u8}]}], group: ended",
+        "'a' may hold 03, the byte that ends the body of 'f'",
+    ),
+    "a frame inside that may hold the byte that ends the body": (
+        "[{inner: i, of: [open]}], group: ended",
+        "'d' may hold 03, the byte that ends the body of 'f'",
+    ),
+    "a frame inside that only silence ends in what is filled up": (
+        "[{inner: i, of: [open]}], size: 9, fill: 00",
+        "nothing shows where the content of 'f' ends and what fills it up begins",
+    ),
     "a mark of computed size": (
         "[{field: s, type: u8}, {field: a, type: hex, size: s, long: {mark: 200, type: u16}}]",
         "'a' has a computed size, so its mark for long: has none – give a size that is a number, or leave long out",
@@ -268,12 +434,25 @@ REFUSED: dict[str, tuple[str, str]] = {
 PART = "part: [{field: a, type: u8}, {field: b, type: u8, when: a > 3}]"
 
 
-FRAMES = "open: {body: [{data: d, size: rest}]}, nothing: {body: [{const: 05, when: 1 == 2}]}"
+FRAMES = (
+    "open: {body: [{data: d, size: rest}]}, nothing: {body: [{const: 05, when: 1 == 2}]}, word: {body: [{text: ab}]},"
+    " counted: {body: [{count: n, type: dec, size: 1, of: r}, {repeat: r, times: n, of: dec, size: 1}]}"
+)
 
 
 def protocol_of(body: str) -> str:
-    layouts = f"layouts: {{hop: [{{field: a, type: u8}}], {PART}, held: [{{require: k > 3}}]}}"
-    groups = "groups: {filled: {head: [{field: k, type: u8}], tail: [{check: sum8, over: c..here}]}}"
+    layouts = (
+        f"layouts: {{hop: [{{field: a, type: u8}}], {PART}, held: [{{require: k > 3}}],"
+        " sized: [{field: m, type: u8}, {data: d, size: m}],"
+        " wrapped: [{field: a, type: u8}, {wrap: hex, of: [{data: d, size: rest}]}]}"
+    )
+    groups = (
+        "groups: {filled: {head: [{field: k, type: u8}], tail: [{check: sum8, over: c..here}]},"
+        " ended: {tail: [{const: 03}], delimited: yes},"
+        " behind_frame: {head: [{inner: i, of: [counted]}], tail: [{const: 03}], delimited: yes},"
+        " behind_list: {head: [{repeat: r, times: rest, of: dec, size: 1}], tail: [{const: 03}], delimited: yes},"
+        " maybe_ended: {tail: [{const: 03, when: 1 == 1}], delimited: yes}}"
+    )
     return f"protocol: found\n{layouts}\n{groups}\nframes: {{f: {{body: {body}}}, {FRAMES}}}"
 
 
@@ -281,6 +460,26 @@ def protocol_of(body: str) -> str:
 def test_definitions_that_once_went_wrong(title: str) -> None:
     body, values, data = FOUND[title]
     assert Trial(protocol_of(body), values).run() == bytes.fromhex(data)
+
+
+@pytest.mark.parametrize("title", DAMAGED)
+def test_damage_is_found_by_decoding_and_by_diagnosis(title: str) -> None:
+    body, data, cause = DAMAGED[title]
+    codec = compile_protocol(load_protocol_text(protocol_of(body), "found"))
+    with pytest.raises(FrameError) as caught:
+        codec.decode("f", bytes.fromhex(data))
+    _, _, fault = codec.trace("f", bytes.fromhex(data))
+    assert fault is not None
+    assert (caught.value.cause, fault.cause) == (cause, cause)
+
+
+@pytest.mark.parametrize("title", UNSENDABLE)
+def test_what_could_not_be_read_again_is_not_sent(title: str) -> None:
+    body, values, message = UNSENDABLE[title]
+    codec = compile_protocol(load_protocol_text(protocol_of(body), "found"))
+    with pytest.raises(EncodeError) as caught:
+        codec.encode("f", values)
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize("title", REFUSED)

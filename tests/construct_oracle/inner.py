@@ -13,6 +13,7 @@ from construct_oracle.base import ValueSegment
 from construct_oracle.faults import Place
 from construct_oracle.filling import MISSING, Absent, Filling
 from construct_oracle.frame import FrameConstruct, Outcome
+from construct_oracle.rest import rest_size
 from construct_oracle.sizes import nothing_known
 from construct_oracle.state import Reading
 from construct_oracle.values import evaluated_size
@@ -70,11 +71,14 @@ class InnerConstruct(ValueSegment):
             size = evaluated_size(size, reading, context, place)
         if isinstance(size, int):
             data, exact = reading.take(stream, size, place), True
+        elif size == "rest":
+            data, exact = stream.read(rest_size(self, stream, context, place)), True
         else:
             room = reading.room(context)
             if room.end < start:
                 raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
-            data, exact = stream.read(room.end - start), room.exact
+            known = (reading.sizes.of(replace(one.segment, when=None), nothing_known) for one in reading.following)
+            data, exact = stream.read(room.end - start), room.exact and None not in known
         stream.seek(start)
         return data, exact
 

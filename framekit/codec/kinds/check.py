@@ -62,10 +62,7 @@ class CheckKind(SegmentKind[Check]):
 def _in_one_buffer(check: Check, segments: Segments) -> bool:
     """Whether a check stands in the same buffer as everything it covers."""
     names = set(span_names(check, segments))
-    return any(
-        check in buffer and names <= {one.name for one in on_the_wire(buffer)}
-        for buffer in _buffers(segments)
-    )
+    return any(check in buffer and names <= {one.name for one in on_the_wire(buffer)} for buffer in _buffers(segments))
 
 
 def _buffers(segments: Segments) -> Iterator[Segments]:

@@ -106,7 +106,8 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
     targets = targets_of(length, d.segments)
     single = [target.only for target in targets.values()]
     converted = [t for t in single if length.plain and isinstance(t, Data) and t.convert is not None]
-    rooms = [quoted(name) for name in length.of if name not in {target.name for target in converted}]
+    counted = [name for name in length.of if name not in {target.name for target in converted}]
+    rooms = [quoted(name) for name in d.wire_names(counted)]
     parts = [f"n.room({', '.join(rooms)})"] if rooms else []
     parts += [f"len(n[{quoted(target.name)}])" for target in converted]
     total = " + ".join(parts) or "0"

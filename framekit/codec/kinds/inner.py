@@ -84,9 +84,7 @@ class InnerKind(SegmentKind[Inner]):
     def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:
         choice = d.module.choice(segment.frames, "frames_of", segment.name)
         fixed = d.shapes.present(segment).fixed
-        known = not d.in_item and all(
-            d.shapes.present(one).fixed is not None and d.is_told(one) for one, _ in behind
-        )
+        known = not d.in_item and all(d.shapes.present(one).fixed is not None and d.is_told(one) for one, _ in behind)
         option = ""
         if isinstance(segment.size, Expression):
             size = d.ask(segment.size, scope)

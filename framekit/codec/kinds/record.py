@@ -69,6 +69,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
     w.flush()
     w.add(f'{wire} = b""')
     w.add(f"{local} = None")
+    plain = w.preset_plain(record.name, (record,))
     before = len(w.out.lines)
     inside = Scope(scope)
     with w.out.block(f"if {w.text(record.when, scope)}:"):
@@ -79,6 +80,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
         w.flush()
         w.check_names(inner)
         w.add(f"{wire} = {w.region(record.of, inside, w.names.fresh('part'))}")
+        w.add_plain(plain, record.of)
     _nothing_if_absent(w, inside, local, before)
     w.wires[record.name] = wire
     scope.entries[record.name] = NameEntry(local, "record", inside, direct=True)

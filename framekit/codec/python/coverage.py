@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from framekit.codec.python.function import span_names
+from framekit.codec.python.function import on_the_wire, span_names
 from framekit.definition.model.segments import Check, Record, Segment, Wrap
 from framekit.definition.model.walk import everything, leaves
 
@@ -43,7 +43,7 @@ class Coverage:
                 break
             before.append(segment)
         here = [segment.name for segment in before]
-        mixed = any(isinstance(segment, Wrap) for segment in buffer)
+        mixed = any(isinstance(segment, Wrap) for segment in on_the_wire(buffer))
         if names is None or (names == here and begins and not mixed):
             self.whole.add(check.name or "")
             return

@@ -8,10 +8,11 @@ from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Function
 from framekit.codec.python.module import Module
-from framekit.codec.python.places import Fields
+from framekit.codec.python.places import Fields, Place
 from framekit.codec.python.reader import BufferReader
+from framekit.codec.python.shape import in_place_of_records
 from framekit.codec.python.source import Source, bytes_literal, quoted
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, bytes_of
 from framekit.definition.model.segments import Const, Segment
 
 
@@ -34,6 +35,9 @@ def write_decoder(
         whole = b"".join(segment.data for segment in segments if isinstance(segment, Const))
         function.misfit_if(f"data != {bytes_literal(whole)}")
     else:
+        tail = frame.tail[0] if frame is not None and frame.delimited and frame.tail else None
+        if frame is not None and isinstance(tail, Const) and tail.data[0] in bytes_of(frame.body, module.shapes.frames):
+            _ends_at_tail(function, reader, frame, tail)
         reader.read(segments, Scope(), fields)
         reader.close()
     for action in function.late:
@@ -61,6 +65,22 @@ def write_decoder(
                 out.add(f"raise Misread({quoted(name)}, examine_{identifier}, data, ctx) from None")
         out.add(f"return {result}")
     return out
+
+
+def _ends_at_tail(function: Function, reader: BufferReader, frame: Frame, tail: Const) -> None:
+    """A delimited body ends at the first byte of the tail, whatever is in it."""
+    head = function.shapes.all(frame.head).fixed
+    if head is None:
+        reader.body_begins = next(in_place_of_records(frame.body), None)
+    else:
+        reader.body_place = Place("", head)
+    function.tracked.add(tail.name or "")
+
+    def compare() -> None:
+        found = f"data.find({tail.data[0]:#04x}, {reader.body_place.text('data')})"
+        function.misfit_if(f"{found} != {function.bounds[tail.name or ''].first.text('data')}")
+
+    function.late.append(compare)
 
 
 def _try_at_once(out: Source, table: str, place: int) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from framekit.codec.python import forms
 from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
-from framekit.codec.python.function import span_names
+from framekit.codec.python.function import on_the_wire, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import names_asked_for
@@ -22,11 +22,13 @@ from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Check,
+    Choose,
     Const,
     Count,
     Field,
     FieldType,
     Length,
+    Optional,
     Record,
     Segment,
 )
@@ -106,7 +108,16 @@ class DiagnosisWriter:
                 covered = (one for one in everything(self.segments) if one.name in (segment.over or ()))
                 found.update(leaf.name or "" for leaf in leaves(covered))
             elif isinstance(segment, Length):
-                found.update(segment.of)
+                found.update(segment.of, self.wire_names(segment.of))
+        return found
+
+    def wire_names(self, names: Iterable[str]) -> list[str]:
+        """The names of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
+        found: list[str] = []
+        for name in names:
+            every = [one for one in everything(self.segments) if one.name == name]
+            inside = any(isinstance(one, (Choose, Optional)) for one in every)
+            found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
         return found
 
     # ---- texts --------------------------------------------------------------------------------------------

@@ -17,13 +17,13 @@ from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.coverage import Coverage
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.function import covers_later
+from framekit.codec.python.function import covers_later, on_the_wire
 from framekit.codec.python.module import Module
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.rules import RuleWriter
-from framekit.codec.python.shape import ending_constants, follows_its_length, named, names_read
+from framekit.codec.python.shape import ending_constants, follows_its_length, in_place_of_records, named, names_read
 from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
 from framekit.definition.expression.emit import AND, OR, PRODUCT
 from framekit.definition.expression.syntax import (
@@ -146,12 +146,12 @@ def write_encoder(
     return out
 
 
-def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int] | None:
-    """The constant that ends a delimited body, and the size of the head before it."""
+def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] | None:
+    """The constant that ends a delimited body; the size of the head before it, or where that varies what follows it."""
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
         return None
     head = module.shapes.all(frame.head).fixed
-    return None if head is None else (frame.tail[0], head)
+    return frame.tail[0], next(in_place_of_records((*frame.body, *frame.tail))) if head is None else head
 
 
 def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
@@ -169,8 +169,9 @@ class EncodeWriter:
     length counts; `targets` what the names mean where something is being written; `rooms` the local with the room that
     something in one of several cases takes, by its name; `counts` the local with the number of values in a list, by the
     list's own. Bytes: `buffer` is the local of the whole frame; `wires` the local with the bytes of a segment, by its
-    name; `parts` what checks may ask for; `late` the cases of choices with check codes: header, segments, scope;
-    `gathered` the buffers that hold sums of bytes, by the text of the sum.
+    name; `parts` what checks may ask for; `plains` the local with that of something that may be absent; `late` the
+    cases of choices with check codes: header, segments, scope; `gathered` the buffers that hold sums of bytes, by the
+    text of the sum.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
@@ -197,6 +198,7 @@ class EncodeWriter:
         self.buffer = "frame"
         self.gathered: dict[str, str] = {}
         self.parts: list[KeptBytes] = []
+        self.plains: dict[str, str] = {}
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
 
@@ -717,12 +719,12 @@ class EncodeWriter:
         scope: Scope,
         buffer: str,
         before: str = "",
-        tail: tuple[Const, int] | None = None,
+        tail: tuple[Const, int | Segment] | None = None,
     ) -> str:
         """Text of the bytes of a list of segments.
 
         Checks are worked out on what is in the local `buffer` by then, and on what stands `before` it (a text). `tail`:
-        the constant whose first byte must not stand before it, from so many bytes on.
+        the constant whose first byte must not stand before it, from so many bytes or a segment on.
         """
         placed = self.placed(segments, scope)
         texts: list[str] = []
@@ -731,9 +733,12 @@ class EncodeWriter:
         while place < len(placed):
             segment, inside = placed[place]
             count = 1
+            if tail is not None and segment is tail[1]:
+                texts = [self.gather(texts, buffer)] if texts else []
+                self.add(f"body_start = {f'len({buffer})' if texts else 0}")
             if tail is not None and segment is tail[0]:
                 texts = [self.gather(texts, buffer)]
-                self._keep_apart(buffer, tail)
+                self._keep_apart(buffer, tail[0], str(tail[1]) if isinstance(tail[1], int) else "body_start")
             if isinstance(segment, Check) and covers_later(segment, self.segments):
                 texts.append(f"<{segment.name}>")
                 waiting.append((texts[-1], segment, inside))
@@ -746,7 +751,8 @@ class EncodeWriter:
             elif segment.name in self.late:
                 texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._ended(segment, self._late(segment.name or "", [before, *texts])))
-                self.parts.append(KeptBytes(tuple(leaf.name or "" for leaf in leaves((segment,))), texts[-1]))
+                names = tuple(leaf.name or "" for leaf in leaves((segment,)))
+                self.parts.append(KeptBytes(names, self.plains.get(segment.name or "", texts[-1])))
             else:
                 count = self.length_of_run(placed[place:])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
@@ -757,21 +763,38 @@ class EncodeWriter:
             texts[texts.index(mark)] = self._check(check, inside, [])
         return sum_of(texts)
 
-    def _keep_apart(self, buffer: str, tail: tuple[Const, int]) -> None:
+    def _keep_apart(self, buffer: str, tail: Const, start: str) -> None:
         """A delimited body must not hold what ends it."""
-        mark = bytes_literal(tail[0].data[:1])
-        body = f"{buffer}[{tail[1]}:]" if tail[1] else buffer
-        message = f"the body holds {tail[0].data[0]:02X}, which ends it"
+        mark = bytes_literal(tail.data[:1])
+        body = buffer if start == "0" else f"{buffer}[{start}:]"
+        message = f"the body holds {tail.data[0]:02X}, which ends it"
         self.complain(f"{mark} in {body}", '""', quoted(message))
 
     def _late(self, name: str, before: list[str]) -> str:
         """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
         wire = self.names.fresh("case_bytes")
         self.add(f'{wire} = b""')
+        plain = self.preset_plain(name, (self.by_name[name],))
         for header, segments, scope in self.late[name]:
             with self.out.block(header):
                 self.add(f"{wire} = {self.region(segments, scope, self.names.fresh('part'), sum_of(before))}")
+                self.add_plain(plain, segments)
         return wire
+
+    def preset_plain(self, name: str, segments: tuple[Segment, ...]) -> str | None:
+        """A local for what checks see of segments that may be absent, where wraps among them make that something
+        else than their bytes; None where it is not."""
+        names = [leaf.name or "" for leaf in leaves(segments)]
+        if not self.coverage.of(names) or not any(isinstance(one, Wrap) for one in on_the_wire(segments)):
+            return None
+        plain = self.plains[name] = self.names.fresh("covered")
+        self.add(f'{plain} = b""')
+        return plain
+
+    def add_plain(self, plain: str | None, segments: tuple[Segment, ...]) -> None:
+        """Where the segments are there: what checks see of them."""
+        if plain is not None:
+            self.add(f"{plain} = {sum_of(self._parts_of([leaf.name or '' for leaf in leaves(segments)]))}")
 
     def gather(self, texts: list[str], buffer: str) -> str:
         """Puts everything so far into the buffer's local."""
@@ -816,6 +839,9 @@ class EncodeWriter:
         if isinstance(placed[0][0], Wrap):
             return text
         names = tuple(leaf.name or "" for segment, _ in placed for leaf in leaves((segment,)))
+        if (plain := self.plains.get(placed[0][0].name or "")) is not None:
+            self.parts.append(KeptBytes(names, plain))
+            return text
         if self.coverage.of(names) and not text.isidentifier() and not text.startswith('b"'):
             named = [name for name in names if not name.startswith("_")]
             local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
@@ -909,10 +935,12 @@ class EncodeWriter:
         wire = self.names.fresh("case_bytes" if isinstance(segment, Choose) else "optional_bytes")
         self.flush()
         has_checks = any(isinstance(one, Check) for one in flat((segment,)))
+        plain = None
         if has_checks:
             self.late[name] = []
         else:
             self.add(f'{wire} = b""')
+            plain = self.preset_plain(name, (segment,))
         outside = self._names_for_others(segment, scope)
         rooms = self._rooms_for_others(segment)
         cases: Cases = kind_of(segment).cases(self, segment, scope, given)
@@ -931,6 +959,7 @@ class EncodeWriter:
                     self.late[name].append((header, segments, inside))
                 else:
                     self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
+                    self.add_plain(plain, segments)
         for outer, local in outside.items():
             scope.entries[outer] = NameEntry(local)
         self.rooms |= rooms

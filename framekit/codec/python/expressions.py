@@ -45,8 +45,8 @@ _OPPOSITE = {
 class NameEntry:
     """What a name stands for: its text, its shape, the names inside it, and the text of its size on the wire.
 
-    `sized`: Python's `len` of it is the language's. `direct`: the names inside a record are locals of their own;
-    `record` is then what puts the record together.
+    `sized`: Python's `len` of it is the language's. `is_read`: it has its value, not just a place for it.
+    `direct`: the names inside a record are locals of their own; `record` is then what puts the record together.
     """
 
     text: str
@@ -54,6 +54,7 @@ class NameEntry:
     inside: Scope | None = None
     wire: str | None = None
     sized: bool = True
+    is_read: bool = True
     direct: bool = False
     record: Any = None
 

@@ -95,7 +95,8 @@ class Function:
 
     def waits_for(self, expression: Expression, scope: Scope) -> bool:
         """Whether the expression reads fields that are not there yet."""
-        return any(name in self.field_names and scope.find(name) is None for name in names_in(expression.root))
+        fields = (scope.find(name) for name in names_in(expression.root) if name in self.field_names)
+        return any(entry is None or not entry.is_read for entry in fields)
 
     # ---- lines --------------------------------------------------------------------------------------------
 

@@ -126,6 +126,8 @@ class BufferReader:
         self.at = at
         self.place = START
         self.deferred: list[Comparison] = []
+        self.body_begins: Segment | None = None  # of a body that ends at the first byte of the tail
+        self.body_place = START
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
@@ -431,7 +433,7 @@ class BufferReader:
             segment = item.segment
             free = isinstance(segment, Check) and segment.when is None and self.residue(segment) is not None
             wanted = "" if free else forms.struct_order(segment)
-            if wanted is None or (order and wanted and wanted != order):
+            if wanted is None or (order and wanted and wanted != order) or (count and segment is self.body_begins):
                 return count
             order = order or wanted
         return len(items)
@@ -726,7 +728,7 @@ class BufferReader:
                     if name in function.read_names and name not in item.scope.entries:
                         local = function.names.fresh(name)
                         function.add(f"{local} = None")
-                        item.scope.entries[name] = NameEntry(local)
+                        item.scope.entries[name] = NameEntry(local, is_read=False)
 
     def branches_of_choice(
         self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], *, fault: bool
@@ -759,6 +761,8 @@ class BufferReader:
         while place < len(items):
             item = items[place]
             count = 1
+            if item.segment is self.body_begins:
+                self._keep_body_place()
             if item.segment.when is not None:
                 count = _same_condition(items, place)
                 self.conditional(items[place : place + count], (*items[place + count :], *after))
@@ -771,9 +775,12 @@ class BufferReader:
                 kind_of(item.segment).read(self, item, item.segment, (*items[place + 1 :], *after))
             place += count
 
-    # ---- lists --------------------------------------------------------------------------------------------
-
-    # ---- wraps and inner frames ---------------------------------------------------------------------------
+    def _keep_body_place(self) -> None:
+        self.body_place = self.place
+        if self.place.base not in ("", "end"):
+            local = self.function.names.fresh("body_start")
+            self.function.add(f"{local} = {self.place.text(self.buffer)}")
+            self.body_place = Place(local, 0)
 
 
 class _Flags:

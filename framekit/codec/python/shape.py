@@ -115,7 +115,7 @@ def ending_constants(
     shapes: StaticSizes, segments: Segments, after: Segments = (), in_item: bool = False
 ) -> Iterator[tuple[tuple[str | None, Position], bytes]]:
     """By name and place: the constant that ends a part which takes the rest, where nothing else tells its end."""
-    segments = tuple(_in_place_of_records(segments))
+    segments = tuple(in_place_of_records(segments))
     for place, segment in enumerate(segments):
         behind = (*segments[place + 1 :], *after)
         first = behind[0] if behind else None
@@ -142,10 +142,11 @@ def _takes_rest(segment: Segment) -> bool:
     return False
 
 
-def _in_place_of_records(segments: Segments) -> Iterator[Segment]:
+def in_place_of_records(segments: Segments) -> Iterator[Segment]:
+    """The segments with those of records that are always there in place of these."""
     for segment in segments:
         if isinstance(segment, Record) and segment.when is None:
-            yield from _in_place_of_records(segment.of)
+            yield from in_place_of_records(segment.of)
         else:
             yield segment
 
