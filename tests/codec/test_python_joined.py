@@ -156,7 +156,7 @@ def test_a_frame_of_fixed_size_is_filled_up() -> None:
     both = Both(protocol_of(STATION, f"{INNER}, {SUM}", FIXED, keys="size: 12, fill: 20, "))
     assert pairs(both.protocol) == [("f", "x0")]
     assert both.compare("f", "x0")
-    assert not pairs(protocol_of(STATION, INNER, FIXED, LONG, REST, keys="size: 12, "))  # their ends have to be found
+    assert not pairs(protocol_of(STATION, INNER, FIXED, LONG, keys="size: 12, "))  # their ends have to be found
 
 
 def test_the_longest_frame_is_not_longer() -> None:
