@@ -25,6 +25,8 @@ PLANS: dict[str, tuple[tuple[FaultRule, ...], dict[str, Any]]] = {
 }
 USUAL = {"srtp": 5000, "snp": 10_000, "snp-x": 2500, "ccm": 800, "ccm-peer": 800, "df1": 3000, "df1-master": 3000}
 """How long the procedures wait for what they ask first (ms)."""
+EXCHANGES = {"snp": 800, "snp-x": 1300}
+"""The others: 250. As many as it took until one was wrong while only break and attach kept late replies away."""
 
 
 def world_of(name: str, plan: str, **more: Any) -> LateWorld:
@@ -72,7 +74,11 @@ def test_late_lost_and_damaged_ones_together(name: str) -> None:
 
 @pytest.mark.parametrize("name", USUAL)
 def test_procedures_of_their_own_store_nothing_wrong_either(name: str) -> None:
-    """SNP and SNP-X attach anew, DF1 and SRTP have numbers, CCM waits before it begins another conversation."""
+    check_procedure(name, EXCHANGES.get(name, 250))
+
+
+def check_procedure(name: str, count: int) -> None:
+    """SNP and SNP-X wait and attach anew, DF1 and SRTP have numbers, CCM waits before another conversation."""
     time = USUAL[name] * MS
     rules = (
         FaultRule(kind="jitter", time=time * 19 // 10, rate=1 / 30),
@@ -81,10 +87,10 @@ def test_procedures_of_their_own_store_nothing_wrong_either(name: str) -> None:
         FaultRule(kind="glue", rate=1 / 60),
     )
     world = LateWorld(name, *rules)
-    world.exchanges(250)
+    world.exchanges(count)
     assert world.wrong == []
-    assert world.outcomes.total() == 250
-    assert world.outcomes["ok"] >= 150, world.outcomes
+    assert world.outcomes.total() == count
+    assert world.outcomes["ok"] >= 0.6 * count, world.outcomes
 
 
 def test_a_reply_may_be_later_than_two_reply_times_where_the_line_is_told_so() -> None:
@@ -100,3 +106,9 @@ def test_no_value_is_that_of_another_request_in_100000(name: str) -> None:
     """40,000 exchanges with late replies, 20,000 glued, 40,000 with a short time-out and no repeats."""
     for plan, count in zip(PLANS, (40_000, 20_000, 40_000), strict=False):
         check(world_of(name, plan), count)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", USUAL)
+def test_procedures_of_their_own_store_nothing_wrong_in_40000(name: str) -> None:
+    check_procedure(name, 40_000)
