@@ -187,7 +187,7 @@ class Candidates:
             elif type(result) is Unfinished:
                 (silent if result.silent else wanting).append(info)
             elif type(result) is Bad:
-                furthest = worse_of(furthest, result)
+                furthest = result if furthest is None else worse_of(furthest, result)
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
                 shortest = result
         if len(complete) > 1:
@@ -199,7 +199,7 @@ class Candidates:
             if type(result) is Good:
                 return result, furthest, wanting
             if type(result) is Bad:
-                furthest = worse_of(furthest, result)
+                furthest = result if furthest is None else worse_of(furthest, result)
         return shortest, furthest, wanting
 
     def read(self, info: FrameInfo, complete: Complete) -> Result:
@@ -228,7 +228,7 @@ class Candidates:
         if fault is not None:
             return self._damaged(info, raw, fault, True)
         if info.intact is not None and not info.intact(raw):
-            return self._misread(info, raw, info.misread(raw, self._context), True)
+            return self.misread(info, raw, info.misread(raw, self._context), True)
         try:
             return Good(info, raw, info.decode(raw, self._context), None)
         except CODEC_ERRORS as error:
@@ -243,9 +243,9 @@ class Candidates:
             return self._bad(info, raw, lambda: Fault("value", expected="values that fit together"), known_end)
         if error.refuse is not None:
             return Good(info, raw, dict(error.fields), error.refuse)
-        return self._misread(info, raw, error, known_end)
+        return self.misread(info, raw, error, known_end)
 
-    def _misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool) -> Bad:
+    def misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool) -> Bad:
         return self._bad(info, raw, partial(fault_of, error), known_end)
 
     def _damaged(self, info: FrameInfo, raw: bytes, fault: LineFault, known_end: bool) -> Bad:
@@ -303,14 +303,12 @@ def fault_of(error: FrameError) -> Fault:
     return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error))
 
 
-def worse(first: Bad | None, second: Bad) -> Bad:
+def worse(first: Bad, second: Bad) -> Bad:
     """The one that got further; of two that got equally far, the one asked first.
 
     One that silence could still have ended when the other was complete was none then: the other one is told. Where
     both end at the same place nothing depends on it before it is asked what was wrong.
     """
-    if first is None:
-        return second
     if first.open_at is not None and first.open_at(second.size):
         return second
     if second.open_at is not None and second.open_at(first.size):
@@ -320,9 +318,9 @@ def worse(first: Bad | None, second: Bad) -> Bad:
     return second if second.bad.place > first.bad.place else first
 
 
-def any_of(first: Bad | None, second: Bad) -> Bad:
+def any_of(first: Bad, second: Bad) -> Bad:
     """A bad frame of which no reason is asked for."""
-    return first or second
+    return first
 
 
 def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:

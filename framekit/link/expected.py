@@ -54,7 +54,7 @@ class ExpectedFrames:
     """
 
     __slots__ = (
-        "_ends", "_found", "_rest", "_starts", "_wanted", "every", "expected", "others", "starting", "starts", "stops"
+        "_found", "_rest", "_starts", "_wanted", "every", "expected", "others", "starting", "starts", "stops"
     )  # fmt: skip
 
     def __init__(
@@ -65,7 +65,6 @@ class ExpectedFrames:
         self._wanted = _on_line(table, expected)
         self._rest = _on_line(table, tuple(name for name in others if name not in expected))
         self._found: dict[int, tuple[Level, Level]] = {}
-        self._ends: dict[int, Ends] = {}
         self._starts: dict[tuple[Level, Level], Start] = {}
         self.starting: list[Start | None] = [None] * 256
         self.starts = self._start_pattern()
@@ -84,14 +83,8 @@ class ExpectedFrames:
 
     def ends(self, left: Left, byte: int) -> Ends:
         """What finds the ends of the expected candidates behind `byte`: those left, if that is sure."""
-        if left.sure:
-            if left.ends is None:
-                left.ends = by_extent(left.infos)
-            return left.ends
-        found = self._ends.get(byte)
-        if found is None:
-            found = self._ends[byte] = by_extent(self.at(byte)[0])
-        return found
+        left.ends = by_extent(left.infos if left.sure else self.at(byte)[0])
+        return left.ends
 
     def start(self, byte: int) -> Start:
         """The candidates that may begin with `byte`, told apart by another one; for the same ones the same object."""

@@ -100,10 +100,6 @@ class FrameInfo:
         """What `decode` raises for a frame that is not `intact`."""
         return Misread(self.name, self._examine, raw, names)
 
-    def holds_known(self, fields: Mapping[str, Any]) -> bool:
-        """Whether the only frame inside is one that is known."""
-        return self.inner is not None and "unknown" not in fields[self.inner]
-
     def _collect(self, segments: tuple[Segment, ...], certain: bool = True) -> None:
         for segment in segments:
             there = certain and segment.when is None

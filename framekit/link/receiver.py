@@ -13,7 +13,7 @@ from typing import Any
 from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.arrivals import Arrival, FrameArrived, Noise
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
 from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, any_of, worse
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
@@ -287,7 +287,7 @@ class Receiver:
                 if at >= end:
                     break
                 left = start.left[buffer[at]]
-                info, fields = left.alone, None
+                info, fields, damage = left.alone, None, None
                 if info is None:
                     size = 0
                     if left.infos and not self._noise.data:
@@ -313,14 +313,23 @@ class Receiver:
                     except FrameError as error:
                         if error.refuse is not None:
                             break
+                        damage = error
                     else:
-                        if info.guesses and not said and not info.holds_known(fields):
+                        if info.guesses and not said and "unknown" in fields[info.inner or ""]:
                             break
                 if fields is None or info is None:
                     stream.position = place
                     if size and stream.base + place >= self._bad_until:
                         first = place
-                        break
+                        if info is None or damage is None or said or inside is not None or not left.sure:
+                            break
+                        bad = self._bad(self._candidates.misread(info, raw, damage, True))
+                        if isinstance(bad, (BadFrame, Noise)):
+                            add(bad)
+                        if not is_all or self.broken or self._skipping:
+                            return False
+                        place = first = stream.position
+                        continue
                     self._pass_over(frames, found)
                     if stream.position == place or (found and not is_all):
                         place = first = stream.position
@@ -428,7 +437,7 @@ class Receiver:
                 left = start.left[buffer[at]]
                 if inside is not None and not (left.sure and inside.nothing_begins(left.infos)):
                     break
-                for extent, look in every.ends(left, buffer[place]):
+                for extent, look in left.ends or every.ends(left, buffer[place]):
                     size = extent(buffer, place, total, names)
                     if size == 0 or (is_skipped and size == lost):
                         continue
@@ -487,7 +496,8 @@ class Receiver:
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
-            worst = worst if bad is None else worse_of(worst, bad)
+            if bad is not None:
+                worst = bad if worst is None else worse_of(worst, bad)
             if wanting and worst is None:
                 worst = self._candidates.cut(wanting[0], limit)
         if worst is not None:
@@ -511,7 +521,7 @@ class Receiver:
             if isinstance(result, Good):
                 return self._noise_before() or self._arrived(result)
             if isinstance(result, Bad):
-                worst = worse(worst, result)
+                worst = result if worst is None else worse(worst, result)
         return self._unusable() if worst is None else self._bad(worst)
 
     # ---- good frames --------------------------------------------------------------------------------------
@@ -656,9 +666,13 @@ class Receiver:
         return max(1, min(stops) - stream.position)
 
     def _collect(self, count: int, skipped: bool) -> None:
-        position = self.stream.position
-        self._noise.collect(self.stream, position, position + count, skipped)
-        self._move(count)
+        """So many bytes are noise, or are left of a bad frame."""
+        stream = self.stream
+        position = stream.position
+        self._noise.collect(stream, position, position + count, skipped)
+        stream.position = position + count
+        if self._candidates.said or self._inside is not None:
+            self._moved()
 
     def _move(self, count: int) -> None:
         self.stream.position += count
