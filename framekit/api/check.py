@@ -95,7 +95,7 @@ def loads_of(run: RunModel) -> tuple[tuple[ChannelLoad, ...], list[Problem]]:
 
 def _vectors(path: Path) -> Checked:
     from framekit.api.vectors import vector_problems
-    from framekit.definition.load.vectors import read_vectors
+    from framekit.definition.vectors import read_vectors
 
     vectors, problems = read_vectors(path)
     if vectors is None:

@@ -1,15 +1,15 @@
-"""What is seen on lines, for people: a monitor of one line, the log of frames, and what a display shows."""
+"""Lines without a run: monitors, the log of frames and what a display shows; captures decoded or sent again; loopback."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from framekit.api.errors import RequestError
+from framekit.api.errors import LineClosedError, RequestError
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
@@ -18,14 +18,17 @@ from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import CharacterFault, Command
 from framekit.link.listener import Listener
 from framekit.link.observe import Monitor, Seen
+from framekit.link.parameters import ParameterError
 from framekit.link.scope import Scope
 from framekit.run.block_state import BlockStatus
-from framekit.service.capture import Capture
+from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
 from framekit.service.driver import Driver
 from framekit.service.line_load import LineLoad
-from framekit.transport.clock import AsyncioClock, Clock
-from framekit.transport.port import Port
-from framekit.transport.schemes import open_port
+from framekit.transport.clock import AsyncioClock, Clock, Handle, VirtualClock
+from framekit.transport.port import AcceptedPort, Port
+from framekit.transport.port import LineEvent as LineEvent
+from framekit.transport.schemes import make_listener, open_port, scheme_of
+from framekit.transport.simulated_line import SimulatedLine
 
 UNKNOWN = "unknown"
 USER_DEFINED = "user-defined"
@@ -325,3 +328,357 @@ class LiveView:
     def seconds(self, at: int) -> float:
         """A time of the clock in seconds since it began."""
         return (at - self.began) / 1e9
+
+
+class Replay:
+    """Sends what `events` say went in `direction`; `on_end(reason)` is told once, '' when everything has been sent.
+
+    `speed_up`: how many times faster than it was; None: each piece as soon as the one before it has left.
+    """
+
+    def __init__(
+        self,
+        events: Iterable[LineEvent],
+        port: Port,
+        clock: Clock,
+        on_end: Callable[[str], None],
+        *,
+        direction: Literal["in", "out"] = "out",
+        speed_up: float | None = 1.0,
+    ) -> None:
+        self.port = port
+        self.clock = clock
+        self.pieces_sent = self.bytes_sent = self.bytes_received = 0
+        self.began = self.ended_at = 0
+        self._events = [event for event in events if event.kind == "data" and event.direction == direction]
+        self._on_end = on_end
+        self._speed_up = speed_up
+        self._character = 0 if port.settings is None else port.settings.character_time
+        self._over = False
+
+    @property
+    def pieces(self) -> int:
+        """How many there are."""
+        return len(self._events)
+
+    def start(self) -> None:
+        """Opens the port and begins."""
+        self.port.open(self)
+
+    def stop(self) -> None:
+        """Ends it where it is."""
+        self._end("stopped")
+
+    def _begun_at(self, event: LineEvent) -> int:
+        """When its first bit was on the line: received bytes have the time of their last."""
+        return event.at - (len(event.data) * self._character if event.direction == "in" else 0)
+
+    def _next(self) -> None:
+        """Asks for the next piece at its time, or ends."""
+        if self._over:
+            return
+        if self.pieces_sent >= len(self._events):
+            self._end("")
+        elif self._speed_up is None:
+            self._send()
+        else:
+            passed = self._begun_at(self._events[self.pieces_sent]) - self._begun_at(self._events[0])
+            self.clock.call_at(self.began + round(passed / self._speed_up), self._send)
+
+    def _send(self) -> None:
+        if self._over:
+            return
+        data = self._events[self.pieces_sent].data
+        self.pieces_sent += 1
+        self.bytes_sent += len(data)
+        self.port.write(data)
+
+    def _end(self, reason: str) -> None:
+        if not self._over:
+            self._over = True
+            self.ended_at = self.clock.now()
+            self.port.close()
+            self._on_end(reason)
+
+    # ---- events of the port -------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self.began = now
+        self._next()
+
+    def sent(self, now: int) -> None:
+        self._next()
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self.bytes_received += len(data)
+
+    def other_sender(self, now: int) -> None:
+        """Who sends changes nothing."""
+
+    def line_break(self, now: int) -> None:
+        """Breaks of the other side change nothing."""
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        """Control lines change nothing."""
+
+    def closed(self, now: int, reason: str) -> None:
+        self._end(reason)
+
+
+PATIENCE = 500_000_000
+"""How much longer than the bytes take the last of them may need (ns)."""
+SLOW = 1.25
+"""A line that takes so many times longer than its speed says does not run at that speed."""
+
+PortMaker = Callable[[LineFormat], Port]
+
+
+@dataclass(slots=True)
+class LoopbackResult:
+    """What one speed and format came to. Times in ns; `problems` is empty when everything came back."""
+
+    line: LineFormat
+    sent: int = 0
+    received: int = 0
+    expected_time: int = 0
+    measured_time: int = 0
+    problems: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        return not self.problems
+
+
+def pattern_of(line: LineFormat) -> bytes:
+    """Every character the format has, then alternating ones and zeros."""
+    most = 1 << line.data_bits
+    return bytes(range(most)) + bytes((0x55 & most - 1, 0xAA & most - 1)) * 8
+
+
+class Loopback:
+    """Tests `lines` in order; `on_end` gets all results. Each one opens and closes a port of its own."""
+
+    def __init__(
+        self,
+        make_port: PortMaker,
+        clock: Clock,
+        lines: Sequence[LineFormat],
+        on_end: Callable[[list[LoopbackResult]], None],
+        on_result: Callable[[LoopbackResult], None] | None = None,
+    ) -> None:
+        self.results: list[LoopbackResult] = []
+        self._make_port = make_port
+        self._clock = clock
+        self._lines = list(lines)
+        self._on_end = on_end
+        self._on_result = on_result or (lambda result: None)
+
+    def start(self) -> None:
+        """Begins with the first. Raises ValueError for a port of no known kind."""
+        self._next()
+
+    def _next(self) -> None:
+        if len(self.results) == len(self._lines):
+            self._on_end(self.results)
+            return
+        line = self._lines[len(self.results)]
+        _Trial(self._make_port(line), self._clock, line, self._done).start()
+
+    def _done(self, result: LoopbackResult) -> None:
+        self.results.append(result)
+        self._on_result(result)
+        self._clock.call_soon(self._next)
+
+
+class _Trial:
+    """One speed and format on one port."""
+
+    def __init__(self, port: Port, clock: Clock, line: LineFormat, done: Callable[[LoopbackResult], None]) -> None:
+        self._port = port
+        self._clock = clock
+        self._pattern = pattern_of(line)
+        self._result = LoopbackResult(line, expected_time=len(self._pattern) * line.character_time)
+        self._done = done
+        self._data = bytearray()
+        self._faults: list[str] = []
+        self._began = 0
+        self._limit: Handle | None = None
+        self._over = False
+
+    def start(self) -> None:
+        self._port.open(self)
+
+    # ---- events of the port -------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self._began = now
+        self._result.sent = len(self._pattern)
+        self._limit = self._clock.call_at(now + round(SLOW * 2 * self._result.expected_time) + PATIENCE, self._finish)
+        self._port.write(self._pattern)
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self._data += data
+        self._faults += [fault.fault.value for fault in faults]
+        self._result.measured_time = now - self._began
+        if len(self._data) >= len(self._pattern):
+            self._finish()
+
+    def sent(self, now: int) -> None:
+        """What counts is what comes back."""
+
+    def other_sender(self, now: int) -> None:
+        """What counts is what comes, not who sends it."""
+
+    def line_break(self, now: int) -> None:
+        self._faults.append("break")
+
+    def control(self, lines: Mapping[str, bool], now: int) -> None:
+        """Control lines are not tested."""
+
+    def closed(self, now: int, reason: str) -> None:
+        self._result.problems.append(reason)
+        self._finish()
+
+    # ---- what it came to ----------------------------------------------------------------------------------
+
+    def _finish(self) -> None:
+        if self._over:
+            return
+        self._over = True
+        if self._limit is not None:
+            self._limit.cancel()
+        self._port.close()
+        self._result.received = len(self._data)
+        if self._result.sent and not self._result.problems:
+            self._judge()
+        self._done(self._result)
+
+    def _judge(self) -> None:
+        problems, sent, came = self._result.problems, self._pattern, bytes(self._data)
+        if not came:
+            problems.append("nothing came back – are transmitted and received data wired together?")
+            return
+        if len(came) < len(sent):
+            problems.append(f"{len(sent) - len(came)} of {len(sent)} bytes are missing")
+        elif len(came) > len(sent):
+            problems.append(f"{len(came) - len(sent)} bytes too many")
+        if len(came) == len(sent):
+            changed = [place for place in range(len(sent)) if came[place] != sent[place]]
+            if changed:
+                first = changed[0]
+                what = f"{len(changed)} of {len(sent)} bytes changed, the first at {first}"
+                problems.append(f"{what}: {sent[first]:02X} came back as {came[first]:02X}")
+        elif not sent.startswith(came):
+            first = next(place for place, (one, other) in enumerate(zip(sent, came, strict=False)) if one != other)
+            problems.append(f"from byte {first} on it is something else")
+        for kind in sorted(set(self._faults)):
+            problems.append(f"{self._faults.count(kind)} × {kind}")
+        self._judge_time()
+
+    def _judge_time(self) -> None:
+        expected, measured = self._result.expected_time, self._result.measured_time
+        told = f"{measured / 1e6:.1f} ms instead of {expected / 1e6:.1f} ms"
+        if measured > SLOW * expected + PATIENCE:
+            self._result.problems.append(f"it took {told}: the line is slower than set")
+        elif measured * SLOW < expected:
+            self._result.remarks.append(f"it took {told}: bytes have no bit times here")
+
+
+# ---- on ports ---------------------------------------------------------------------------------------------
+
+SIMULATED = "sim:loop"
+"""The port of a simulated line that is wired back to itself."""
+
+
+def decoder(
+    path: Path, protocol: Protocol, *, line: LineFormat | None, params: Mapping[str, Any], client: Literal["in", "out"]
+) -> CaptureDecoder:
+    """What decodes a capture. Raises CaptureError (a ValueError), RequestError for parameters that do not fit."""
+    try:
+        return CaptureDecoder(path, protocol, line=line, params=params, client=client)
+    except ParameterError as error:
+        raise RequestError(str(error)) from None
+
+
+def recorded(path: Path, direction: Literal["in", "out"], channel: int | None) -> list[LineEvent]:
+    """The bytes of one channel and direction in a capture. Raises CaptureError (a ValueError), RequestError."""
+    with CaptureReader(path) as reader:
+        found = [
+            (number, event)
+            for number, event in reader.events()
+            if event.kind == "data" and event.direction == direction
+        ]
+    channels = sorted({number for number, _ in found})
+    if channel is None and len(channels) > 1:
+        raise RequestError(f"the capture has the channels {', '.join(map(str, channels))} – choose one with --channel")
+    events = [event for number, event in found if channel in (None, number)]
+    if not events:
+        raise RequestError(f"the capture has no bytes of direction {direction} there – try --direction")
+    return events
+
+
+async def replay(
+    events: Iterable[LineEvent], url: str, line: LineFormat, *, direction: Literal["in", "out"],
+    speed_up: float | None, waiting: Callable[[str], None], begun: Callable[[Replay], None],
+) -> tuple[Replay, str]:  # fmt: skip
+    """Sends a capture on a port, or to the first that connects to it; why it ended, '' when all has been sent.
+
+    `waiting` is told where to connect, `begun` is given the replay. Raises RequestError, LineClosedError.
+    """
+    ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    clock = AsyncioClock(asyncio.get_running_loop())
+    port = await _port_at(url, line, clock, waiting)
+    sending = Replay(events, port, clock, ended.set_result, direction=direction, speed_up=speed_up)
+    begun(sending)
+    sending.start()
+    return sending, await ended
+
+
+async def _port_at(url: str, line: LineFormat, clock: AsyncioClock, waiting: Callable[[str], None]) -> Port:
+    """The port, not yet opened; where it is to be a listener, the first connection."""
+    first: asyncio.Future[AcceptedPort] = clock.loop.create_future()
+
+    def accepted(port: AcceptedPort) -> None:
+        if first.done():
+            port.close()
+        else:
+            first.set_result(port)
+
+    kind = scheme_of(url)
+    try:
+        if kind is None or kind.open is not None:
+            return open_port(url, line, clock)
+        listener = make_listener(url, clock, accepted)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    try:
+        await listener.start()
+    except OSError as error:
+        raise LineClosedError(f"{url}: {error.strerror or error}", "closed") from None
+    waiting(listener.reached.partition("://")[2])
+    try:
+        return await first
+    finally:
+        listener.stop()
+
+
+def loopback(url: str, lines: Sequence[LineFormat]) -> list[LoopbackResult]:
+    """Tests a port that is wired back to itself with each of `lines`. Raises RequestError for what is no port."""
+    if url != SIMULATED:
+        return asyncio.run(_real_loopback(url, lines))
+    clock = VirtualClock()
+    found: list[LoopbackResult] = []
+    Loopback(lambda line: SimulatedLine(clock, line, echo=True).port("loop"), clock, lines, found.extend).start()
+    clock.run_until_idle(1 << 60)
+    return found
+
+
+async def _real_loopback(url: str, lines: Sequence[LineFormat]) -> list[LoopbackResult]:
+    clock = AsyncioClock(asyncio.get_running_loop())
+    ended: asyncio.Future[list[LoopbackResult]] = clock.loop.create_future()
+    try:
+        Loopback(lambda line: open_port(url, line, clock), clock, lines, ended.set_result).start()
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    return await ended

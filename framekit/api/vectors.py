@@ -8,19 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.check.vectors import check_vectors
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.reader import parse_number
-from framekit.definition.load.vectors import read_vectors
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.vectors import Conversation, Vectors
 from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.vectors import Conversation, Vectors, check_vectors, read_vectors
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.link.conversation import SideUnderTest, run_conversation
+from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
 from framekit.link.engine import Engine
 from framekit.link.exchange import Ask
 from framekit.link.frame_table import ProtocolCodec
-from framekit.link.frame_vectors import run_frame_vector
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.link.tested_side import Starter

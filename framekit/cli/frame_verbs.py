@@ -216,8 +216,7 @@ def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Acti
 
 def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Prints everything; 1 when there was a bad frame or noise. Raises VerbError."""
-    from framekit.api.lines import decoder
-    from framekit.api.monitor import result_of
+    from framekit.api.monitor import decoder, result_of
     from framekit.codec.plain import PlainValues
 
     wanted, plain = filter_of(arguments), PlainValues(protocol)

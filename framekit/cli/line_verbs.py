@@ -43,8 +43,7 @@ from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from framekit import Seen
-    from framekit.api.lines import LineEvent, LoopbackResult
-    from framekit.api.monitor import LineMonitor, LiveView
+    from framekit.api.monitor import LineEvent, LineMonitor, LiveView, LoopbackResult
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.times import LineFormat
 
@@ -216,7 +215,7 @@ def run_replay(arguments: argparse.Namespace) -> int:
         line = parse_format(arguments.format, arguments.speed)
     except ValueError as error:
         raise WordsError(str(error)) from None
-    from framekit.api.lines import recorded
+    from framekit.api.monitor import recorded
 
     path = existing(arguments.file)
     try:
@@ -228,7 +227,7 @@ def run_replay(arguments: argparse.Namespace) -> int:
 
 
 async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
-    from framekit.api.lines import replay
+    from framekit.api.monitor import replay
 
     def waiting(place: str) -> None:
         print(f"waiting for a connection to {place}", file=sys.stderr, flush=True)
@@ -262,7 +261,7 @@ def add_loopback_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_loopback(arguments: argparse.Namespace) -> int:
-    from framekit.api.lines import loopback
+    from framekit.api.monitor import loopback
 
     lines = _lines(arguments)
     with in_words():

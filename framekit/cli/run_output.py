@@ -15,8 +15,17 @@ from framekit.definition.times import format_time, milliseconds
 if TYPE_CHECKING:
     from framekit import BlockStatus, Seen
     from framekit.api.check import BlockLoad, ChannelLoad
-    from framekit.api.run import Block, Edit, RunCalls, RunModel
-    from framekit.api.status import ChannelStatus, JobsStatus, JobStatus, RemovedBlocks, RunStatus
+    from framekit.api.run import (
+        Block,
+        ChannelStatus,
+        Edit,
+        JobsStatus,
+        JobStatus,
+        RemovedBlocks,
+        RunCalls,
+        RunModel,
+        RunStatus,
+    )
 
 
 LOAD_HEAD = ("block", "what", "starts", "frames", "bytes", "takes", "load", "note")

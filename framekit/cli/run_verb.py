@@ -71,8 +71,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_run(arguments: argparse.Namespace) -> int:
     from framekit.api.check import loads_of
+    from framekit.api.run import content_of
     from framekit.api.run import loaded as load_run
-    from framekit.api.status import content_of
     from framekit.cli.run_output import JsonOutput, TextOutput
 
     duration = duration_of(arguments.duration)
@@ -174,7 +174,7 @@ async def _real(
 
 async def _watch_file(watched: Watched, run: RunCalls, output: RunOutput) -> None:
     """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
-    from framekit.api.status import FileWatch, reasons
+    from framekit.api.run import FileWatch, reasons
 
     files = FileWatch(
         watched.path,

@@ -19,8 +19,7 @@ from framekit.definition.expression.syntax import names_in
 from framekit.definition.model.services import AddressForm, Area, Literally, Maybe, Part
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
-from framekit.link.invert import Inverse, inverse_of
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Inverse, Names, compile_expression, inverse_of
 from framekit.link.variables import table_values
 from framekit.memory.memory import unit_bits
 from framekit.memory.profile import ProfileArea

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from typing import Any
 
+from framekit.link.evaluate import Names
 from framekit.link.values import attribute
 
 DEFAULT_START = datetime(2000, 1, 1)
@@ -61,3 +62,17 @@ class DeviceClock:
     def set(self, to: Mapping[str, int], now: int) -> None:
         """Raises KeyError or ValueError when `to` is no moment."""
         self._start, self._now = _datetime(to), now
+
+
+class DeviceState(Names):
+    """Variables of scope `device` by name, put in by the first engine that has this one.
+
+    `changes` grows whenever one of them changes; `clock` is None until an engine has begun.
+    """
+
+    __slots__ = ("changes", "clock")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.changes = 0
+        self.clock: DeviceClock | None = None

@@ -16,8 +16,7 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
-from framekit.link.clock import DEFAULT_START
-from framekit.link.device_state import DeviceState
+from framekit.link.clock import DEFAULT_START, DeviceState
 from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server

@@ -14,9 +14,8 @@ from framekit.definition.model.procedure import CallOf, Role, Row, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
 from framekit.definition.model.walk import parts_of
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, bare_name, compile_expression
 from framekit.link.events import Break, Send
-from framekit.link.invert import bare_name
 from framekit.link.scope import Scope
 
 LONGEST = 60_000_000_000

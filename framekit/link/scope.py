@@ -14,12 +14,10 @@ from weakref import ref
 from framekit.definition.expression.syntax import Call, Expression, names_in, walk
 from framekit.definition.model.protocol import Protocol, StateVariable
 from framekit.definition.times import LineFormat
-from framekit.link.clock import DEFAULT_START, DeviceClock
-from framekit.link.device_state import DeviceState
+from framekit.link.clock import DEFAULT_START, DeviceClock, DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression
 from framekit.link.line_times import LineTimes
-from framekit.link.parameter_formulas import CHANGING, depending, is_constant, lasting
-from framekit.link.parameters import ParameterError, check_value, given_value
+from framekit.link.parameters import CHANGING, ParameterError, check_value, depending, given_value, is_constant, lasting
 from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
 
 

@@ -15,7 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from framekit.definition.check.addresses import check_forms
+from framekit.definition.check.services import check_forms
 from framekit.definition.load.documents import Documents, merged
 from framekit.definition.load.namespace import load_table
 from framekit.definition.load.reader import MOST_ELEMENTS, Broken, Reader

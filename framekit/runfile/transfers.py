@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
-from framekit.definition.check.addresses import is_unit
+from framekit.definition.check.services import is_unit
 from framekit.definition.expression.syntax import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame

@@ -11,7 +11,7 @@ from pathlib import Path
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import MOST_STATIONS, LineFormat
-from framekit.link.device_state import DeviceState
+from framekit.link.clock import DeviceState
 from framekit.link.engine import Engine
 from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults

@@ -31,8 +31,7 @@ from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandFaultError, StatusPlaceError
 from framekit.run.job_profile import JobProfile
-from framekit.run.job_records import RecordReader
-from framekit.run.job_table import Attempt, JobTable
+from framekit.run.job_table import Attempt, JobTable, RecordReader
 from framekit.run.model import (
     Block,
     Channel,

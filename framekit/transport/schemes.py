@@ -59,25 +59,25 @@ def _open_serial(url: str, settings: LineFormat | None, clock: AsyncioClock, wir
 
 
 def _open_tcp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
-    from framekit.transport.tcp import TcpPort
+    from framekit.transport.network import TcpPort
 
     return TcpPort(*host_and_port(url), clock, wiring.connect_within)
 
 
 def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
-    from framekit.transport.tcp import TcpListener
+    from framekit.transport.network import TcpListener
 
     return TcpListener(*host_and_port(url), clock, accepted)
 
 
 def _open_udp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
-    from framekit.transport.udp import UdpPort
+    from framekit.transport.network import UdpPort
 
     return UdpPort(*host_and_port(url), clock, listens=scheme_name(url) == "udp-listen")
 
 
 def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
-    from framekit.transport.udp import UdpListener
+    from framekit.transport.network import UdpListener
 
     return UdpListener(*host_and_port(url), clock, accepted)
 

@@ -8,7 +8,7 @@ import pytest
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
-from framekit.link.frame_vectors import default_line
+from framekit.link.conversation import default_line
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.run.commands import CommandBlocks, CommandFaultError, Meaning, bytes_of, meaning_of, words_of

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.api.status import run_status
+from framekit.api.run import run_status
 from framekit.cli.common import begin_log
 from framekit.cli.main import main
 from framekit.runfile.run_file import load_run

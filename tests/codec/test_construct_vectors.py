@@ -14,10 +14,9 @@ from strategies import base_context
 from framekit.codec.errors import FrameError
 from framekit.codec.plain import PlainValues
 from framekit.definition.load import load_protocol
-from framekit.definition.load.vectors import load_vectors
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.vectors import FrameVector
 from framekit.definition.sources import shipped_folder
+from framekit.definition.vectors import FrameVector, load_vectors
 
 FOLDER = Path(shipped_folder("frames"))
 

@@ -22,13 +22,11 @@ from framekit.codec.errors import FrameError
 from framekit.codec.python.generate import generate_source
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
-from framekit.definition.load.vectors import load_vectors
-from framekit.definition.model.vectors import Conversation
+from framekit.definition.vectors import Conversation, load_vectors
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
-from framekit.link.conversation import SideUnderTest, run_conversation
+from framekit.link.conversation import SideUnderTest, default_line, run_conversation
 from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, LineFault
-from framekit.link.frame_vectors import default_line
 from framekit.link.listener import Listener
 from framekit.link.observe import Seen
 from framekit.link.receiver import Receiver

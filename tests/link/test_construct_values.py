@@ -11,8 +11,7 @@ from framekit.definition.expression.parse import parse_expression
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import NOWHERE
 from framekit.link.construct_values import EACH, compile_value
-from framekit.link.evaluate import Names
-from framekit.link.invert import NotReadableError, inverse_of, is_constant
+from framekit.link.evaluate import Names, NotReadableError, inverse_of, is_constant
 from framekit.link.values import FrameValue
 
 

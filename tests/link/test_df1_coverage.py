@@ -9,10 +9,10 @@ from link.service_loop import FRAMES
 
 from framekit.definition.expression.syntax import Number
 from framekit.definition.load import load_protocol
-from framekit.definition.load.vectors import load_vectors
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field
+from framekit.definition.vectors import load_vectors
 
 INDEX = {
     *(0x0000, 0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0800),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from link.service_loop import FRAMES
 
-from framekit.definition.load.vectors import load_vectors
+from framekit.definition.vectors import load_vectors
 
 CASES = load_vectors(FRAMES / "df1.vectors.yaml").conversations
 

@@ -14,11 +14,11 @@ from link.link_world import MS, cut_at, feed
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
-from framekit.definition.load.vectors import load_vectors
+from framekit.definition.vectors import load_vectors
+from framekit.link.conversation import default_line
 from framekit.link.engine import Engine
 from framekit.link.evaluate import Names
 from framekit.link.exchange import Exchange
-from framekit.link.frame_vectors import default_line
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer

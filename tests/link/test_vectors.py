@@ -11,11 +11,9 @@ from link.link_world import compiled
 from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
-from framekit.definition.load.vectors import load_vectors, parse_wire
-from framekit.definition.model.vectors import Conversation, FrameVector, Vectors
 from framekit.definition.problems import DefinitionError
-from framekit.link.conversation import SideUnderTest, run_conversation
-from framekit.link.frame_vectors import run_frame_vector
+from framekit.definition.vectors import Conversation, FrameVector, Vectors, load_vectors, parse_wire
+from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
 
 FRAMES = Path(__file__).parents[2] / "frames"
 SHIPPED = sorted(FRAMES.glob("*.vectors.yaml"))

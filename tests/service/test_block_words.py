@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from framekit.api.status import run_status
+from framekit.api.run import run_status
 from framekit.run.block_state import ErrorCode
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from near_run import started
 
-from framekit.api.status import COMMANDS, ControlError, carry_out
+from framekit.api.run import COMMANDS, ControlError, carry_out
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

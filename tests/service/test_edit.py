@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.api.status import run_status
+from framekit.api.run import run_status
 from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.observe import Seen

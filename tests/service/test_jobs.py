@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from job_bench import MS, SECOND, Bench, bench, write_device
 
-from framekit.api.status import run_status
+from framekit.api.run import run_status
 from framekit.definition.problems import DefinitionError
 from framekit.runfile.run_file import load_run
 

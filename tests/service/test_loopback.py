@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from framekit.api.lines import Loopback, LoopbackResult, pattern_of
+from framekit.api.monitor import Loopback, LoopbackResult, pattern_of
 from framekit.definition.times import LineFormat
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from framekit.api.lines import Replay
+from framekit.api.monitor import Replay
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import VirtualClock

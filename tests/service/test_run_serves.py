@@ -8,7 +8,7 @@ import select
 import socket
 from pathlib import Path
 
-from framekit.api.status import run_status
+from framekit.api.run import run_status
 from framekit.link.observe import Seen
 from framekit.run.model import ConnectionLimits
 from framekit.runfile.run_file import load_run

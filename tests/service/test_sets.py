@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from near_run import started
 
-from framekit.api.status import run_status
+from framekit.api.run import run_status
 from framekit.cli.run_output import status_data
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

@@ -11,11 +11,11 @@ from typing import Any
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
+from framekit.transport.network import TcpListener
 from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_pair import PtyMaster, PtyPair
 from framekit.transport.schemes import open_port
 from framekit.transport.simulated_line import SimulatedLine
-from framekit.transport.tcp import TcpListener
 
 LONGEST = 20
 """Seconds after which a test that waits for an event is broken off."""

@@ -12,7 +12,7 @@ from textual.binding import Binding
 from textual.widgets import DataTable, Footer, Header, Input, Static
 
 from framekit.api.monitor import FAULTY, FrameFilter
-from framekit.api.status import COMMANDS
+from framekit.api.run import COMMANDS
 from framekit.cli.common import VerbError, shown_bytes, what_was_seen
 from framekit.cli.run_output import BLOCK_HEAD, block_row
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.check.known_names import (
+from framekit.definition.check.services import (
     BUILT_IN,
     EXCHANGE,
     IN_BLOCKS,
@@ -16,11 +16,11 @@ from framekit.definition.check.known_names import (
     ONLY_THERE,
     asked_for,
     behind_a_refusal,
+    item_names,
     part_names,
     takes_something,
     without_parts,
 )
-from framekit.definition.check.services import item_names
 from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, names_in, walk
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame

@@ -6,11 +6,10 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
-from framekit.definition.check.addresses import check_forms
 from framekit.definition.check.frames import check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
-from framekit.definition.check.services import check_services
+from framekit.definition.check.services import check_forms, check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression.syntax import Bytes, Expression, List, Name, Number, Text
 from framekit.definition.kinds.numbers import constant_number

@@ -5,33 +5,224 @@ A server can tell from a request what it asks for, and comes to every row.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from framekit.definition.check.addresses import is_unit, parts_in
-from framekit.definition.check.known_names import OFFERED
 from framekit.definition.expression.syntax import (
     Attribute,
     Binary,
     Call,
+    Compare,
     Expression,
     Name,
     Node,
     Text,
     children,
     names_in,
+    walk,
 )
 from framekit.definition.kinds.base import Segment
 from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.procedure import Step
+from framekit.definition.model.procedure import Action, Sequence, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS, ServiceRow
-from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.definition.model.services import (
+    COUNTED_STRING,
+    NUMBER_BITS,
+    UNIT_BITS,
+    AddressForm,
+    Area,
+    Maybe,
+    Part,
+    ServiceRow,
+)
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Table, Value
 from framekit.definition.model.walk import expressions_of, field_names, flat, names_always_there, names_needed, parts_of
 from framekit.definition.problems import Problem, did_you_mean, listed
 from framekit.definition.sources import fingerprint
+
+BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
+EXCHANGE = frozenset({"request", "reply", "buffer", "reply_buffer", "expected", "refusal"})
+IN_HANDLERS = frozenset({"cause", "frame", "outcome"})
+ONLY_THERE = {
+    "it": "it is what a row has taken: use it in a row, or in a step behind one",
+    "part": "it is the piece of a step that has parts:",
+    "cause": "it is known in on_bad and other handlers",
+    "frame": "it is known in on_bad and other handlers; a frame's name is it.frame",
+    "outcome": "it is known in on_fail",
+    "reply": "it is what serve: answers: add serve: {request: …} before",
+}
+"""Words that have a value only in some places."""
+
+OFFERED = frozenset({
+    "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
+    "element_bytes", "own_bytes", "spans", "old", "key", "entry",
+})  # fmt: skip
+IN_BLOCKS = frozenset({
+    "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",
+    "record",
+})  # fmt: skip
+"""What the row of a command block knows besides, and all that is done when its exchange has ended."""
+OF_EVERY_FRAME = frozenset({"frame", "refusal"})
+
+
+def behind_a_refusal(frame: Frame) -> set[str]:
+    """Fields that a frame may lack when it is to be refused: those from its first segment with a code on."""
+    segments = list(flat(frame.segments))
+    place = next((place for place, segment in enumerate(segments) if segment.refuse is not None), len(segments))
+    return field_names(segments[place:]) - field_names(segments[:place])
+
+
+def asked_for(expression: Expression) -> set[str]:
+    """Fields that an expression asks for first: `'station' in it`."""
+    return {
+        node.first.value
+        for node in walk(expression.root)
+        if isinstance(node, Compare) and isinstance(node.first, Text) and node.rest[0][0] in ("in", "not in")
+    }
+
+
+def takes_something(sequence: Sequence) -> bool:
+    """Whether something can have arrived that `it` may stand for."""
+    if sequence.always or "on_other" in sequence.handlers:
+        return True
+    return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
+
+
+def part_names(parts: Iterable[Any]) -> Iterator[str]:
+    """The names of the parts of an address form."""
+    for part in parts:
+        if hasattr(part, "parts"):
+            yield from part_names(part.parts)
+        elif hasattr(part, "name"):
+            yield part.name
+
+
+def without_parts(segment: Segment) -> list[Any]:
+    """What a segment says itself, without the segments it holds (they are checked on their own)."""
+    parts = [
+        getattr(segment, name)
+        for name in segment.__dataclass_fields__
+        if name not in ("of", "cases", "otherwise", "method")
+    ]
+    return [part for part in parts if part is not None]
+
+
+MOST_PLACES = 18
+_UNIT = re.compile(r"[1-9]\d* bytes?")
+
+
+def check_forms(
+    forms: tuple[AddressForm, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    """Everything wrong with the forms of an `addresses` section."""
+    columns = {name for area in areas.values() for name in area.columns}
+    for form in forms:
+        parts = tuple(parts_in(form))
+        yield from _start(form, parts)
+        yield from _area(form, parts)
+        for part in parts:
+            yield from _part(form, part, areas, columns)
+        yield from _unit(form, parts, areas, tables)
+        yield from _type(form)
+        yield from _names(form, parts, columns, tables)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text can be a unit at all: a word of the language, or `6 bytes`."""
+    return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
+
+
+def parts_in(form: AddressForm) -> Iterator[Part]:
+    """The parts in braces, those in optional text too."""
+    for item in form.parts:
+        for part in item.parts if isinstance(item, Maybe) else (item,):
+            if isinstance(part, Part):
+                yield part
+
+
+def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    if "start" not in form.results and not any(part.name == "start" for part in parts):
+        what = f'the form "{form.text}" does not say where a place is'
+        yield Problem(form.at, what, "add {start:dec} to it, or start: EXPRESSION")
+    seen: set[str] = set()
+    for part in parts:
+        if part.what == "number" and part.name in seen:
+            yield Problem(form.at, f"the form \"{form.text}\" has two parts '{part.name}'", "rename one of them")
+        seen.add(part.name)
+    waiting = dict(form.results)
+    while waiting:
+        ready = [name for name, result in waiting.items() if not (names_in(result.root) & waiting.keys()) - {name}]
+        if not ready:
+            what = f'the results of the form "{form.text}" depend on each other in a circle'
+            yield Problem(waiting.popitem()[1].at, what, "break the circle")
+            return
+        for name in ready:
+            del waiting[name]
+
+
+def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    if form.area is None and not any(part.what in ("area", "column") for part in parts):
+        what = f'the form "{form.text}" does not say which area it is'
+        yield Problem(form.at, what, "add {area} to it, or area: NAME")
+
+
+def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set[str]) -> Iterator[Problem]:
+    if part.what == "column" and part.name not in columns and areas:
+        yield Problem(form.at, f"no area has a column '{part.name}'", did_you_mean(part.name, columns))
+    for width in (part.least, part.most):
+        if isinstance(width, str) and width not in columns and areas:
+            yield Problem(form.at, f"no area has a column '{width}' for a number of places", "write 4 or 1-3")
+        elif isinstance(width, int) and not 1 <= width <= MOST_PLACES:
+            yield Problem(form.at, f"a number of {width} places cannot be", f"write 1 to {MOST_PLACES}")
+    if isinstance(part.least, int) and isinstance(part.most, int) and part.least > part.most:
+        yield Problem(form.at, f"{part.least}-{part.most} places cannot be", f"write {part.most}-{part.least}")
+
+
+def _unit(
+    form: AddressForm, parts: tuple[Part, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    units = {*UNIT_BITS, *(area.unit for area in areas.values())}
+    if form.unit is not None and form.unit not in units and not _UNIT.fullmatch(form.unit):
+        hint = did_you_mean(form.unit, [*units, *tables])
+        yield Problem(form.at, f"'{form.unit}' is neither a unit nor a table of units", hint)
+    if any(part.what == "unit" for part in parts) and form.units_table is None and form.unit is None:
+        yield Problem(form.at, f'nothing says what {{unit}} of "{form.text}" may be', "add unit: TABLE, letter: unit")
+    table = tables.get(form.units_table or "")
+    for key, unit in table.entries.items() if table is not None else ():
+        if not isinstance(unit, str) or (unit not in units and not _UNIT.fullmatch(unit)):
+            what = f"{unit!r} stands for '{key}' in the table '{form.units_table}' and is no unit"
+            yield Problem(form.at, what, did_you_mean(str(unit), units))
+
+
+def _type(form: AddressForm) -> Iterator[Problem]:
+    if form.type is None:
+        return
+    if form.unit is None:
+        what = f'the form "{form.text}" has a type and no unit of its own'
+        yield Problem(form.at, what, "say unit: too, or give the area the type")
+    elif UNIT_BITS.get(form.unit) != NUMBER_BITS.get(form.type):
+        yield Problem(form.at, f"a {form.type} is no {form.unit}", "give a type of that width")
+
+
+def _names(
+    form: AddressForm, parts: tuple[Part, ...], columns: set[str], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    """Names in the results: parts, other results, tables, and columns as `area.NAME`."""
+    known = {"area", *(part.name for part in parts), *form.results, *tables}
+    for expression in (*form.results.values(), form.area):
+        if expression is None or isinstance(expression, str):
+            continue
+        for node in walk(expression.root):
+            if isinstance(node, Name) and node.name not in known:
+                yield Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known))
+            of_area = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area"
+            if of_area and isinstance(node, Attribute) and node.name not in columns | {"size"}:
+                yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
+
 
 NOT_COMPARED = frozenset({"station", "own"})
 COLUMNS = frozenset({"area"})

@@ -20,9 +20,16 @@ from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, 
 from framekit.definition.model.walk import expressions_of, field_names, parts_of
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.evaluate import (
+    EVALUATION_ERRORS,
+    Names,
+    bare_name,
+    compile_expression,
+    inverse_of,
+    is_constant,
+    quotient,
+)
 from framekit.link.exchange import Served
-from framekit.link.invert import bare_name, inverse_of, is_constant, quotient
 from framekit.link.packing import PackingError, memory_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names

@@ -15,9 +15,8 @@ from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.link.construct_values import read_layout
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
 from framekit.link.exchange import Outcome
-from framekit.link.invert import bare_name
 from framekit.link.packing import PackingError
 from framekit.link.services.planning import Piece
 from framekit.link.services.rows import RowFacts, ServiceRows, padded_names

@@ -15,9 +15,8 @@ from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.walk import everything, expressions_of, parts_of
 from framekit.link.addresses import Address, AddressGrammar, code_of
-from framekit.link.evaluate import Evaluate, compile_expression
+from framekit.link.evaluate import Evaluate, bare_name, compile_expression
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
-from framekit.link.invert import bare_name
 from framekit.link.packing import Packer
 
 NATIVE = frozenset({"start", "count", "first"})

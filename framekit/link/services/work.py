@@ -16,8 +16,7 @@ from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.construct_values import Compute, ValueCompiler
-from framekit.link.evaluate import Evaluate, Names, compile_expression
-from framekit.link.invert import bare_name
+from framekit.link.evaluate import Evaluate, Names, bare_name, compile_expression
 from framekit.link.packing import memory_of, values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of

@@ -16,8 +16,7 @@ from framekit.definition.expression.emit import emit
 from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name
 from framekit.definition.model.values import FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.construct_values import read_as
-from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Names
-from framekit.link.invert import Inverse
+from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Inverse, Names
 from framekit.link.services.rows import ServiceRows
 from framekit.link.values import FrameValue, attribute, plain
 

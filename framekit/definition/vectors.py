@@ -1,0 +1,407 @@
+"""Test cases beside a definition: frames with their bytes, and conversations on virtual time; read, and checked.
+
+Language reference, section 15. What is in a case stays plain (text, lists, mappings) until a runner gives it a meaning.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from collections.abc import Mapping as MappingOf
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from framekit.definition.check.typed import KindChecker
+from framekit.definition.expression.syntax import Expression
+from framekit.definition.load.documents import Documents
+from framekit.definition.load.reader import Broken, Reader, parse_bytes
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.walk import field_names
+from framekit.definition.nodes import Mapping, Node, Scalar
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """Bytes of a case; None is a byte that is not compared. `tail` follows a computed check code, if there is one."""
+
+    head: tuple[int | None, ...]
+    tail: tuple[int | None, ...] | None = None
+
+    @property
+    def exact(self) -> bytes | None:
+        """The bytes, when each of them is known."""
+        if self.tail is not None or None in self.head:
+            return None
+        return bytes(byte for byte in self.head if byte is not None)
+
+    def matches(self, data: bytes) -> bool:
+        """Whether `data` is as written here; a check code takes whatever its place leaves, at least one byte."""
+        if self.tail is None:
+            return len(data) == len(self.head) and _fit(self.head, data)
+        free = len(data) - len(self.head) - len(self.tail)
+        return free > 0 and _fit(self.head, data) and _fit(self.tail, data[len(self.head) + free :])
+
+    def __str__(self) -> str:
+        words = _words(self.head)
+        return " ".join(words if self.tail is None else [*words, "check", *_words(self.tail)])
+
+
+def _fit(wanted: tuple[int | None, ...], data: bytes) -> bool:
+    return all(byte is None or byte == found for byte, found in zip(wanted, data, strict=False))
+
+
+def _words(wanted: tuple[int | None, ...]) -> list[str]:
+    return ["xx" if byte is None else f"{byte:02X}" for byte in wanted]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameVector:
+    """A frame both ways, or bytes and what becomes of them (`expect`: bad, refused or noise; the cause or number).
+
+    `places`: where the value of a key stands, and the name of an entry under `KEY.NAME`; for messages.
+    """
+
+    at: Position
+    name: str
+    frame: str | None
+    values: MappingOf[str, Any] | None
+    wire: Wire
+    side: str | None = None
+    params: MappingOf[str, Any] = field(default_factory=dict)
+    state: MappingOf[str, Any] = field(default_factory=dict)
+    request: MappingOf[str, Any] | None = None
+    expect: tuple[Literal["bad", "refused", "noise"], str | int] | None = None
+    source: str = ""
+    second_source: str = ""
+    places: MappingOf[str, Position] = field(default_factory=dict, compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScriptLine:
+    """One line of a script. `wire` is for send and receive, `time` for break, silence and wait, else `word`."""
+
+    at: Position
+    kind: Literal["send", "receive", "break", "silence", "wait", "line", "connection"]
+    wire: Wire | None = None
+    time: Expression | None = None
+    word: str = ""
+    not_before: Expression | None = None
+    within: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What comes out; None is not looked at. `state` and `memory` are compared afterwards."""
+
+    values: Any = None
+    error: int | None = None
+    outcome: str | None = None
+    state: MappingOf[str, Any] = field(default_factory=dict)
+    memory: MappingOf[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conversation:
+    """One side, what it starts with, what it is asked to do, and what goes over the line. `places`: as in frames."""
+
+    at: Position
+    name: str
+    role: str | None
+    own: Any
+    station: Any
+    params: MappingOf[str, Any]
+    memory: MappingOf[str, Any]
+    state: MappingOf[str, Any]
+    do: MappingOf[str, Any] | None
+    script: tuple[ScriptLine, ...]
+    result: Result
+    source: str = ""
+    second_source: str = ""
+    places: MappingOf[str, Position] = field(default_factory=dict, compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vectors:
+    """The cases of one file; `protocol` is the definition they belong to."""
+
+    protocol: str
+    about: str
+    frames: tuple[FrameVector, ...]
+    conversations: tuple[Conversation, ...]
+    at: Position
+    protocol_at: Position
+
+
+KINDS = ("send", "receive", "break", "silence", "wait", "line", "connection")
+WORDS = {
+    "line": ({word: word for word in ("parity", "framing", "overrun")}, "a fault of the line"),
+    "connection": ({word: word for word in ("lost", "closed", "opened")}, "what becomes of a connection"),
+}
+_WORD = re.compile(r"(?P<what>[0-9A-Za-z]+)(?:\*(?P<times>\d+))?")
+_MOST_REPEATED = 65_536
+
+
+def load_vectors(path: str | Path) -> Vectors:
+    """The cases of a file. Raises DefinitionError with every problem of it."""
+    vectors, problems = read_vectors(path)
+    if vectors is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return vectors
+
+
+def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:
+    """The cases of a file that can be read, and every problem of it; None for what is no vectors file at all."""
+    reader = Reader()
+    documents = Documents(reader)
+    vectors = None
+    with suppress(Broken):
+        vectors = _VectorsLoader(reader).load(documents.root(Path(path), "vectors"))
+    return vectors, documents.first_words(reader.problems, Path(path))
+
+
+def parse_wire(text: str) -> Wire:
+    """`1B 41`, `xx`, `00*32`, `check`, names of control characters. Raises ValueError with a sentence."""
+    parts: list[list[int | None]] = [[]]
+    for word in text.split():
+        match = _WORD.fullmatch(word)
+        if match is None:
+            raise ValueError(f"'{word}' is no byte of a case – write hex pairs, xx, 00*32 or check")
+        if match["what"] == "check" and not match["times"]:
+            if len(parts) > 1:
+                raise ValueError("there are two check codes – write the bytes of one of them")
+            parts.append([])
+            continue
+        times = int(match["times"] or 1)
+        if times > _MOST_REPEATED:
+            raise ValueError(f"{times} is too often – a case has at most {_MOST_REPEATED} bytes")
+        piece: list[int | None] = [None] if match["what"] == "xx" else list(parse_bytes(match["what"]))
+        parts[-1].extend(piece * times)
+    return Wire(tuple(parts[0]), tuple(parts[1]) if len(parts) > 1 else None)
+
+
+def plain_of(node: Node | None) -> Any:
+    """A node as text, lists and mappings."""
+    if node is None:
+        return None
+    if isinstance(node, Scalar):
+        return node.text
+    if isinstance(node, Mapping):
+        return {entry.key.text: plain_of(entry.value) for entry in node.entries}
+    return [plain_of(item) for item in node.items]
+
+
+def _places_of(keys: Mapping) -> dict[str, Position]:
+    """Where every value stands, and every name in one that is a mapping."""
+    places = {entry.key.text: entry.value.at for entry in keys.entries}
+    for entry in keys.entries:
+        if isinstance(entry.value, Mapping):
+            places |= {f"{entry.key.text}.{inner.key.text}": inner.key.at for inner in entry.value.entries}
+    return places
+
+
+class _VectorsLoader:
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+
+    def load(self, root: Mapping) -> Vectors:
+        reader = self.reader
+        frames, conversations = [], []
+        for node in reader.items(root.get("frames")):
+            with reader.going_on():
+                frames.append(self._frame(reader.mapping(node)))
+        for node in reader.items(root.get("conversations")):
+            with reader.going_on():
+                conversations.append(self._conversation(reader.mapping(node)))
+        return Vectors(
+            protocol=reader.text(root.get("vectors")),
+            about=self._text(root, "about"),
+            frames=tuple(frames),
+            conversations=tuple(conversations),
+            at=root.at,
+            protocol_at=reader.scalar(root.get("vectors")).at,
+        )
+
+    def _text(self, keys: Mapping, key: str) -> str:
+        return self.reader.maybe(self.reader.text, keys.get(key)) or ""
+
+    def _mapping(self, keys: Mapping, key: str) -> dict[str, Any]:
+        return {entry.key.text: plain_of(entry.value) for entry in self.reader.entries(keys.get(key))}
+
+    def _wire(self, node: Node | None) -> Wire:
+        scalar = self.reader.scalar(node)
+        try:
+            return parse_wire(scalar.text)
+        except ValueError as error:
+            what, _, todo = str(error).partition(" – ")
+            raise self.reader.broken(scalar.at, what, todo) from None
+
+    def _frame(self, keys: Mapping) -> FrameVector:
+        reader = self.reader
+        frame = reader.maybe(reader.text, keys.get("frame"))
+        expect = keys.get("expect")
+        if frame is None and expect is None:
+            raise reader.broken(keys.at, "a case needs a frame, or what becomes of its bytes", "add frame: or expect:")
+        return FrameVector(
+            at=keys.at,
+            name=self._text(keys, "name") or frame or "",
+            frame=frame,
+            values=self._mapping(keys, "values") if frame is not None and expect is None else None,
+            wire=self._wire(keys.get("bytes")),
+            side=reader.maybe(reader.text, keys.get("from")),
+            params=self._mapping(keys, "params"),
+            state=self._mapping(keys, "state"),
+            request=self._mapping(keys, "request") or None,
+            expect=None if expect is None else self._expectation(reader.mapping(expect)),
+            source=self._text(keys, "source"),
+            second_source=self._text(keys, "second_source"),
+            places=_places_of(keys),
+        )
+
+    def _expectation(self, keys: Mapping) -> tuple[Literal["bad", "refused", "noise"], str | int]:
+        reader = self.reader
+        kinds: tuple[Literal["refused", "noise"], ...] = ("refused", "noise")
+        for kind in kinds:
+            if (node := keys.get(kind)) is not None:
+                return kind, reader.number(node)
+        return "bad", reader.text(keys.get("bad"))
+
+    def _conversation(self, keys: Mapping) -> Conversation:
+        reader = self.reader
+        script = []
+        for node in reader.items(keys.get("script")):
+            with reader.going_on():
+                script.append(self._line(reader.mapping(node)))
+        result = keys.get("result")
+        return Conversation(
+            at=keys.at,
+            name=self._text(keys, "name"),
+            role=reader.maybe(reader.text, keys.get("role")),
+            own=plain_of(keys.get("own")),
+            station=plain_of(keys.get("station")),
+            params=self._mapping(keys, "params"),
+            memory=self._mapping(keys, "memory"),
+            state=self._mapping(keys, "state"),
+            do=self._mapping(keys, "do") or None,
+            script=tuple(script),
+            result=Result() if result is None else self._result(reader.mapping(result)),
+            source=self._text(keys, "source"),
+            second_source=self._text(keys, "second_source"),
+            places=_places_of(keys),
+        )
+
+    def _line(self, keys: Mapping) -> ScriptLine:
+        reader = self.reader
+        kind = next((word for word in KINDS if word in keys), None)
+        if kind is None:
+            raise Broken("the schema has told what is wrong with the line")
+        node = keys.get(kind)
+        return ScriptLine(
+            at=keys.at,
+            kind=cast(Any, kind),
+            wire=self._wire(node) if kind in ("send", "receive") else None,
+            time=reader.expression(node) if kind in ("break", "silence", "wait") else None,
+            word=reader.one_of(node, *WORDS[kind]) if kind in WORDS else "",
+            not_before=reader.maybe(reader.expression, keys.get("not_before")),
+            within=reader.maybe(reader.expression, keys.get("within")),
+        )
+
+    def _result(self, keys: Mapping) -> Result:
+        reader = self.reader
+        return Result(
+            values=plain_of(keys.get("values")),
+            error=reader.maybe(reader.number, keys.get("error")),
+            outcome=reader.maybe(reader.text, keys.get("outcome")),
+            state=self._mapping(keys, "state"),
+            memory=self._mapping(keys, "memory"),
+        )
+
+
+BESIDE_SERVICES = (
+    "station", "unit", "count", "value", "values", "send", "exchange", "expected", "run",
+)  # fmt: skip
+"""Keys of `do` that are no service: what goes with one, and what is done instead of one."""
+
+
+def check_vectors(vectors: Vectors, protocol: Protocol) -> list[Problem]:
+    """Everything in the cases that names what the protocol does not have."""
+    found: list[Problem] = []
+    for case in vectors.frames:
+        found += _frame(case, protocol)
+    for conversation in vectors.conversations:
+        found += _conversation(conversation, protocol)
+    return found
+
+
+class _CaseCheck:
+    """One case: where its keys stand, and which names of the protocol they may have."""
+
+    def __init__(self, at: Position, places: MappingOf[str, Position]) -> None:
+        self.at = at
+        self.places = places
+
+    def unknown(
+        self, key: str, names: Collection[str], known: Collection[str], kind: str, whose: str = "there is"
+    ) -> Iterator[Problem]:
+        for name in names:
+            if name not in known:
+                at = self.places.get(f"{key}.{name}") or self.places.get(key) or self.places.get("do", self.at)
+                yield Problem(at, f"{whose} no {kind} '{name}'", did_you_mean(name, known))
+
+    def made(self, key: str, frames: Any, protocol: Protocol) -> Iterator[Problem]:
+        """`{FRAME: {field: value}}`."""
+        for frame, fields in frames.items() if isinstance(frames, MappingOf) else ():
+            yield from self.unknown(key, [frame], protocol.frames, "frame")
+            if frame in protocol.frames and isinstance(fields, MappingOf):
+                known = field_names(protocol.frames[frame].segments)
+                yield from self.unknown(key, fields, known, "field", f"frame '{frame}' has")
+
+
+def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
+    case = _CaseCheck(vector.at, vector.places)
+    yield from case.unknown("params", vector.params, protocol.params, "parameter")
+    yield from case.unknown("state", vector.state, protocol.state, "variable")
+    yield from case.made("request", vector.request, protocol)
+    if vector.frame is None:
+        return
+    if vector.frame not in protocol.frames:
+        yield from case.unknown("frame", [vector.frame], protocol.frames, "frame")
+        return
+    known = field_names(protocol.frames[vector.frame].segments)
+    yield from case.unknown("values", vector.values or {}, known, "field", f"frame '{vector.frame}' has")
+
+
+def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Problem]:
+    case = _CaseCheck(conversation.at, conversation.places)
+    yield from case.unknown("params", conversation.params, protocol.params, "parameter")
+    yield from case.unknown("state", conversation.state, protocol.state, "variable")
+    if conversation.role is not None:
+        yield from case.unknown("role", [conversation.role], protocol.roles, "role")
+    checker = KindChecker({})
+    for line in conversation.script:
+        for time in (line.time, line.not_before, line.within):
+            checker.wants(time, "time")
+    yield from checker.problems
+    yield from case.unknown("result", conversation.result.state, {*protocol.state, *protocol.params}, "variable")
+    if conversation.do is not None:
+        yield from _asked(case, conversation.do, protocol)
+
+
+def _asked(case: _CaseCheck, do: MappingOf[str, Any], protocol: Protocol) -> Iterator[Problem]:
+    """What the tested side is to do."""
+    for key in ("send", "exchange"):
+        yield from case.made(f"do.{key}", do.get(key), protocol)
+    expected = do.get("expected", [])
+    groups = {group for frame in protocol.frames.values() for group in frame.groups}
+    wanted = expected if isinstance(expected, list) else [expected]
+    yield from case.unknown("do.expected", wanted, {*protocol.frames, *groups}, "frame")
+    yield from case.unknown("do.run", [do["run"]] if "run" in do else [], protocol.sequences, "sequence")
+    services = [name for name in do if name not in BESIDE_SERVICES]
+    yield from case.unknown("do", services, protocol.services, "service")
+    for name in services:
+        arguments = do[name]
+        if name in protocol.services and name not in ("read", "write") and isinstance(arguments, MappingOf):
+            known = {"addresses", *(argument.name for row in protocol.services[name] for argument in row.takes)}
+            yield from case.unknown(f"do.{name}", arguments, known, "argument", f"'{name}' takes")
