@@ -1,4 +1,4 @@
-"""Lines without a run: monitors, the log of frames and what a display shows; captures decoded or sent again; loopback."""
+"""Lines without a run: monitors, the log of frames and what a display shows; captures decoded or sent again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs: in real time in a thread of their own, for asyncio, and on a virtual clock, for tests; their status and control."""
+"""Runs: in real time in a thread of their own, for asyncio, and on a virtual clock, for tests."""
 
 from __future__ import annotations
 
