@@ -11,6 +11,8 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
+from line_faults import Faults
+
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
@@ -22,7 +24,7 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated_line import Faults, SimulatedLine
+from framekit.transport.simulated_line import SimulatedLine
 
 PATIENCE = 3600 * 1_000_000_000
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from random import Random
@@ -13,7 +13,7 @@ from framekit.link.frame_faults import FrameFaults
 from framekit.link.values import FrameValue
 from framekit.run.model import LINE_KINDS, FaultPlan, FaultRule, Side
 from framekit.transport.clock import Clock, Handle
-from framekit.transport.port import Port, PortEvents
+from framekit.transport.port import PassingPort, Port, PortEvents
 from framekit.transport.simulated_line import SimulatedPort, Transmission, hits, in_order
 
 AWAY = 1_000_000_000
@@ -226,18 +226,14 @@ class _Item:
     owners: bool = True
 
 
-class FaultyPort(Port):
+class FaultyPort(PassingPort):
     """Stands between an owner and a port; it is a port itself. One injector belongs to one port."""
 
     def __init__(self, inner: Port, injector: FaultInjector) -> None:
-        self.inner = inner
+        super().__init__(inner)
         self.injector = injector
         self.clock = injector.clock
-        self.name = inner.name
-        self.settings = inner.settings
-        self.opens_again = inner.opens_again
         self._character = 0 if inner.settings is None else inner.settings.character_time
-        self._events: PortEvents | None = None
         self._queue: deque[_Item] = deque()
         self._busy = self._owed = False
         self._held = b""
@@ -251,23 +247,19 @@ class FaultyPort(Port):
     # ---- life ---------------------------------------------------------------------------------------------
 
     def open(self, events: PortEvents) -> None:
-        if self._events is not None:
+        if self.events is not None:
             self.close()
         self.injector.begin()
-        self._events = events
+        self.events = events
         if self.clock.now() < self._away_until:
             self._later(self.clock.now(), self._refuse)
         else:
             self._set_windows()
             self.inner.open(self)
 
-    def close(self) -> None:
-        self._forget()
-        self.inner.close()
-
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        super().forget()
         self._opening += 1
-        self._events = None
         self._queue.clear()
         self._busy = self._owed = False
         self._held = b""
@@ -282,8 +274,8 @@ class FaultyPort(Port):
         self._timers.append(self.clock.call_at(when, lambda: action() if opening == self._opening else None))
 
     def _refuse(self) -> None:
-        events = self._events
-        self._forget()
+        events = self.events
+        self.forget()
         if events is not None:
             events.closed(self.clock.now(), GONE)
 
@@ -311,7 +303,7 @@ class FaultyPort(Port):
     # ---- out ----------------------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> None:
-        if self._events is None:
+        if self.events is None:
             return
         whole = self._held + data
         self._held = b""
@@ -332,18 +324,18 @@ class FaultyPort(Port):
         self._go_on()
 
     def send_break(self, duration: int) -> None:
-        if self._events is not None:
+        if self.events is not None:
             self._queue.append(_Item(0, duration=duration))
             self._go_on()
 
     def _go_on(self) -> None:
         """The next thing in the queue, once the one before it has left."""
-        if self._busy or self._events is None:
+        if self._busy or self.events is None:
             return
         if not self._queue:
             if self._owed:
                 self._owed = False
-                self._events.sent(self.clock.now())
+                self.events.sent(self.clock.now())
             return
         item = self._queue.popleft()
         self._busy = True
@@ -383,45 +375,17 @@ class FaultyPort(Port):
         if not self.injector.answers and self.injector.happens("echo") is not None:
             transmission.echo = True
 
-    def set_rts(self, on: bool) -> None:
-        self.inner.set_rts(on)
-
-    def flush_input(self) -> None:
-        self.inner.flush_input()
-
     # ---- in -----------------------------------------------------------------------------------------------
-
-    def opened(self, now: int) -> None:
-        if self._events is not None:
-            self._events.opened(now)
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         """A device with an echo sends back what it hears: whoever asks hears itself."""
-        if self._events is None:
+        if self.events is None:
             return
         if self.injector.answers and self.injector.happens("echo") is not None:
             self._queue.append(_Item(0, data, owners=False))
             self._go_on()
-        self._events.received(data, now, faults)
-
-    def other_sender(self, now: int) -> None:
-        if self._events is not None:
-            self._events.other_sender(now)
-
-    def line_break(self, now: int) -> None:
-        if self._events is not None:
-            self._events.line_break(now)
+        self.events.received(data, now, faults)
 
     def sent(self, now: int) -> None:
         self._busy = False
         self._go_on()
-
-    def closed(self, now: int, reason: str) -> None:
-        events = self._events
-        self._forget()
-        if events is not None:
-            events.closed(now, reason)
-
-    def control(self, lines: Mapping[str, bool], now: int) -> None:
-        if self._events is not None:
-            self._events.control(lines, now)

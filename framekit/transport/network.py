@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import os
 import socket
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
 from typing import Any, cast
@@ -258,52 +259,76 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
             connection.transport.resume_reading()
 
 
-class TcpListener(PortListener):
-    """Accepts connections; `accepted` gets a port, not yet opened, for each. `number` 0 asks for any that is free."""
+class NetworkListener(PortListener):
+    """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one."""
+
+    scheme: str
+    kind: socket.SocketKind
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
         self.host, self.number = host, number
         self.clock = clock
         self.accepted = accepted
         self._socket: socket.socket | None = None
-        self._serving: asyncio.Task[None] | None = None
-        self._server: asyncio.Server | None = None
+        self._opening: asyncio.Task[None] | None = None
+        self._at_work: asyncio.Server | asyncio.DatagramTransport | None = None
 
     @property
     def name(self) -> str:  # type: ignore[override]  # the number is known when it listens
-        return f"tcp-listen://{bracketed(self.host)}:{self.number}"
+        return f"{self.scheme}-listen://{bracketed(self.host)}:{self.number}"
+
+    @property
+    def reached(self) -> str:  # type: ignore[override]
+        return self.name
+
+    def listen(self) -> None:
+        found = socket.getaddrinfo(self.host or None, self.number, type=self.kind, flags=socket.AI_PASSIVE)
+        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        self._socket = listening = self._bound(family, (str(address[0]), int(address[1])))
+        self.number = int(listening.getsockname()[1])
+        self._opening = self.clock.loop.create_task(self._open(listening))
+
+    async def start(self) -> None:
+        self.listen()
+        if self._opening is not None:
+            await self._opening
+
+    @abstractmethod
+    def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
+        """The socket at that address. Raises OSError."""
+
+    @abstractmethod
+    async def _open(self, listening: socket.socket) -> None:
+        """From now on whoever comes is heard."""
+
+    def stop(self) -> None:
+        opening, self._opening = self._opening, None
+        at_work, self._at_work = self._at_work, None
+        if opening is not None:
+            opening.cancel()
+        if at_work is not None:
+            at_work.close()
+        elif self._socket is not None:
+            self._socket.close()
+
+
+class TcpListener(NetworkListener):
+    """Accepts connections."""
+
+    scheme, kind = "tcp", socket.SOCK_STREAM
 
     @property
     def reached(self) -> str:  # type: ignore[override]
         return f"tcp://{bracketed(self.host)}:{self.number}"
 
-    def listen(self) -> None:
-        found = socket.getaddrinfo(self.host or None, self.number, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
-        self._socket = listening = socket.create_server((str(address[0]), int(address[1])), family=family)
-        self.number = int(listening.getsockname()[1])
-        self._serving = self.clock.loop.create_task(self._serve(listening))
+    def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
+        return socket.create_server(address, family=family)
 
-    async def start(self) -> None:
-        self.listen()
-        if self._serving is not None:
-            await self._serving
-
-    async def _serve(self, listening: socket.socket) -> None:
-        self._server = await self.clock.loop.create_server(self._protocol, sock=listening)
+    async def _open(self, listening: socket.socket) -> None:
+        self._at_work = await self.clock.loop.create_server(self._protocol, sock=listening)
 
     def _protocol(self) -> asyncio.BufferedProtocol:
         return _AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted)
-
-    def stop(self) -> None:
-        serving, self._serving = self._serving, None
-        server, self._server = self._server, None
-        if serving is not None:
-            serving.cancel()
-        if server is not None:
-            server.close()
-        elif self._socket is not None:
-            self._socket.close()
 
 
 class _AcceptedConnection(Connection):
@@ -371,20 +396,47 @@ class Datagrams:
         self._waiting.clear()
 
 
-class UdpPort(Port):
+class DatagramPort(Port):
+    """What ports over datagrams have in common: what is sent has left in the next turn of the loop."""
+
+    settings = None
+
+    def __init__(self, clock: AsyncioClock) -> None:
+        self.clock = clock
+        self._events: PortEvents | None = None
+        self._sent_due = False
+
+    @property
+    @abstractmethod
+    def _is_ready(self) -> bool:
+        """Whether something can be sent."""
+
+    def send_break(self, duration: int) -> None:
+        if self._is_ready:
+            self._tell_when_sent()
+
+    def _tell_when_sent(self) -> None:
+        if not self._sent_due:
+            self._sent_due = True
+            self.clock.call_soon(self._left)
+
+    def _left(self) -> None:
+        if self._sent_due and self._events is not None:
+            self._sent_due = False
+            self._events.sent(self.clock.now())
+
+
+class UdpPort(DatagramPort):
     """Datagrams to and from `host:number`, or with `listens`, at it: then they go to the sender of the last one."""
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, *, listens: bool = False) -> None:
+        super().__init__(clock)
         self.host, self.number = host, number
         self.listens = listens
-        self.name = f"udp{'-listen' if listens else ''}://{f'[{host}]' if ':' in host else host}:{number}"
-        self.settings = None
-        self.clock = clock
+        self.name = f"udp{'-listen' if listens else ''}://{bracketed(host)}:{number}"
         self.peer: Any = None
-        self._events: PortEvents | None = None
         self._endpoint: _Endpoint | None = None
         self._opening: asyncio.Task[None] | None = None
-        self._sent_due = False
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -442,19 +494,9 @@ class UdpPort(Port):
                 transport.sendto(data[start : start + LARGEST], self.peer if self.listens else None)
         self._tell_when_sent()
 
-    def send_break(self, duration: int) -> None:
-        if self._endpoint is not None and self._endpoint.transport is not None:
-            self._tell_when_sent()
-
-    def _tell_when_sent(self) -> None:
-        if not self._sent_due:
-            self._sent_due = True
-            self.clock.call_soon(self._left)
-
-    def _left(self) -> None:
-        if self._sent_due and self._events is not None:
-            self._sent_due = False
-            self._events.sent(self.clock.now())
+    @property
+    def _is_ready(self) -> bool:
+        return self._endpoint is not None and self._endpoint.transport is not None
 
     def hear(self, endpoint: _Endpoint, data: bytes, peer: Any) -> None:
         """A datagram came."""
@@ -493,31 +535,29 @@ MOST_KEPT = 16
 """Datagrams of a sender that wait until its port is opened; more are lost, as datagrams may be."""
 
 
-class SenderPort(AcceptedPort):
+class SenderPort(DatagramPort, AcceptedPort):
     """Datagrams from and to one sender."""
 
     ends_itself = False
 
     def __init__(self, listener: UdpListener, address: Any) -> None:
+        super().__init__(listener.clock)
         self.listener = listener
         self.address = address
         self.host = str(address[0])
         self.name = f"udp://{bracketed(self.host)}:{address[1]}"
-        self.settings = None
-        self._clock = listener.clock
-        self._events: PortEvents | None = None
         self._waiting: list[bytes] = []
-        self._is_open = self._sent_due = False
+        self._is_open = False
 
     def open(self, events: PortEvents) -> None:
         self._events = events
-        self._clock.call_soon(lambda: self._begin(events))
+        self.clock.call_soon(lambda: self._begin(events))
 
     def _begin(self, events: PortEvents) -> None:
         if self._events is not events:
             return
         self._is_open = True
-        events.opened(self._clock.now())
+        events.opened(self.clock.now())
         waiting, self._waiting = self._waiting, []
         for data in waiting:
             self.hear(data)
@@ -525,7 +565,7 @@ class SenderPort(AcceptedPort):
     def hear(self, data: bytes) -> None:
         """A datagram of this sender came."""
         if self._is_open and self._events is not None:
-            self._events.received(data, self._clock.now())
+            self._events.received(data, self.clock.now())
         elif len(self._waiting) < MOST_KEPT:
             self._waiting.append(data)
 
@@ -534,19 +574,9 @@ class SenderPort(AcceptedPort):
             self.listener.send(data, self.address)
             self._tell_when_sent()
 
-    def send_break(self, duration: int) -> None:
-        if self._is_open:
-            self._tell_when_sent()
-
-    def _tell_when_sent(self) -> None:
-        if not self._sent_due:
-            self._sent_due = True
-            self._clock.call_soon(self._left)
-
-    def _left(self) -> None:
-        if self._sent_due and self._events is not None:
-            self._sent_due = False
-            self._events.sent(self._clock.now())
+    @property
+    def _is_ready(self) -> bool:
+        return self._is_open
 
     def close(self) -> None:
         self._events = None
@@ -555,47 +585,29 @@ class SenderPort(AcceptedPort):
         self.listener.forget(self)
 
 
-class UdpListener(asyncio.DatagramProtocol, PortListener):
-    """Hears datagrams; `accepted` gets a port, not yet opened, for each sender. `number` 0 asks for any that is free.
+class UdpListener(asyncio.DatagramProtocol, NetworkListener):
+    """Hears datagrams: each sender has a port.
 
     The port of a sender that has been closed is forgotten: the next datagram of the same sender makes a new one.
     """
 
+    scheme, kind = "udp", socket.SOCK_DGRAM
+
     def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
-        self.host, self.number = host, number
-        self.clock = clock
-        self.accepted = accepted
+        super().__init__(host, number, clock, accepted)
         self.senders: dict[Any, SenderPort] = {}
         self._came = Datagrams(clock.turns, self._hear)
-        self._socket: socket.socket | None = None
-        self._opening: asyncio.Task[None] | None = None
         self._transport: asyncio.DatagramTransport | None = None
 
-    @property
-    def name(self) -> str:  # type: ignore[override]  # the number is known when it listens
-        return f"udp-listen://{bracketed(self.host)}:{self.number}"
-
-    @property
-    def reached(self) -> str:  # type: ignore[override]
-        return self.name
-
-    def listen(self) -> None:
-        found = socket.getaddrinfo(self.host or None, self.number, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
-        family, kind, protocol, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
-        self._socket = listening = socket.socket(family, kind, protocol)
+    def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
+        listening = socket.socket(family, self.kind)
         try:
             listening.setblocking(False)
             listening.bind(address)
         except OSError:
             listening.close()
             raise
-        self.number = int(listening.getsockname()[1])
-        self._opening = self.clock.loop.create_task(self._open(listening))
-
-    async def start(self) -> None:
-        self.listen()
-        if self._opening is not None:
-            await self._opening
+        return listening
 
     async def _open(self, listening: socket.socket) -> None:
         await self.clock.loop.create_datagram_endpoint(lambda: self, sock=listening)
@@ -603,14 +615,8 @@ class UdpListener(asyncio.DatagramProtocol, PortListener):
     def stop(self) -> None:
         """Hears nothing and sends nothing more, also over the ports of senders."""
         self._came.clear()
-        opening, self._opening = self._opening, None
-        transport, self._transport = self._transport, None
-        if opening is not None:
-            opening.cancel()
-        if transport is not None:
-            transport.close()
-        elif self._socket is not None:
-            self._socket.close()
+        self._transport = None
+        super().stop()
 
     def send(self, data: bytes, address: Any) -> None:
         """Sends bytes to a sender, in more than one datagram only where they do not fit into one."""
@@ -626,7 +632,7 @@ class UdpListener(asyncio.DatagramProtocol, PortListener):
     # ---- events of the socket -----------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
+        self._at_work = self._transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         self._came.add(data, addr)

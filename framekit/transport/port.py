@@ -343,20 +343,16 @@ class LineEvent:
 Tap = Callable[[LineEvent], None]
 
 
-class TappedPort(Port):
+class TappedPort(PassingPort):
     """The port `inner`, with `tap` told of everything before whoever uses the port."""
 
     def __init__(self, inner: Port, clock: Clock, tap: Tap) -> None:
-        self.inner = inner
+        super().__init__(inner)
         self.clock = clock
         self.tap = tap
-        self.name = inner.name
-        self.settings = inner.settings
-        self.opens_again = inner.opens_again
         self.is_open = False
 
-    def open(self, events: PortEvents) -> None:
-        self.inner.open(_Tapped(self, events))
+    # ---- what its owner does ------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> None:
         self._show(data)
@@ -374,7 +370,7 @@ class TappedPort(Port):
         if self.is_open:
             self.is_open = False
             self.tap(LineEvent("closed", self.clock.now()))
-        self.inner.close()
+        super().close()
 
     def send_break(self, duration: int) -> None:
         if self.is_open:
@@ -386,44 +382,29 @@ class TappedPort(Port):
             self.tap(LineEvent("control", self.clock.now(), "out", lines={"rts": on}))
         self.inner.set_rts(on)
 
-    def flush_input(self) -> None:
-        self.inner.flush_input()
-
     def describes(self) -> str:
         return self.inner.describes()
 
-
-class _Tapped:
-    """The events of a tapped port on their way to its owner."""
-
-    def __init__(self, port: TappedPort, events: PortEvents) -> None:
-        self._port = port
-        self._events = events
+    # ---- what the port behind it tells --------------------------------------------------------------------
 
     def opened(self, now: int) -> None:
-        self._port.is_open = True
-        self._port.tap(LineEvent("open", now))
-        self._events.opened(now)
+        self.is_open = True
+        self.tap(LineEvent("open", now))
+        super().opened(now)
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
-        self._port.tap(LineEvent("data", now, "in", data, tuple(faults)))
-        self._events.received(data, now, faults)
-
-    def other_sender(self, now: int) -> None:
-        self._events.other_sender(now)
+        self.tap(LineEvent("data", now, "in", data, tuple(faults)))
+        super().received(data, now, faults)
 
     def line_break(self, now: int) -> None:
-        self._port.tap(LineEvent("break", now, "in"))
-        self._events.line_break(now)
-
-    def sent(self, now: int) -> None:
-        self._events.sent(now)
+        self.tap(LineEvent("break", now, "in"))
+        super().line_break(now)
 
     def closed(self, now: int, reason: str) -> None:
-        self._port.is_open = False
-        self._port.tap(LineEvent("closed", now, reason=reason))
-        self._events.closed(now, reason)
+        self.is_open = False
+        self.tap(LineEvent("closed", now, reason=reason))
+        super().closed(now, reason)
 
     def control(self, lines: Mapping[str, bool], now: int) -> None:
-        self._port.tap(LineEvent("control", now, "in", lines=dict(lines)))
-        self._events.control(lines, now)
+        self.tap(LineEvent("control", now, "in", lines=dict(lines)))
+        super().control(lines, now)

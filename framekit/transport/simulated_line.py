@@ -18,9 +18,7 @@ characters); time limits for the begin of a frame have to last until its end. Th
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from random import Random
 
@@ -207,73 +205,6 @@ def in_order(*faults: Fault) -> Fault:
             fault(transmission)
 
     return all_of_them
-
-
-@dataclass(slots=True)
-class Faults:
-    """A fault for `SimulatedLine.fault`. Rates are probabilities from 0 to 1.
-
-    `bit_errors` is for each bit on the wire (data, parity, stop), `byte_errors` for each character (another one comes
-    out); `drop`, `truncate` and `extra` are for each transmission: nobody hears it, its end is missing, up to
-    `longest_extra` characters of noise follow it. `delay` is the longest time (ns) by which one is held up; `echo`
-    lets the sender hear what it sends. `injected` counts what has been done, by the name of the field.
-    """
-
-    bit_errors: float = 0.0
-    byte_errors: float = 0.0
-    drop: float = 0.0
-    truncate: float = 0.0
-    extra: float = 0.0
-    longest_extra: int = 4
-    delay: int = 0
-    echo: bool = False
-    seed: int = 0
-    injected: Counter[str] = field(default_factory=Counter)
-    _random: dict[str, Random] = field(default_factory=dict, repr=False)
-
-    def __call__(self, transmission: Transmission) -> None:
-        transmission.echo = transmission.echo or self.echo
-        if self._happens("drop", self.drop):
-            transmission.drop()
-            return
-        if self._happens("truncate", self.truncate):
-            transmission.truncate(self._of("truncate").randrange(len(transmission.data) or 1))
-        if self.bit_errors > 0:
-            self._damage_bits(transmission)
-        if self.byte_errors > 0:
-            self._damage_bytes(transmission)
-        if self._happens("extra", self.extra):
-            noise = self._of("extra").randbytes(self._of("extra").randint(1, max(1, self.longest_extra)))
-            transmission.insert(len(transmission.data), noise)
-        if self.delay > 0:
-            self.injected["delay"] += 1
-            transmission.pause(0, self._of("delay").randint(0, self.delay))
-
-    def _of(self, kind: str) -> Random:
-        """Chance, apart for each kind of fault."""
-        if kind not in self._random:
-            self._random[kind] = Random(f"{self.seed}/{kind}")
-        return self._random[kind]
-
-    def _happens(self, kind: str, rate: float) -> bool:
-        happens = rate > 0 and self._of(kind).random() < rate
-        self.injected[kind] += happens
-        return happens
-
-    def _damage_bits(self, transmission: Transmission) -> None:
-        bits = transmission.wire_bits
-        for place in hits(self._of("bit_errors"), self.bit_errors, len(transmission.data) * bits):
-            transmission.flip(place // bits, 1 << place % bits)
-            self.injected["bit_errors"] += 1
-
-    def _damage_bytes(self, transmission: Transmission) -> None:
-        random = self._of("byte_errors")
-        data_bits = 8 if transmission.settings is None else transmission.settings.data_bits
-        others = (1 << (transmission.wire_bits - data_bits)) - 1
-        for index in hits(random, self.byte_errors, len(transmission.data)):
-            mask = random.randrange(1, 1 << data_bits)
-            transmission.flip(index, mask | (random.randint(0, others) << data_bits))
-            self.injected["byte_errors"] += 1
 
 
 def hits(random: Random, rate: float, count: int) -> Iterator[int]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from line_faults import Faults
 from transfer_world import TransferWorld
-
-from framekit.transport.simulated_line import Faults
 
 PLACES = {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64}
 ROLES = [("master", "slave"), ("peer", "peer")]

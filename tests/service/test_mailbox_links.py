@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from line_faults import Faults
 from transfer_world import TransferWorld
 
 from framekit.link.services.client import TransferResult
-from framekit.transport.simulated_line import Faults
 
 PLACES = {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}
 STATIONS = {"snp": "33101A", "snp-x": b"ABCDEF\0\0"}

@@ -7,11 +7,12 @@ from collections import Counter
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from line_faults import Faults
 from transport.line_world import SECOND, World
 
 from framekit.definition.times import parse_format
 from framekit.link.events import LineFault
-from framekit.transport.simulated_line import Faults, Transmission, in_order
+from framekit.transport.simulated_line import Transmission, in_order
 
 
 def transmission(data: bytes = b"\x00\x01\x02\x03\x04", text: str = "8E1", step: int = 10) -> Transmission:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from line_faults import Faults
 from transport.line_world import SECOND, World
 
 from framekit.link.events import LineFault
-from framekit.transport.simulated_line import Faults, Transmission
+from framekit.transport.simulated_line import Transmission
 
 # ---- times --------------------------------------------------------------------------------------------------
 
