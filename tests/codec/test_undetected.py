@@ -12,10 +12,11 @@ from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.link.evaluate import Names
 
-TRIES = 20_000
+FEW, TRIES = 4_000, pytest.param(20_000, marks=pytest.mark.long)
+"""As many blocks are damaged; the bounds below are four standard deviations of so many."""
 
 
-def passes(flips: int, seed: int) -> float:
+def passes(flips: int, seed: int, tries: int) -> float:
     """The share of blocks with so many wrong bits, at random places of data and check, that are taken as good."""
     codec = compile_protocol(load_protocol("ccm"))
     names = Names({"left": 256})
@@ -24,7 +25,7 @@ def passes(flips: int, seed: int) -> float:
     places = [place for place in range(len(good)) if place not in (0, len(good) - 2)]
     bits = [(place, bit) for place in places for bit in range(8)]
     taken = 0
-    for _ in range(TRIES):
+    for _ in range(tries):
         data = bytearray(good)
         for place, bit in random.sample(bits, flips):
             data[place] ^= 1 << bit
@@ -33,18 +34,20 @@ def passes(flips: int, seed: int) -> float:
         except FrameError:
             continue
         taken += 1
-    return taken / TRIES
+    return taken / tries
 
 
+@pytest.mark.parametrize("tries", [FEW, TRIES])
 @pytest.mark.parametrize(("flips", "theory"), [(1, 0.0), (2, 1 / 8), (3, 0.0), (4, 176 / 4096)])
-def test_exclusive_or_of_all_bytes(flips: int, theory: float) -> None:
+def test_exclusive_or_of_all_bytes(flips: int, theory: float, tries: int) -> None:
     """Wrong bits cancel when every column has an even number of them: 8 of 64 pairs, 8 + 3 · 56 of 4,096 fours."""
-    measured = passes(flips, seed=flips)
-    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
+    measured = passes(flips, flips, tries)
+    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / tries)
 
 
+@pytest.mark.parametrize("tries", [FEW, TRIES])
 @pytest.mark.parametrize(("flips", "theory"), [(1, 0.0), (2, 1 / 8), (3, 0.0), (4, 176 / 4096)])
-def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float) -> None:
+def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float, tries: int) -> None:
     """As without turning: each bit of a message still changes one bit of the code, an eighth of them the same one."""
     codec = compile_protocol(load_protocol("snp"))
     random = Random(flips)
@@ -53,7 +56,7 @@ def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float) -> Non
     good = codec.encode("data_message", {"type": 0x54, "data": data}, names)
     bits = [(place, bit) for place in range(2, 258) for bit in range(8)]
     taken = 0
-    for _ in range(TRIES):
+    for _ in range(tries):
         damaged = bytearray(good)
         for place, bit in random.sample(bits, flips):
             damaged[place] ^= 1 << bit
@@ -62,12 +65,13 @@ def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float) -> Non
         except FrameError:
             continue
         taken += 1
-    measured = taken / TRIES
-    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
+    measured = taken / tries
+    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / tries)
 
 
+@pytest.mark.parametrize("tries", [FEW, TRIES])
 @pytest.mark.parametrize(("wrong", "theory"), [(1, 0.0), (2, 1 / 254), (3, 253 / 254**2)])
-def test_sum_of_all_bytes(wrong: int, theory: float) -> None:
+def test_sum_of_all_bytes(wrong: int, theory: float, tries: int) -> None:
     """Bytes that are replaced at random, none by a DLE: the last one has to undo the others."""
     codec = compile_protocol(load_protocol("df1"))
     names = Names({"check_kind": "bcc", "max_packet": 250})
@@ -76,7 +80,7 @@ def test_sum_of_all_bytes(wrong: int, theory: float) -> None:
     good = codec.encode("message", {"packet": packet}, names)
     others = [value for value in range(256) if value != 0x10]
     taken = 0
-    for _ in range(TRIES):
+    for _ in range(tries):
         data = bytearray(good)
         for place in random.sample(range(8, 8 + 96), wrong):
             data[place] = random.choice([value for value in others if value != data[place]])
@@ -85,8 +89,8 @@ def test_sum_of_all_bytes(wrong: int, theory: float) -> None:
         except FrameError:
             continue
         taken += 1
-    measured = taken / TRIES
-    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / TRIES)
+    measured = taken / tries
+    assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / tries)
 
 
 @pytest.mark.parametrize("damage", ["swapped", "inserted", "removed"])

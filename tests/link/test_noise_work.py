@@ -18,7 +18,7 @@ from framekit.link.engine import Engine
 from framekit.link.observe import Monitor, Seen
 from framekit.link.receiver import BAD_APART, MOST_BAD
 
-SIZE = 12_000
+SIZE = 6_000
 MOST = 60
 """Calls of functions for each byte of random noise: the dearest of the shipped protocols needs about half of it."""
 

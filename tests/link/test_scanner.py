@@ -161,11 +161,10 @@ def test_the_quick_way_finds_the_same_in_noise(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_quick_way_finds_the_same_in_rows_of_one_kind(name: str) -> None:
     """Many good frames of those that are expected, noise before some, cut where it is hardest: where they begin."""
-    choose, table = random.Random(f"rows {name}"), receiver(name).table
+    choose, looking = random.Random(f"rows {name}"), receiver(name)
+    table, names = looking.table, looking._names
     good = {
-        frame: [
-            it for it in loaded(name)[2] if table.infos[frame].measure(it, 0, len(it), receiver(name)._names, 0) > 0
-        ]
+        frame: [it for it in loaded(name)[2] if table.infos[frame].measure(it, 0, len(it), names, 0) > 0]
         for frame in table.on_line
     }
     frame = max(table.on_line, key=lambda one: len(good[one]))

@@ -55,6 +55,12 @@ class World(FaultWorld):
         pieces = {data[:size] for data in self.sent for size in range(2, len(data))}
         return [*(bytes([byte]) for byte in range(256)), *sorted(pieces)]
 
+    def some_strays(self) -> list[bytes]:
+        """Bytes that frames begin or end with and some others, and what the first bytes of a frame break off to."""
+        ends = {data[at] for data in self.sent for at in (0, 1, -1)}
+        pieces = {data[:size] for data in self.sent for size in (2, 3, 5, 8, len(data) // 2, len(data) - 1) if size > 1}
+        return [*(bytes([byte]) for byte in sorted(ends | {*range(0, 256, 8), *range(8)})), *sorted(pieces)]
+
 
 def test_every_server_is_tried() -> None:
     def answers(name: str) -> set[str]:
@@ -95,11 +101,22 @@ def test_a_request_right_behind_a_stray_piece_is_answered_within_the_usual_repea
 
 @pytest.mark.parametrize("link", SESSIONS, ids=str)
 def test_a_stray_piece_costs_a_session_and_no_more(link: Link) -> None:
-    """On a stream the unfinished frame ends after 10 s: nothing is lost there, so the network may be slow."""
     world = World(link)
-    wait = 11 * SECOND if link.format is None else SECOND
+    check_sessions(world, world.some_strays())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("link", SESSIONS, ids=str)
+def test_no_stray_piece_at_all_costs_more_than_a_session(link: Link) -> None:
+    world = World(link)
+    check_sessions(world, world.strays())
+
+
+def check_sessions(world: World, strays: list[bytes]) -> None:
+    """On a stream the unfinished frame ends after 10 s: nothing is lost there, so the network may be slow."""
+    wait = 11 * SECOND if world.link.format is None else SECOND
     for pause in (0, max(LATER, wait)):
-        for data in world.strays():
+        for data in strays:
             world.stray(data, pause)
             world.read()
             world.clock.run_for(wait)
