@@ -35,21 +35,28 @@ class PlainValues:
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
+        self._known: dict[str, dict[str, Segment]] = {}
+        self._special: dict[str, dict[str, Segment]] = {}
 
     def from_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         """Codec values. Unknown names are left for the encoder to refuse. Raises EncodeError."""
-        return self._read(self.protocol.frames[frame].segments, fields)
+        known = self._known.get(frame)
+        if known is None:
+            known = self._known[frame] = by_value_name(self.protocol.frames[frame].segments)
+        return self._read(known, fields)
 
     def to_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         """JSON-ready values: bytes as upper-case hex pairs, times as text."""
-        if frame not in self.protocol.frames:
-            return {name: shown(value) for name, value in fields.items()}
-        return self._written(self.protocol.frames[frame].segments, fields)
+        special = self._special.get(frame)
+        if special is None:
+            if frame not in self.protocol.frames:
+                return {name: shown(value) for name, value in fields.items()}
+            special = self._special[frame] = _special(self.protocol.frames[frame].segments)
+        return self._written(special, fields)
 
     # ---- reading ------------------------------------------------------------------------------------------
 
-    def _read(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
-        known = by_value_name(segments)
+    def _read(self, known: Mapping[str, Segment], fields: Mapping[str, Any]) -> dict[str, Any]:
         result = {}
         for name, value in fields.items():
             segment = known.get(name)
@@ -73,9 +80,12 @@ class PlainValues:
                 return _number(value)
             case Repeat(of=of):
                 items = value if isinstance(value, list) else [value]
-                return [self._read(of, item) if isinstance(of, tuple) else _typed(of, item) for item in items]
+                if not isinstance(of, tuple):
+                    return [_typed(of, item) for item in items]
+                known = by_value_name(of)
+                return [self._read(known, item) for item in items]
             case Record(of=of):
-                return self._read(of, _mapping(value))
+                return self._read(by_value_name(of), _mapping(value))
             case Inner():
                 ((frame, fields),) = _mapping(value).items()
                 if frame not in self.protocol.frames:
@@ -87,21 +97,33 @@ class PlainValues:
 
     # ---- writing ------------------------------------------------------------------------------------------
 
-    def _written(self, segments: tuple[Segment, ...], fields: Mapping[str, Any]) -> dict[str, Any]:
-        known = by_value_name(segments)
-        return {name: self._shown(known.get(name), value) for name, value in fields.items()}
+    def _written(self, special: Mapping[str, Segment], fields: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            name: self._shown(special[name], value) if name in special else shown(value)
+            for name, value in fields.items()
+        }
 
-    def _shown(self, segment: Segment | None, value: Any) -> Any:
+    def _shown(self, segment: Segment, value: Any) -> Any:
         match segment:
-            case Field(unit=unit) if unit is not None and isinstance(value, int):
+            case Field() if isinstance(value, int):
                 return format_time(value)
             case Repeat(of=of) if isinstance(of, tuple) and isinstance(value, list):
-                return [self._written(of, item) for item in value]
+                special = _special(of)
+                return [self._written(special, item) for item in value]
             case Record(of=of) if isinstance(value, dict):
-                return self._written(of, value)
+                return self._written(_special(of), value)
             case Inner() if isinstance(value, dict):
                 return {frame: self.to_plain(frame, fields) for frame, fields in value.items()}
         return shown(value)
+
+
+def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
+    """Those whose values are not shown as any value of their type is: times, and what holds other values."""
+    return {
+        name: segment
+        for name, segment in by_value_name(segments).items()
+        if isinstance(segment, (Repeat, Record, Inner)) or (isinstance(segment, Field) and segment.unit is not None)
+    }
 
 
 def _typed(type_: FieldType, value: Any) -> Any:

@@ -21,14 +21,15 @@ class Left:
     """The expected candidates that two bytes leave.
 
     `alone`: the only one. `sure`: every other candidate, the others included, begins with other constants than there
-    are, so that it is surely none. `ends`: what finds their ends, once that was asked for.
+    are, so that it is surely none. `ends`: what finds their ends, once that was asked for. `names`: theirs.
     """
 
-    __slots__ = ("alone", "ends", "infos", "sure")
+    __slots__ = ("alone", "ends", "infos", "names", "sure")
 
     def __init__(self, infos: Level, sure: bool) -> None:
         self.infos = infos
         self.sure = sure
+        self.names = tuple(info.name for info in infos)
         self.alone = infos[0] if len(infos) == 1 else None
         self.ends: Ends | None = None
 

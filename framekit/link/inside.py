@@ -65,14 +65,16 @@ def plain_end(buffer: bytes | bytearray, position: int, end: int, escape: int) -
 class InsideFinder:
     """Looks through what is arriving for frames in the middle of others, every byte once.
 
-    `places`: how far it has looked in each frame that may have begun at the present place.
+    `places`: how far it has looked in each frame that may have begun at the present place. `holders`: the frames that
+    may hold others.
     """
 
-    __slots__ = ("_marks", "_names", "_rules", "places")
+    __slots__ = ("_marks", "_names", "_rules", "holders", "places")
 
     def __init__(self, table: FrameTable, names: Names) -> None:
         self._names = names
         self._rules = inside_rules(table)
+        self.holders = frozenset(self._rules)
         self.places: dict[str, int] = {}
         self._marks = marks_of(self._rules.values())
 
@@ -84,17 +86,9 @@ class InsideFinder:
         if self.places:
             self.places.clear()
 
-    def nothing_begins(self, infos: Iterable[FrameInfo]) -> bool:
-        """Whether none of these may hold others."""
-        return not any(info.name in self._rules for info in infos)
-
-    def nothing_in(self, outer: FrameInfo, raw: bytes) -> bool:
-        """Whether there is surely no frame inside `outer`, all of whose bytes are `raw`."""
-        return outer.name not in self._rules or (self._marks is not None and self._marks.search(raw) is None)
-
-    def nothing_from(self, outer: FrameInfo, buffer: bytes | bytearray, start: int) -> bool:
-        """As `nothing_in`, for what has come of it."""
-        return outer.name not in self._rules or (self._marks is not None and self._marks.search(buffer, start) is None)
+    def nothing_in(self, buffer: bytes | bytearray, start: int = 0) -> bool:
+        """Whether from `start` on there is surely no frame that may stand inside another."""
+        return self._marks is not None and self._marks.search(buffer, start) is None
 
     def end_for(self, outer: str, limit: int, base: int) -> int:
         """How far `outer` may be measured: not over what has not been looked through."""

@@ -151,10 +151,11 @@ class Listener:
                 self._found(arrival, wires)
             if receiver.broken:
                 self._flush(wires)
-        while (found := receiver.next(*self._frames[wires.side or self._next_side])) is not None:
-            self._found(found, wires)
-            if receiver.broken:
-                self._flush(wires)
+        else:
+            while (found := receiver.next(*self._frames[wires.side or self._next_side])) is not None:
+                self._found(found, wires)
+                if receiver.broken:
+                    self._flush(wires)
         waits = bool(receiver.waiting) and receiver.deadline == NEVER
         wires.cut_at = receiver.stream.last + LONGEST_PAUSE if waits else NEVER
 

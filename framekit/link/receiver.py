@@ -240,6 +240,8 @@ class Receiver:
             is_plain = (self._now == stream.last and not self._skipping and not stream.is_marked) or self._is_plain()
             if is_plain and (self._read_row(frames, found, is_all) or (found and not is_all)):
                 break
+            if stream.position >= len(stream.buffer) and is_plain and not self._noise.data:
+                break
             arrival = self._look(frames)
             if arrival is None:
                 break
@@ -276,6 +278,7 @@ class Receiver:
         a frame has begun and wants more bytes.
         """
         stream, names, said, inside = self.stream, self._names, self._candidates.said, self._inside
+        holders = () if inside is None else inside.holders
         buffer, starting, add = stream.buffer, frames.starting, found.append
         place = first = stream.position
         end, offset, came = len(buffer), stream.base + stream.removed, (stream.last, stream.last)
@@ -336,7 +339,7 @@ class Receiver:
                         break
                     place = stream.position
                     continue
-                if inside is not None and not (left.sure and inside.nothing_in(info, raw)):
+                if inside is not None and not (left.sure and (info.name not in holders or inside.nothing_in(raw))):
                     break
                 if self._noise.data:
                     add(self._noise.take())
@@ -395,7 +398,8 @@ class Receiver:
         if info is None or not left.sure or size <= self._quiet or stream.silences or self._noise.is_long:
             return False
         place, end = stream.position, len(stream.buffer)
-        if self._inside is not None and not self._inside.nothing_from(info, stream.buffer, place):
+        inside = self._inside
+        if inside is not None and info.name in inside.holders and not inside.nothing_in(stream.buffer, place):
             return False
         if info.guesses and size >= -info.behind and not self._candidates.said:
             size = info.measure(stream.buffer, place, end, self._names, 0)
@@ -435,7 +439,7 @@ class Receiver:
                 if at >= total:
                     break
                 left = start.left[buffer[at]]
-                if inside is not None and not (left.sure and inside.nothing_begins(left.infos)):
+                if inside is not None and not (left.sure and inside.holders.isdisjoint(left.names)):
                     break
                 for extent, look in left.ends or every.ends(left, buffer[place]):
                     size = extent(buffer, place, total, names)
@@ -562,7 +566,7 @@ class Receiver:
         self.stream.position += self._given
         self._given = 0
         self._declined.clear()
-        if self._candidates.said or self._inside is not None:
+        if self._candidates.said or (self._inside is not None and self._inside.places):
             self._moved()
 
     def _moved(self) -> None:
@@ -671,7 +675,7 @@ class Receiver:
         position = stream.position
         self._noise.collect(stream, position, position + count, skipped)
         stream.position = position + count
-        if self._candidates.said or self._inside is not None:
+        if self._candidates.said or (self._inside is not None and self._inside.places):
             self._moved()
 
     def _move(self, count: int) -> None:
