@@ -317,18 +317,18 @@ def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:
 
 def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str, str]]:
     """Name and form of every field, those of records and repeats indented below them."""
-    from framekit.definition.model.segments import Bits, Inner, Record, Repeat
+    from framekit.definition.model.segments import Bits
     from framekit.definition.model.walk import flat
 
     found: list[tuple[str, str]] = []
     for segment in flat(segments):
         if isinstance(segment, Bits):
             found += [(indent + part.name, _places(part.low, part.high)) for part in segment.parts]
-        elif isinstance(segment, (Record, Repeat)):
-            found.append((indent + segment.name, "record" if isinstance(segment, Record) else "list"))
-            found += fields_of(segment.inner_record or (), indent + "  ")
-        elif isinstance(segment, Inner):
-            found.append((indent + segment.name, "one of " + ", ".join(segment.frames)))
+        elif segment.is_record or segment.is_list:
+            found += [(indent + name, "record" if segment.is_record else "list") for name in segment.value_names]
+            found += fields_of(segment.members, indent + "  ")
+        elif segment.frames_inside:
+            found += [(indent + name, "one of " + ", ".join(segment.frames_inside)) for name in segment.value_names]
         elif (form := _form(segment)) is not None and segment.name:
             found.append((indent + segment.name, form))
     return found

@@ -21,7 +21,7 @@ from framekit.codec.samples import Sample, Sampler, beginning
 from framekit.definition.model.frames import Frame, StaticSizes, bytes_of
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
-from framekit.definition.model.segments import Check, Const, Data, Inner, Optional, Repeat, Segment
+from framekit.definition.model.segments import Check, Const, Data, Inner, Segment
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem
 from framekit.definition.times import parse_format
@@ -171,7 +171,7 @@ def _warning(
         guarded = any(check.verify == "error" for check in parts_of(behind, Check))
         where = f"the first {sign} with a fitting check code" if guarded else f"the first {sign}, whatever was meant"
         holder, todo = segment, "give it a size, or send it as digits or in a wrap"
-        if isinstance(segment, (Repeat, Optional)):
+        if segment.is_list or (segment.has_cases and segment.chooses_by is None):
             todo = "say by a field how much there is of it, or send it as digits or in a wrap"
         if end.data[0] not in bytes_of([segment], protocol.frames):
             holder = next(one for one in before if end.data[0] in bytes_of([one], protocol.frames))

@@ -10,7 +10,7 @@ from typing import Any
 
 from framekit.codec.errors import EncodeError
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Field, Inner, Record, Repeat, Segment
+from framekit.definition.model.segments import Field, Inner, Repeat, Segment
 from framekit.definition.model.walk import by_value_name
 from framekit.definition.problems import did_you_mean
 
@@ -77,7 +77,7 @@ def _levels(protocol: Protocol, segments: tuple[Segment, ...], given: Any) -> It
     yield known, given
     for name, value in given.items():
         match known.get(name):
-            case Record(of=of):
+            case Segment(is_record=True, members=of):
                 yield from _levels(protocol, of, value)
             case Repeat(of=of) if isinstance(of, tuple):
                 for item in value if isinstance(value, list) else [value]:

@@ -20,7 +20,6 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
-    Record,
     Repeat,
     Segment,
 )
@@ -84,8 +83,8 @@ class PlainValues:
                     return [_typed(of, item) for item in items]
                 known = by_value_name(of)
                 return [self._read(known, item) for item in items]
-            case Record(of=of):
-                return self._read(by_value_name(of), _mapping(value))
+            case Segment(is_record=True):
+                return self._read(by_value_name(segment.members), _mapping(value))
             case Inner():
                 ((frame, fields),) = _mapping(value).items()
                 if frame not in self.protocol.frames:
@@ -110,8 +109,8 @@ class PlainValues:
             case Repeat(of=of) if isinstance(of, tuple) and isinstance(value, list):
                 special = _special(of)
                 return [self._written(special, item) for item in value]
-            case Record(of=of) if isinstance(value, dict):
-                return self._written(_special(of), value)
+            case Segment(is_record=True) if isinstance(value, dict):
+                return self._written(_special(segment.members), value)
             case Inner() if isinstance(value, dict):
                 return {frame: self.to_plain(frame, fields) for frame, fields in value.items()}
         return shown(value)
@@ -122,7 +121,9 @@ def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
     return {
         name: segment
         for name, segment in by_value_name(segments).items()
-        if isinstance(segment, (Repeat, Record, Inner)) or (isinstance(segment, Field) and segment.unit is not None)
+        if segment.inner_record
+        or isinstance(segment, Inner)
+        or (isinstance(segment, Field) and segment.unit is not None)
     }
 
 

@@ -29,7 +29,7 @@ from framekit.definition.expression.syntax import (
     names_in,
 )
 from framekit.definition.model import segments as model
-from framekit.definition.model.segments import FieldType, Require, Segment, Value
+from framekit.definition.model.segments import FieldType, Segment, Value
 from framekit.definition.model.walk import expressions_of, flat
 
 Evaluate = Callable[[Node], Any]
@@ -92,7 +92,7 @@ def hints_of(segments: Iterable[Segment], evaluate: Evaluate) -> dict[str, Hints
 def _conditions(segments: Iterable[Segment]) -> Iterator[Node]:
     """The parts of all conditions that must each hold."""
     for segment in segments:
-        if isinstance(segment, Require):
+        if segment.condition is not None:
             root = segment.condition.root
             yield from root.operands if isinstance(root, Logic) and root.operator == "and" else (root,)
 

@@ -18,11 +18,9 @@ from framekit.definition.model.segments import (
     Const,
     Field,
     Inner,
-    Record,
     Segment,
     Wrap,
 )
-from framekit.definition.model.segments import Optional as OptionalSegments
 from framekit.definition.model.walk import by_value_name
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.intact import Intact, any_intact, intact_of
@@ -112,8 +110,8 @@ class FrameInfo:
                 self._collect(segment.of, there)
                 if segment.inside and segment.insert is not None:
                     self.carries, self.insert = segment.inside, compile_expression(segment.insert)
-            elif isinstance(segment, OptionalSegments):
-                self._collect(segment.of, False)
+            elif segment.has_cases and segment.chooses_by is None:
+                self._collect(segment.usual_block, False)
 
     def _field(self, field: Field | BitsPart, values: Mapping[int, str] | None, there: bool) -> None:
         """Constants of a field that may be absent are not known: the builder decides whether it is there.
@@ -185,5 +183,5 @@ def shape_of(segments: tuple[Segment, ...]) -> Shape:
             found.extend(shape_of(block))
         below = shape_of(segment.inner_record or ())
         if below:
-            found.append(("record" if isinstance(segment, Record) else "list", segment.name or "", below))
+            found.append(("record" if segment.is_record else "list", segment.name or "", below))
     return tuple(found)

@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from framekit.definition.model.segments import Const, Field, Segment, Skip, Wrap
+from framekit.definition.model.frames import fixed_size
+from framekit.definition.model.segments import Const, Segment, Wrap
 from framekit.link.evaluate import Names
 from framekit.link.frame_info import FrameInfo
 from framekit.link.frame_table import FrameTable
@@ -35,16 +36,13 @@ class InsideRule:
                 size = len(segment.data)
                 if buffer[position : min(position + size, end)] != segment.data:
                     return None
-            elif isinstance(segment, Wrap):
+            elif (known := fixed_size(segment)) is not None:
+                size = known
+            else:
                 stop = plain_end(buffer, position, end, self.escape)
                 if stop is None:
                     return None
                 size = stop - position
-            elif isinstance(segment, Skip):
-                size = segment.size
-            else:
-                assert isinstance(segment, Field)
-                size = segment.type.fixed_size or 0
             position += size
             if position > end:
                 return None
@@ -162,6 +160,4 @@ def inside_rules(table: FrameTable) -> dict[str, InsideRule]:
 def _is_findable(segment: Segment) -> bool:
     if segment.when is not None:
         return False
-    if isinstance(segment, Field):
-        return segment.type.fixed_size is not None and segment.long is None
-    return isinstance(segment, (Const, Skip)) or (isinstance(segment, Wrap) and segment.how == "escape")
+    return fixed_size(segment) is not None or (isinstance(segment, Wrap) and segment.how == "escape")

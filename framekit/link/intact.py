@@ -12,7 +12,7 @@ from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.frames import Frame, StaticSizes
-from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Wrap
+from framekit.definition.model.segments import Check, Const, Field, Inner, Segment
 from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 
@@ -85,7 +85,7 @@ def _check_of(frame: Frame) -> Intact | None:
         last.method.kind == "fold"
         or last.over is not None
         or last.span is not None
-        or any(parts_of(frame.segments, Wrap))
+        or any(one.is_there_inside for one in parts_of(frame.segments, Segment))
     ):
         return None
     intact = _code_of(last) if last.form == "raw" else _digits_of(last)

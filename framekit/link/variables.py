@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.codec.python.runtime import RangeTable
-from framekit.definition.model.segments import Bits, Choose, Data, Field, Record, Repeat, Segment, Wrap
-from framekit.definition.model.segments import Optional as OptionalSegments
+from framekit.definition.model.segments import Data, Field, Segment
 from framekit.definition.model.values import Table
 
 Fit = Callable[[Any], Any]
@@ -117,18 +116,15 @@ def empty_record(segments: tuple[Segment, ...]) -> dict[str, Any]:
     for segment in segments:
         if isinstance(segment, Field):
             record[segment.name] = _empty_field(segment)
-        elif isinstance(segment, Bits):
-            record.update({part.name: 0 for part in segment.parts})
         elif isinstance(segment, Data):
             record[segment.name] = bytes(segment.size) if isinstance(segment.size, int) else b""
-        elif isinstance(segment, Record):
-            record[segment.name] = empty_record(segment.of)
-        elif isinstance(segment, Repeat):
-            record[segment.name] = []
-        elif isinstance(segment, (Wrap, OptionalSegments)):
-            record.update(empty_record(segment.of))
-        elif isinstance(segment, Choose) and segment.otherwise:
-            record.update(empty_record(segment.otherwise))
+        elif segment.is_record:
+            record.update(dict.fromkeys(segment.value_names, empty_record(segment.members)))
+        elif segment.is_list:
+            record.update((name, []) for name in segment.value_names)
+        else:
+            record.update((name, 0) for name, _ in segment.numbers_with_names())
+            record.update(empty_record(segment.usual_block))
     return record
 
 

@@ -14,7 +14,7 @@ from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Index, List, Name, Node, Number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol, StationType
-from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Record, Repeat, Segment
+from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Repeat, Segment
 from framekit.definition.model.services import Packing, ServiceRow
 from framekit.definition.model.values import LayoutOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import flat
@@ -503,8 +503,8 @@ def _of_segment(segment: Segment) -> Shape:
             return Shape(kind="bytes", size=segment.size if isinstance(segment.size, int) else None)
         case Length() | Count():
             return Shape(kind="number")
-        case Record():
-            return Shape(kind="record", parts=_parts(segment.of))
+        case Segment(is_record=True):
+            return Shape(kind="record", parts=_parts(segment.members))
         case Repeat():
             of = segment.of
             item = _of_type(of) if isinstance(of, FieldType) else Shape(kind="record", parts=_parts(of))

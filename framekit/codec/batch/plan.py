@@ -91,7 +91,7 @@ class BatchPlanner:
         for segment in segments:
             if isinstance(segment, Length):
                 self._add_length(plan, segment, sizes, path)
-            elif isinstance(segment, Require):
+            elif segment.condition is not None:
                 read = {(*path, name) for name in names_in(segment.condition.root)}
                 plan.requires.append(tuple(column.path for column in plan.columns if column.path in read))
         return plan

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.source import quoted
 from framekit.definition.model.frames import StaticSizes
-from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Record, Segment
+from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Segment
 from framekit.definition.model.walk import parts_of
 
 Allowed = Mapping[int, frozenset[int]]
@@ -111,8 +111,8 @@ def fixed_bytes(segments: tuple[Segment, ...]) -> Iterator[tuple[int, frozenset[
 
 def _flat(segments: tuple[Segment, ...]) -> Iterator[Segment]:
     for segment in segments:
-        if isinstance(segment, Record) and segment.when is None and segment.refuse is None:
-            yield from _flat(segment.of)
+        if segment.is_record and segment.when is None and segment.refuse is None:
+            yield from _flat(segment.members)
         else:
             yield segment
 

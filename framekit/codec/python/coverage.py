@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from framekit.codec.python.function import on_the_wire, span_names
-from framekit.definition.model.segments import Check, Record, Segment, Wrap
+from framekit.definition.model.segments import Check, Segment
 from framekit.definition.model.walk import everything, leaves
 
 
@@ -43,7 +43,7 @@ class Coverage:
                 break
             before.append(segment)
         here = [segment.name for segment in before]
-        mixed = any(isinstance(segment, Wrap) for segment in on_the_wire(buffer))
+        mixed = any(segment.is_there_inside for segment in on_the_wire(buffer))
         if names is None or (names == here and begins and not mixed):
             self.whole.add(check.name or "")
             return
@@ -60,7 +60,7 @@ def buffers(segments: tuple[Segment, ...], begins: bool = True) -> Iterator[tupl
         for block in segment.blocks:
             yield from buffers(block, segment.is_there_inside)
         if segment.inner_record is not None:  # what a record holds stands in the buffer around it
-            yield from list(buffers(segment.inner_record))[1 if isinstance(segment, Record) else 0 :]
+            yield from list(buffers(segment.inner_record))[1 if segment.is_record else 0 :]
 
 
 def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:
@@ -68,5 +68,5 @@ def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:
     for segment in segments:
         if isinstance(segment, Check):
             yield segment
-        elif isinstance(segment, Record):
-            yield from checks_in(segment.of)
+        elif segment.is_record:
+            yield from checks_in(segment.members)

@@ -22,14 +22,11 @@ from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Check,
-    Choose,
     Const,
     Count,
     Field,
     FieldType,
     Length,
-    Optional,
-    Record,
     Segment,
 )
 from framekit.definition.model.walk import everything, flat, leaves, without_when
@@ -116,7 +113,7 @@ class DiagnosisWriter:
         found: list[str] = []
         for name in names:
             every = [one for one in everything(self.segments) if one.name == name]
-            inside = any(isinstance(one, (Choose, Optional)) for one in every)
+            inside = any(one.has_cases for one in every)
             found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
         return found
 
@@ -310,7 +307,7 @@ class DiagnosisWriter:
         """The call that says that what expressions read of these segments is nothing, but for what is `there`."""
         known = {name for one in flat(there) for name in one.value_names}
         wanted = [one for one in flat(segments) if set(one.value_names) & self.asked_by_name - known]
-        records = sorted({one.name for one in wanted if isinstance(one, Record)})
+        records = sorted({name for one in wanted if one.is_record for name in one.value_names})
         names = {name for one in wanted for name in one.value_names} & self.asked_by_name - known - set(records)
         texts = [literal(tuple(sorted(names))), *([literal(tuple(records))] if records else [])]
         return f"n.without({', '.join(texts)})" if wanted else ""

@@ -40,7 +40,6 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
     Check,
-    Choose,
     Const,
     Count,
     Data,
@@ -49,13 +48,9 @@ from framekit.definition.model.segments import (
     Fill,
     Inner,
     Length,
-    Optional,
-    Record,
     Repeat,
-    Require,
     Segment,
     Value,
-    Wrap,
 )
 from framekit.definition.model.walk import everything, expressions_of, flat, leaves, without_when
 
@@ -463,7 +458,7 @@ class EncodeWriter:
     def values(self, segments: Iterable[Segment], scope: Scope, given: Given) -> None:
         """All values of a list of segments, also those in its wraps."""
         segments = tuple(segments)
-        if given.in_cases is None and any(isinstance(segment, (Choose, Optional)) for segment in flat(segments)):
+        if given.in_cases is None and any(segment.has_cases for segment in flat(segments)):
             given.in_cases = self.names.fresh("computed_in_cases"), self.names.fresh("elsewhere")
             self.add(f"{given.in_cases[0]}: dict[str, Any] = {{}}")
             self.add(f"{given.in_cases[1]}: tuple[str, ...] = ()")
@@ -477,7 +472,7 @@ class EncodeWriter:
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
         given.names.extend(segment.value_names)
-        if segment.when is not None and not isinstance(segment, Require):
+        if segment.when is not None and segment.condition is None:
             given.conditional.append((segment, scope))
         tasks.extend(kind_of(segment).tasks(self, segment, scope, given))
 
@@ -705,11 +700,11 @@ class EncodeWriter:
         """The segments with those of records; what takes no bytes is left out."""
         found: list[Placed] = []
         for segment in segments:
-            if isinstance(segment, Record) and segment.when is None:
-                inside = scope.entries[segment.name].inside
+            if segment.is_record and segment.when is None:
+                inside = scope.entries[segment.value_names[0]].inside
                 assert inside is not None
-                found.extend(self.placed(segment.of, inside))
-            elif not isinstance(segment, (Value, Require)):
+                found.extend(self.placed(segment.members, inside))
+            elif segment.takes_bytes:
                 found.append((segment, scope))
         return found
 
@@ -785,7 +780,7 @@ class EncodeWriter:
         """A local for what checks see of segments that may be absent, where wraps among them make that something
         else than their bytes; None where it is not."""
         names = [leaf.name or "" for leaf in leaves(segments)]
-        if not self.coverage.of(names) or not any(isinstance(one, Wrap) for one in on_the_wire(segments)):
+        if not self.coverage.of(names) or not any(one.is_there_inside for one in on_the_wire(segments)):
             return None
         plain = self.plains[name] = self.names.fresh("covered")
         self.add(f'{plain} = b""')
@@ -836,7 +831,7 @@ class EncodeWriter:
 
     def _kept(self, placed: list[Placed], text: str) -> str:
         """The text of a run; in a local, if a check asks for these bytes."""
-        if isinstance(placed[0][0], Wrap):
+        if placed[0][0].is_there_inside:
             return text
         names = tuple(leaf.name or "" for segment, _ in placed for leaf in leaves((segment,)))
         if (plain := self.plains.get(placed[0][0].name or "")) is not None:
@@ -905,7 +900,7 @@ class EncodeWriter:
     def put_into_local(self, segment: Segment, scope: Scope) -> None:
         self.flush()
         local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_bytes")
-        if isinstance(segment, Record):
+        if segment.is_record:
             text = self.region((segment,), scope, local)
         else:
             text = self.single(segment, scope)
@@ -922,17 +917,17 @@ class EncodeWriter:
             return tuple(part.name for part in segment.parts if part.is_ is None)
         return segment.value_names
 
-    def branch_tasks(self, segment: Choose | Optional, scope: Scope, given: Given) -> list[Task]:
+    def branch_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
         inside = tuple(flat((segment,)))
         names = [inner for one in inside for inner in one.value_names]
         counted = [f"bytes of {one.name}" for one in inside if one.name in self.asked_for or one is segment]
         outer = self.outer_names(segment)
         return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
 
-    def branches(self, segment: Choose | Optional, scope: Scope, given: Given) -> None:
+    def branches(self, segment: Segment, scope: Scope, given: Given) -> None:
         """A choice, or what is there when its values are given."""
         name = segment.name or ""
-        wire = self.names.fresh("case_bytes" if isinstance(segment, Choose) else "optional_bytes")
+        wire = self.names.fresh("case_bytes" if segment.chooses_by is not None else "optional_bytes")
         self.flush()
         has_checks = any(isinstance(one, Check) for one in flat((segment,)))
         plain = None

@@ -104,7 +104,7 @@ class Together:
             raise NotPlain
         if any(isinstance(one, Check) and inner.name in (one.span or ()) for one in everything(around)):
             raise NotPlain
-        parts = tuple(one.name for one in inside if one.name and not isinstance(one, (Require, Value)))
+        parts = tuple(one.name for one in inside if one.name and one.takes_bytes)
         if isinstance(inner.size, int) and self.shapes.all(inside).fixed != inner.size:
             raise NotPlain
         if isinstance(inner.size, Expression) and not self._is_told(inner, inner.size, segments):

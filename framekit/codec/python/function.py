@@ -14,21 +14,14 @@ from framekit.codec.python.source import Identifiers, Source
 from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import (
     Check,
-    Choose,
     Data,
     Length,
-    Optional,
-    Record,
     Repeat,
-    Require,
     Segment,
-    Value,
-    Wrap,
 )
 from framekit.definition.model.walk import everything, expressions_of, flat, leaves
 
 MISFIT = "raise Misfit"
-CONTAINERS = (Wrap, Optional, Record, Choose)
 """Segments that stand for those inside them."""
 
 
@@ -66,12 +59,12 @@ class Function:
         self.parts = {
             segment.name: tuple(leaf.name for leaf in leaves((segment,)) if leaf.name)
             for segment in everything(segments)
-            if isinstance(segment, CONTAINERS) and segment.name
+            if (segment.blocks or segment.is_record) and segment.name
         }
         self.wire_parts = {
             segment.name: tuple(part.name for part in on_the_wire((segment,)) if part.name)
             for segment in everything(segments)
-            if isinstance(segment, CONTAINERS) and segment.name
+            if (segment.blocks or segment.is_record) and segment.name
         }
         self.trail: list[str] = []
 
@@ -131,7 +124,7 @@ class Function:
         if name in self.tracked:
             first, last = self._kept(name, buffer, first, last)
         self.bounds[name] = Bounds(buffer, first, last)
-        if isinstance(segment, CONTAINERS):
+        if segment.blocks or segment.is_record:
             return
         if name in self.trail:
             self.trail.remove(name)
@@ -157,7 +150,7 @@ class Function:
     def preset(self, segments: Iterable[Segment], place: str) -> None:
         """Segments that may not be there take no bytes at `place`, as long as nothing else is known of them."""
         segments = tuple(segments)
-        for leaf in (*leaves(segments), *(one for one in on_the_wire(segments) if isinstance(one, Wrap))):
+        for leaf in (*leaves(segments), *(one for one in on_the_wire(segments) if one.is_there_inside)):
             if leaf.name in self.tracked and leaf.name not in self.presets:
                 shown = leaf.name.strip("_")
                 start, end = self.names.fresh(f"{shown}_start"), self.names.fresh(f"{shown}_end")
@@ -234,8 +227,8 @@ def on_the_wire(segments: Iterable[Segment]) -> Iterator[Segment]:
     """The segments that take bytes of the buffer they stand in: what is in records and cases, wraps as a whole."""
     for segment in segments:
         inside = segment.blocks if segment.inner_record is None else (segment.inner_record,)
-        if isinstance(segment, (Wrap, Repeat)) or not inside:
-            if not isinstance(segment, (Value, Require)):
+        if segment.is_there_inside or segment.is_list or not inside:
+            if segment.takes_bytes:
                 yield segment
             continue
         for block in inside:

@@ -109,7 +109,7 @@ def _pair(shapes: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
         return None
     if any(isinstance(segment, Check) and inner.name in (segment.span or ()) for segment in everything(around)):
         return None
-    parts = tuple(segment.name for segment in inside if segment.name and not isinstance(segment, (Require, Value)))
+    parts = tuple(segment.name for segment in inside if segment.name and segment.takes_bytes)
     lists = (
         tuple(one for segment in part for one in (inside if segment is inner else (counting(segment, inner, parts),)))
         for part in (frame.head, frame.body, frame.tail)
@@ -117,7 +117,7 @@ def _pair(shapes: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
     head, body, tail = lists
     together = shapes.segments(replace(frame, head=head, body=body, tail=tail))
     # conditions come last, so that they part no fields that one struct can read
-    return Pair(inner, name, inside, tuple(sorted(together, key=lambda segment: isinstance(segment, Require))))
+    return Pair(inner, name, inside, tuple(sorted(together, key=lambda segment: segment.condition is not None)))
 
 
 def _ends_alike(shapes: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
@@ -222,7 +222,7 @@ def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
 
 
 def _parts(pair: Pair) -> dict[str, Target]:
-    return named(segment for segment in pair.inside if not isinstance(segment, (Require, Value)))
+    return named(segment for segment in pair.inside if segment.takes_bytes)
 
 
 def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:

@@ -30,7 +30,6 @@ from framekit.definition.model.frames import Frame, bytes_of
 from framekit.definition.model.segments import (
     Bits,
     Check,
-    Choose,
     Const,
     Count,
     Data,
@@ -38,12 +37,9 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
-    Optional,
-    Record,
     Repeat,
     Segment,
     Value,
-    Wrap,
 )
 from framekit.definition.model.walk import everything, flat, without_when
 
@@ -116,25 +112,26 @@ class MeasureWriter:
         """The segments with those of records."""
         found: list[tuple[Segment, Scope]] = []
         for segment in segments:
-            if isinstance(segment, Record) and segment.when is None:
-                found.extend(self.pairs(segment.of, self._inside(segment, scope)))
+            if segment.is_record and segment.when is None:
+                found.extend(self.pairs(segment.members, self._inside(segment, scope)))
             else:
                 found.append((segment, scope))
         return tuple(found)
 
     @staticmethod
-    def _inside(record: Record, scope: Scope) -> Scope:
+    def _inside(record: Segment, scope: Scope) -> Scope:
         """The names of a record; two cases with a record of one name share them."""
-        known = scope.entries.get(record.name)
+        (name,) = record.value_names
+        known = scope.entries.get(name)
         inside = Scope(scope) if known is None or known.inside is None else known.inside
-        scope.entries[record.name] = NameEntry(record.name, "record", inside, direct=True)
+        scope.entries[name] = NameEntry(name, "record", inside, direct=True)
         return inside
 
     def absent(self, segments: Iterable[Segment], scope: Scope) -> None:
         """Gives names that something else depends on no value, as long as nothing has been read that has them."""
         for segment in flat(segments):
-            if isinstance(segment, Record):
-                self.absent(segment.of, self._inside(segment, scope))
+            if segment.is_record:
+                self.absent(segment.members, self._inside(segment, scope))
                 continue
             for name in segment.value_names:
                 if name in self.needed:
@@ -524,7 +521,7 @@ class MeasureWriter:
         self.settle()
         with self.out.block(f"if {condition}:"):
             self.branch(self.pairs((present,), scope), behind)
-        if isinstance(segment, (Record, Wrap, Choose, Optional)):
+        if segment.blocks or segment.is_record:
             self._else_absent(segment, scope)
             return
         if not names:
@@ -560,7 +557,7 @@ def needed_names(segments: tuple[Segment, ...]) -> set[str]:
     """Names that sizes, counts and conditions depend on, and those these depend on."""
     found: set[str] = set()
     values: dict[str, set[str]] = {}
-    records = {segment.name for segment in everything(segments) if isinstance(segment, Record)}
+    records = {segment.name for segment in everything(segments) if segment.is_record}
     for segment in everything(segments):
         if isinstance(segment, Value):
             values[segment.name] = _names_of(segment.read)
@@ -580,7 +577,7 @@ def needed_names(segments: tuple[Segment, ...]) -> set[str]:
 
 def size_expressions(segment: Segment) -> list[Expression]:
     """What decides about the size of a segment."""
-    found: list[object] = [segment.when]
+    found: list[object] = [segment.when, segment.chooses_by]
     match segment:
         case Data(size=size) | Inner(size=size):
             found.append(size)
@@ -588,8 +585,6 @@ def size_expressions(segment: Segment) -> list[Expression]:
             found.append(type_.size)
         case Repeat(times=times):
             found.append(times)
-        case Choose(on=on):
-            found.append(on)
     return [expression for expression in found if isinstance(expression, Expression)]
 
 

@@ -25,7 +25,6 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Inner,
-    Record,
     Repeat,
     Segment,
     Value,
@@ -158,9 +157,9 @@ class Parameters:
                 item = _type(of) if isinstance(of, FieldType) else "Any"
                 default = None if is_certain else LEFT_OUT
                 yield Keyword("", name, 0, default, f"list[{item}] | tuple[{item}, ...]", segment.doc)
-            case Record(name=name, of=inside):
-                default = None if is_certain and is_needed(inside) else LEFT_OUT
-                yield Keyword("", name, 0, default, "Mapping[str, Any]", segment.doc)
+            case Segment(is_record=True):
+                default = None if is_certain and is_needed(segment.members) else LEFT_OUT
+                yield Keyword("", segment.value_names[0], 0, default, "Mapping[str, Any]", segment.doc)
             case Inner(name=name) if all(segment is not level.inner for level in self.levels):
                 default = None if is_certain else LEFT_OUT
                 yield Keyword("", name, 0, default, "Mapping[str, Any]", "one frame as {name: values}")

@@ -29,11 +29,8 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Length,
-    Record,
     Repeat,
-    Require,
     Segment,
-    Value,
 )
 from framekit.definition.model.walk import everything, flat, without_when
 from framekit.definition.problems import DefinitionError, Problem
@@ -134,17 +131,18 @@ class BufferReader:
         """The segments with those of records, so that structs may reach over their borders."""
         found: list[Item] = []
         for segment in segments:
-            if isinstance(segment, Record) and segment.when is None:
+            if segment.is_record and segment.when is None:
                 found.extend(self.record_items(segment, scope, fields))
             else:
                 found.append(Item(segment, scope, fields))
         return found
 
-    def record_items(self, record: Record, scope: Scope, fields: Fields) -> list[Item]:
-        inner = Fields(self.function.local(record.name, scope), (fields, record.name))
+    def record_items(self, record: Segment, scope: Scope, fields: Fields) -> list[Item]:
+        (name,) = record.value_names
+        inner = Fields(self.function.local(name, scope), (fields, name))
         inside = Scope(scope)
-        scope.entries[record.name] = NameEntry(inner.variable, "record", inside, direct=True, record=inner)
-        return self.items(record.of, inside, inner)
+        scope.entries[name] = NameEntry(inner.variable, "record", inside, direct=True, record=inner)
+        return self.items(record.members, inside, inner)
 
     # ---- places -------------------------------------------------------------------------------------------
 
@@ -601,17 +599,19 @@ class BufferReader:
         assert first.segment.when is not None
         condition = self.function.writer(first.scope).text(first.segment.when)
         inside = [Item(without_when(item.segment), item.scope, item.fields) for item in items]
-        if all(isinstance(one.segment, Require) and not self._waits(one.segment, one.scope) for one in inside):
+        if all(self._is_known_condition(one) for one in inside):
             text = self.function.writer(first.scope).text(first.segment.when, AND)
             for item in inside:
-                assert isinstance(item.segment, Require)
+                assert item.segment.condition is not None
                 holds = self.function.writer(item.scope).negated(item.segment.condition)
                 self.function.misfit_if(f"{text} and {holds}")
             return
         self._branches([(f"if {condition}:", inside)], after, items)
 
-    def _waits(self, require: Require, scope: Scope) -> bool:
-        return self.function.waits_for(require.condition, scope)
+    def _is_known_condition(self, item: Item) -> bool:
+        """Whether it is a condition of the frame that can be told already."""
+        condition = item.segment.condition
+        return condition is not None and not self.function.waits_for(condition, item.scope)
 
     def _branches(
         self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], absent: Iterable[Item]
@@ -647,7 +647,7 @@ class BufferReader:
     ) -> None:
         expanded: list[Item] = []
         for item in items:
-            if isinstance(item.segment, Record) and item.segment.when is None:
+            if item.segment.is_record and item.segment.when is None:
                 expanded.extend(self.record_items(item.segment, item.scope, item.fields))
             else:
                 expanded.append(item)
@@ -657,7 +657,7 @@ class BufferReader:
         left, self.deferred = self.deferred, outside
         for item in items:
             entry = item.scope.entries.get(item.segment.name or "")
-            if isinstance(item.segment, Record) and entry is not None and entry.record is not None:
+            if item.segment.is_record and entry is not None and entry.record is not None:
                 entry.record.attach()
                 entry.record.open(self.function.out)
                 entry.direct = False
@@ -769,7 +769,7 @@ class BufferReader:
             elif (run := self.length_of_run(items[place:])) > 0:
                 count = run
                 behind = (*items[place + count :], *after)
-                nothing = all(isinstance(one.segment, (Require, Value)) for one in behind)
+                nothing = all(not one.segment.takes_bytes for one in behind)
                 self.read_run(items[place : place + count], whole=place == 0 and nothing, last=nothing)
             else:
                 kind_of(item.segment).read(self, item, item.segment, (*items[place + 1 :], *after))

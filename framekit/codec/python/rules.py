@@ -14,7 +14,6 @@ from framekit.definition.model.segments import (
     Field,
     Inner,
     Length,
-    Record,
     Repeat,
     Segment,
 )
@@ -81,9 +80,8 @@ def is_needed(segments: tuple[Segment, ...]) -> bool:
                     return True
             case Data(pad=None) | Repeat() | Inner():
                 return True
-            case Record(of=of):
-                if is_needed(of):
-                    return True
+            case Segment(is_record=True) if is_needed(segment.members):
+                return True
     return False
 
 

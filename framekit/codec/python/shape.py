@@ -17,13 +17,9 @@ from framekit.definition.model.segments import (
     Field,
     Inner,
     Length,
-    Optional,
-    Record,
     Repeat,
-    Require,
     Segment,
     Segments,
-    Value,
     Wrap,
 )
 from framekit.definition.model.walk import certain, everything, expressions_of, flat
@@ -128,25 +124,22 @@ def ending_constants(
             inside = segment.is_there_inside
             yield from ending_constants(shapes, block, () if inside else behind, False if inside else in_item)
         if segment.inner_record is not None:
-            is_list = isinstance(segment, Repeat)
-            yield from ending_constants(shapes, segment.inner_record, () if is_list else behind, is_list or in_item)
+            is_list = segment.is_list
+            yield from ending_constants(shapes, segment.members, () if is_list else behind, is_list or in_item)
 
 
 def _takes_rest(segment: Segment) -> bool:
     """Whether a segment reaches as far as what follows it leaves room, whatever it holds."""
-    match segment:
-        case Data(size="rest") | Inner(size="rest") | Repeat(times="rest") | Optional():
-            return True
-        case Field(type=type_, long=None):
-            return type_.size is None and type_.end is None
-    return False
+    if isinstance(segment, Field):
+        return segment.type.size is None and segment.type.end is None and segment.long is None
+    return segment.takes_rest or (isinstance(segment, Inner) and segment.size == "rest")
 
 
 def in_place_of_records(segments: Segments) -> Iterator[Segment]:
     """The segments with those of records that are always there in place of these."""
     for segment in segments:
-        if isinstance(segment, Record) and segment.when is None:
-            yield from in_place_of_records(segment.of)
+        if segment.is_record and segment.when is None:
+            yield from in_place_of_records(segment.members)
         else:
             yield segment
 
@@ -164,14 +157,14 @@ def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
             return found, False
         if isinstance(segment, Const):
             found += segment.data
-        elif isinstance(segment, (Record, Wrap)):
-            inner, whole = _leading(segment.of)
+        elif segment.is_record or isinstance(segment, Wrap):
+            inner, whole = _leading(segment.of if isinstance(segment, Wrap) else segment.members)
             if isinstance(segment, Wrap):
                 inner = wrapped(segment, inner)
             found += inner
             if not whole:
                 return found, False
-        elif not isinstance(segment, (Value, Require)):
+        elif segment.takes_bytes:
             return found, False
     return found, True
 

@@ -10,7 +10,6 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     MOST_BYTES,
     Check,
-    Choose,
     Const,
     Count,
     Data,
@@ -18,7 +17,6 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
-    Optional,
     Repeat,
     Segment,
     Segments,
@@ -124,16 +122,15 @@ def _spans(frame: Frame) -> Iterator[Problem]:
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
     """A check outside a case or an optional part covers the whole of it."""
     covered = set(check.span or check.over or ())
-    for kind, called, part in ((Choose, "a case", "choose"), (Optional, "an optional part", "optional")):
-        for holder in parts_of(frame.segments, kind):
-            blocks = [{one.name for one in flat(block) if one.name} for block in holder.blocks]
-            here = next((names for names in blocks if check.name in names), set())
-            names = {name for block in blocks for name in block & covered} - here
-            if names:
-                what = "the range of a check ends in" if check.span else "a check covers what stands in"
-                names_told = ", ".join(sorted(name for name in names))
-                todo = f"name the {part} part, or what stands beside it"
-                yield Problem(check.at, f"{what} {called}: '{names_told}'", todo)
+    for holder in parts_of(frame.segments, Segment):
+        blocks = [{one.name for one in flat(block) if one.name} for block in holder.blocks if holder.has_cases]
+        here = next((names for names in blocks if check.name in names), set())
+        names = {name for block in blocks for name in block & covered} - here
+        if names:
+            what = "the range of a check ends in" if check.span else "a check covers what stands in"
+            called = "an optional part" if holder.chooses_by is None else "a case"
+            todo = f"name the {holder.KEY} part, or what stands beside it"
+            yield Problem(check.at, f"{what} {called}: '{', '.join(sorted(names))}'", todo)
 
 
 def _between(order: list[str | None], first: str, last: str) -> list[str | None]:
@@ -264,8 +261,8 @@ class _Ends:
         match segment:
             case Wrap(how=how, of=of):
                 return how == "hex" and self.is_open(of, known)
-            case Choose(blocks=blocks):
-                return any(self.is_open(block, known) for block in blocks)
+            case Segment(chooses_by=Expression()):
+                return any(self.is_open(block, known) for block in segment.blocks)
             case Inner(size=None, frames=names):
                 frames = [self.frames[name] for name in names if name in self.frames and name not in known]
                 loose = [frame for frame in frames if frame.size is None and not frame.delimited]
@@ -307,7 +304,7 @@ def _end_of_escape(wrap: Wrap, behind: Segments) -> Iterator[Problem]:
 
 def _begins_with(byte: int, segment: Segment) -> bool:
     """Whether a segment is surely there, and begins with that byte."""
-    if isinstance(segment, Choose) and segment.when is None and segment.otherwise is not None:
+    if segment.chooses_by is not None and segment.when is None and segment.usual_block:
         return all(bool(block) and _begins_with(byte, block[0]) for block in segment.blocks)
     return isinstance(segment, Const) and segment.when is None and segment.data[0] == byte
 
@@ -328,8 +325,9 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
         if rest is not None:
             what = f"nothing shows where {rest.title} ends in an item of '{repeat.name}'"
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
-    for optional in parts_of(frame.segments, Optional):
-        if not any(one.may_be_given for one in flat(optional.of)):
+    for optional in parts_of(frame.segments, Segment):
+        is_optional = optional.has_cases and optional.chooses_by is None
+        if is_optional and not any(one.may_be_given for one in flat(optional.usual_block)):
             what = "the optional part is never there: no value of it is given"
             yield Problem(optional.at, what, "put a field into it, or take when: instead")
     absent = {
@@ -357,7 +355,7 @@ def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
         yield segment
         if segment.inner_record is not None and not segment.is_list:
             yield from _without_own_end(segment.inner_record)
-        if isinstance(segment, Choose) or (isinstance(segment, Wrap) and segment.how == "hex"):
+        if segment.chooses_by is not None or (isinstance(segment, Wrap) and segment.how == "hex"):
             for block in segment.blocks:
                 yield from _without_own_end(block)
 

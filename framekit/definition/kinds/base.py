@@ -142,6 +142,26 @@ class Segment:
         return None
 
     @property
+    def is_record(self) -> bool:
+        """Whether its value is one record."""
+        return self.inner_record is not None and not self.is_list
+
+    @property
+    def members(self) -> Segments:
+        """The segments of `inner_record`; none if there is no such list."""
+        return self.inner_record or ()
+
+    @property
+    def usual_block(self) -> Segments:
+        """What stands in it where nothing says which of its lists is there."""
+        return self.blocks[0] if len(self.blocks) == 1 else ()
+
+    @property
+    def has_cases(self) -> bool:
+        """Whether what stands in `blocks` may be absent although the segment is there."""
+        return bool(self.blocks) and not self.is_there_inside
+
+    @property
     def is_list(self) -> bool:
         """Whether its value is a list, so that what stands inside it may come several times."""
         return False
@@ -222,6 +242,11 @@ class Segment:
     def computed(self) -> Iterator[tuple[str, Expression]]:
         """The expressions that give values, by the name of the value."""
         return iter(())
+
+    @property
+    def condition(self) -> Expression | None:
+        """What must hold for the frame, of a segment that is nothing else."""
+        return None
 
     @property
     def follows(self) -> Expression | None:

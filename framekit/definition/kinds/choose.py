@@ -52,8 +52,8 @@ class Choose(Segment):
         return either(sizes_of(block, of_frame) for block in self.blocks)
 
     @property
-    def is_complete(self) -> bool:
-        return self.otherwise is not None
+    def usual_block(self) -> Segments:
+        return self.otherwise or ()
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)

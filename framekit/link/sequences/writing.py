@@ -16,7 +16,7 @@ from framekit.definition.expression.emit import ATOM, BIT_OR, emit
 from framekit.definition.expression.syntax import Attribute, Binary, Expression, LineTime, Name, Node, Number, names_in
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, Data, Field, Inner, Record, Repeat, Segment
+from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat, Segment
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.link.evaluate import ENGINE_FUNCTIONS
@@ -93,8 +93,8 @@ def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
             continue
         if isinstance(segment, Bits):
             yield from (part.name for part in segment.parts)
-        elif isinstance(segment, (Field, Data, Inner, Record, Repeat)) and segment.name is not None:
-            yield segment.name
+        elif segment.inner_record is not None or isinstance(segment, (Field, Data, Inner, Repeat)):
+            yield from segment.value_names
 
 
 class SequenceModule:
