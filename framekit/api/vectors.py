@@ -11,7 +11,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load.library import definition_path, load_protocol
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.problems import DefinitionError, Problem, parted
 from framekit.definition.vectors import Conversation, Vectors, check_vectors, read_vectors
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
@@ -83,8 +83,7 @@ def _no_addresses(case: Conversation, grammar: AddressGrammar, given: list[tuple
         try:
             grammar.parse(text, check=False)
         except AddressError as error:
-            what, _, todo = str(error).partition(" – ")
-            yield Problem(case.places.get(key, case.at), what, todo)
+            yield Problem(case.places.get(key, case.at), *parted(error))
 
 
 def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseResult]:

@@ -78,3 +78,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     if 0 < len(words) <= 8:
         return "known: " + ", ".join(words)
     return ""
+
+
+def parted(error: Exception) -> tuple[str, str]:
+    """What is wrong, and behind a dash what to do, of an error whose text is such a sentence."""
+    what, _, todo = str(error).partition(" – ")
+    return what, todo

@@ -232,11 +232,8 @@ class _VectorsLoader:
 
     def _wire(self, node: Node | None) -> Wire:
         scalar = self.reader.scalar(node)
-        try:
+        with self.reader.refusing(scalar.at):
             return parse_wire(scalar.text)
-        except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            raise self.reader.broken(scalar.at, what, todo) from None
 
     def _frame(self, keys: Mapping) -> FrameVector:
         reader = self.reader

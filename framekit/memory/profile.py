@@ -474,15 +474,9 @@ class ProfileLoader:
         return number
 
     def _time(self, node: Node) -> int:
-        try:
+        with self.reader.refusing(node.at):
             return parse_time(self.reader.text(node))
-        except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            raise self.reader.broken(node.at, what, todo) from None
 
     def _unit_bits(self, unit: str, node: Node) -> int:
-        try:
+        with self.reader.refusing(node.at):
             return unit_bits(unit)
-        except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            raise self.reader.broken(node.at, what, todo) from None

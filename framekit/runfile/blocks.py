@@ -17,7 +17,7 @@ from framekit.definition.model.services import CommandCall, ServiceRow
 from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, unread, without
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly, parted
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import unit_bits
@@ -99,8 +99,7 @@ class BlockLoader:
         try:
             self.grammar.check(address, -(-bits // address.unit_bits))
         except AddressError as error:
-            what, _, todo = str(error).partition(" – ")
-            self.reader.note(node.at, what, todo)
+            self.reader.note(node.at, *parted(error))
 
     def condition(self, node: Node) -> Expression:
         """An address by itself, or an expression whose names are addresses. Raises Broken."""
@@ -525,8 +524,7 @@ class JobBlockLoader:
             address = grammar.parse(remote, unit)
             grammar.check(address, count)
         except AddressError as error:
-            what, _, todo = str(error).partition(" – ")
-            self.reader.note(node.at, what, todo)
+            self.reader.note(node.at, *parted(error))
             return None
         if kind == "write" and protocol.areas[address.area].access == "read":
             self.reader.note(node.at, f"area '{address.area}' can only be read", "write to another area")

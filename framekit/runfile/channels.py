@@ -13,7 +13,7 @@ from framekit.definition.load.reader import Broken, Reader, parse_bytes, parse_n
 from framekit.definition.model.protocol import WITHOUT_NUMBER, Parameter, Protocol, StationType
 from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
-from framekit.definition.problems import DefinitionError, Problem, did_you_mean, plural
+from framekit.definition.problems import DefinitionError, Problem, did_you_mean, parted, plural
 from framekit.definition.times import FAST, NEVER, SPEEDS, Direction, LineFormat, LineSettings, Modem, parse_format
 from framekit.link.line_times import LineTimes
 from framekit.link.parameters import ParameterError, given_item, given_value
@@ -120,14 +120,11 @@ class ChannelLoader:
         """What clients of a port that listens may do. Raises Broken."""
         reader, keys = self.reader, self.reader.mapping(node)
         idle, connections = keys.get("idle_timeout"), keys.get("connections")
-        try:
+        with reader.refusing(node.at):
             return ConnectionLimits(
                 DEFAULT_LIMITS.idle if idle is None else reader.time(idle),
                 DEFAULT_LIMITS.per_address if connections is None else reader.number(connections),
             )
-        except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            raise reader.broken(node.at, what, todo) from None
 
     def _port(self, node: Node) -> str:
         port = self.reader.text(node)
@@ -218,8 +215,7 @@ class ChannelLoader:
         try:
             return parse_format(text, speed)
         except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            reader.note((format_node or speed_node or keys).at, what, todo)
+            reader.note((format_node or speed_node or keys).at, *parted(error))
             self.spoilt = True
             return None
 
@@ -328,11 +324,8 @@ class RulesLoader:
         found: dict[Any, StationRules] = {}
         for entry in self.reader.entries(keys.get("stations")):
             with self.reader.going_on():
-                try:
+                with self.reader.refusing(entry.key.at):
                     station = parse_station(entry.key.text, protocol)
-                except ValueError as error:
-                    what, _, todo = str(error).partition(" – ")
-                    raise self.reader.broken(entry.key.at, what, todo) from None
                 own = self.reader.mapping(entry.value)
                 dead = own.get("dead")
                 found[station] = StationRules(
@@ -362,11 +355,8 @@ class RulesLoader:
                 text = self.reader.text(node)
                 if parameter.type == "time" and not 0 < self.reader.time(node) < NEVER:
                     raise self.reader.broken(node.at, f"'{text}' is no {key}", "give a time such as 500 ms")
-                try:
+                with self.reader.refusing(node.at):
                     given_value(parameter, text)
-                except ParameterError as error:
-                    what, _, todo = str(error).partition(" – ")
-                    raise self.reader.broken(node.at, what, todo) from None
                 found[name] = text
         return found
 
@@ -545,11 +535,8 @@ class LineLoader:
 
 def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
     """The number, text or bytes that names a station of a protocol. Raises Broken."""
-    try:
+    with reader.refusing(node.at):
         return parse_station(reader.text(node), protocol)
-    except ValueError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(node.at, what, todo) from None
 
 
 def parse_station(text: str, protocol: Protocol) -> Any:
@@ -595,11 +582,8 @@ def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) ->
                 if _items_fit(reader, entry.value, parameter):
                     found[name] = value
                 continue
-            try:
+            with reader.refusing(entry.value.at):
                 given_value(parameter, value)
-            except ParameterError as error:
-                what, _, todo = str(error).partition(" – ")
-                raise reader.broken(entry.value.at, what, todo) from None
             found[name] = value
     return found
 
@@ -611,8 +595,7 @@ def _items_fit(reader: Reader, node: Sequence, parameter: Parameter) -> bool:
         try:
             given_item(parameter, reader.text(item))
         except ParameterError as error:
-            what, _, todo = str(error).partition(" – ")
-            reader.note(item.at, what, todo)
+            reader.note(item.at, *parted(error))
             fits = False
     return fits
 

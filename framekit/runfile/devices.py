@@ -25,7 +25,7 @@ from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Node, Scalar, Sequence, read_nodes, without
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, parted
 from framekit.definition.schema import kind_of
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import Area as MemoryArea
@@ -402,10 +402,8 @@ def read_mapping(
                     what = f"area '{area.name}' is built from what the protocol knows, it stands in no memory"
                 raise reader.broken(entry.key.at, what, did_you_mean(entry.key.text, protocol.areas))
             text = reader.text(entry.value)
-            try:
+            with reader.refusing(entry.value.at):
                 address = grammar.parse(text)
-            except AddressError as error:
-                raise reader.broken(entry.value.at, *_parted(error)) from None
             if address.first_bit % area.element_bits:
                 what = f"{text} is not where a {area.unit} of area '{area.name}' can begin"
                 raise reader.broken(entry.value.at, what, f"name a {area.unit}")
@@ -425,7 +423,7 @@ def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Proble
         try:
             address = grammar.parse(text)
         except AddressError as error:
-            yield Problem(at, *_parted(error))
+            yield Problem(at, *parted(error))
         else:
             if address.first_bit % 8:
                 yield Problem(at, f"{text} is in the middle of a byte", "name a byte or a word")
@@ -435,26 +433,17 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
     """`ADDRESS: value` or `ADDRESS: [values]`; None when it is broken, which is noted."""
     with reader.going_on():
         text = entry.key.text
-        try:
+        with reader.refusing(entry.key.at):
             address = grammar.parse(text)
-        except AddressError as error:
-            raise reader.broken(entry.key.at, *_parted(error)) from None
         values = tuple(number_for(reader, item, address) for item in reader.items(entry.value))
-        try:
+        with reader.refusing(entry.value.at):
             grammar.check(address, max(1, len(values)))
-        except AddressError as error:
-            raise reader.broken(entry.value.at, *_parted(error)) from None
         bits = address.unit_bits
         for item, value in zip(reader.items(entry.value), values, strict=True):
             if not (-(1 << bits - 1) if bits > 1 else 0) <= value < 1 << bits:
                 raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
         return OwnPlace(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
     return None
-
-
-def _parted(error: Exception) -> tuple[str, str]:
-    what, _, todo = str(error).partition(" – ")
-    return what, todo
 
 
 MOST_ELEMENTS = 1 << 20
@@ -498,11 +487,8 @@ def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[st
 def _first_of(reader: Reader, grammar: ProtocolAddresses, entry: Entry) -> Address:
     """The first element of an area. Raises Broken."""
     text = entry.key.text
-    try:
+    with reader.refusing(entry.key.at):
         address = grammar.place(text)
-    except AddressError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(entry.key.at, what, todo) from None
     area = grammar.areas[str(address.parts["area"])]
     if address.start or address.unit_bits % area.element_bits or area.layout is not None:
         what = f"{text} is not the first {area.unit} of its area"
@@ -518,8 +504,7 @@ def check_profile(profile: MemoryProfile) -> Iterator[Problem]:
         try:
             return grammar.parse(text)
         except AddressError as error:
-            what, _, todo = str(error).partition(" – ")
-            return Problem(at, what, todo)
+            return Problem(at, *parted(error))
 
     bits: tuple[ClockBit | FixedBit, ...] = (*profile.clocks, *profile.fixed)
     for bit in bits:

@@ -22,7 +22,7 @@ from framekit.definition.model.services import COUNTED_STRING, Argument, Packing
 from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import Position, did_you_mean, is_nearly, listed
+from framekit.definition.problems import Position, did_you_mean, is_nearly, listed, parted
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
 from framekit.link.parameters import ParameterError, given_value
@@ -122,8 +122,7 @@ class TransferLoader:
             try:
                 self.grammar.check(address, -(-bits // address.unit_bits))
             except AddressError as error:
-                what, _, todo = str(error).partition(" – ")
-                self.reader.note(item.at, what, todo)
+                self.reader.note(item.at, *parted(error))
 
     def _count(self, node: Node | None) -> int:
         count = self.attempts.maybe(self.reader.number, node)
@@ -297,11 +296,8 @@ class FrameBlockLoader:
             if name in protocol.params and name not in fields:
                 with self._going_on():
                     found[entry.key.text] = name
-                    try:
+                    with self.reader.refusing(entry.value.at):
                         given_value(protocol.params[name], self.reader.number(entry.value))
-                    except ParameterError as error:
-                        what, _, todo = str(error).partition(" – ")
-                        raise self.reader.broken(entry.value.at, what, todo) from None
         return found
 
     def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
@@ -547,24 +543,18 @@ def address_at(
     reader: Reader, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
 ) -> Address:
     """An address that stands at `at`, with room for `count` elements behind it. Raises Broken."""
-    try:
+    with reader.refusing(at):
         address = grammar.parse(text, unit)
         grammar.check(address, count)
-    except AddressError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(at, what, todo) from None
     return address
 
 
 def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int, *, written: bool = False) -> OwnPlace:
     """A place of the own memory with room for so many bits from there on; `written` by the run. Raises Broken."""
     text = reader.text(node)
-    try:
+    with reader.refusing(node.at):
         address = grammar.parse(text)
         grammar.check(address, -(-bits // address.unit_bits))
-    except AddressError as error:
-        what, _, todo = str(error).partition(" – ")
-        raise reader.broken(node.at, what, todo) from None
     place = OwnPlace(address=address, text=text)
     if written:
         check_written(reader, grammar, node, place)

@@ -16,7 +16,7 @@ from framekit.definition.expression.parse import ExpressionError, parse_expressi
 from framekit.definition.expression.syntax import Bytes, Expression
 from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean, parted
 from framekit.definition.times import UNITS, parse_time
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
@@ -55,6 +55,14 @@ class Reader:
         with suppress(Broken):
             yield
 
+    @contextmanager
+    def refusing(self, at: Position) -> Iterator[None]:
+        """A ValueError inside is a problem there: its text says what is wrong and, behind a dash, what to do."""
+        try:
+            yield
+        except ValueError as error:
+            raise self.broken(at, *parted(error)) from None
+
     def unknown(self, at: Position, kind: str, word: str, known: Iterator[str] | list[str]) -> Broken:
         return self.broken(at, f"there is no {kind} '{word}'", did_you_mean(word, known) or f"add it to {kind}s:")
 
@@ -73,8 +81,7 @@ class Reader:
         try:
             return parse(scalar.text)
         except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            raise self.broken(scalar.at, what, todo) from None
+            raise self.broken(scalar.at, *parted(error)) from None
 
     def number(self, node: Node | None) -> int:
         return self._parsed(node, parse_number)

@@ -6,6 +6,7 @@ from framekit.definition.expression.syntax import Bytes, Expression, List, Numbe
 from framekit.definition.load.reader import FLAGS, Reader, inside, literal_bytes
 from framekit.definition.model.protocol import Line, Parameter, Queue, Receiver, StateVariable, StationType
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, Sequence
+from framekit.definition.problems import parted
 from framekit.definition.times import parse_format
 
 ITEM_TYPES = {name: name for name in ("time", "number", "flag", "text", "bytes")}
@@ -158,8 +159,7 @@ def load_line(reader: Reader, node: Node | None) -> Line:
         try:
             parse_format(scalar.text, 9600)
         except ValueError as error:
-            what, _, todo = str(error).partition(" – ")
-            reader.note(scalar.at, what, todo)
+            reader.note(scalar.at, *parted(error))
     kind = reader.maybe(reader.text, keys.get("kind")) or "serial"
     return Line(
         kind=kind,  # type: ignore[arg-type]
