@@ -142,6 +142,16 @@ class FrameTable:
         if info.announces:
             value.complete()
 
+    def read_later(self, value: FrameValue, names: tuple[str, ...]) -> Callable[[], dict[str, Any]] | None:
+        """What reads all fields of a frame that has just been sent, on these names as they are now; None: too late."""
+        if not isinstance(value.pending, partial):
+            return None
+        info, data, context = value.pending.args
+        try:
+            return partial(self._read_back, info, data, {name: context[name] for name in names})
+        except EVALUATION_ERRORS:
+            return None
+
     def _read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
         try:
             return self.received(info.name, info.decode(data, names), data, None).fields

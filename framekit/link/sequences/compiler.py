@@ -88,18 +88,26 @@ def sequence_source(protocol: Protocol, table: FrameTable) -> str:
     module.functions.add(f"NEED_NAMES.update({literal(needing)})")
     targets = parts_of((tuple(protocol.sequences.values()), tuple(protocol.services.values())), Target)
     changes = any(target.field is not None for target in targets)
-    later = () if changes else tuple(name for name in protocol.frames if not frames.reads(name))
-    module.functions.add(f"SHOWN_LATER.update({literal(later)})")
+    if not changes:
+        module.functions.add(f"SHOWN_LATER.update({literal(_shown_later(protocol, frames, own))})")
     return module.text(f"The sequences of {protocol.name}.")
+
+
+def _shown_later(protocol: Protocol, frames: Frames, own: set[str]) -> dict[str, tuple[str, ...]]:
+    """The frames that can be read back on a few names kept when they are sent, with these: parameters and constants."""
+    fixed = {*protocol.params, *protocol.tables, "own", "role", "line"}
+    changing = OF_EXCHANGE | own | {*protocol.state, "now", "clock", "functions"}
+    read = {name: frames.reads(name) for name in protocol.frames}
+    return {name: tuple(sorted(found & fixed)) for name, found in read.items() if not found & changing}
 
 
 def load_sequences(
     code: CodeType, protocol: Protocol, table: FrameTable
-) -> tuple[dict[str, CompiledSequence], set[str], set[str]]:
+) -> tuple[dict[str, CompiledSequence], set[str], dict[str, tuple[str, ...]]]:
     """The sequences that compiled code makes; frames built on names of an exchange; those that may be shown later."""
     found: dict[str, CompiledSequence] = {}
     need_names: set[str] = set()
-    later: set[str] = set()
+    later: dict[str, tuple[str, ...]] = {}
     state = protocol.state.values()
     names: dict[str, Any] = {
         **_GLOBALS,

@@ -88,7 +88,7 @@ class Machine:
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
     `is_open`: the line is there. `is_idle`: no byte was left to be looked at after the last event. `need_names`: the
     frames that are built on names of the exchange. `shown_later`: those that can be read from their
-    bytes at any time, since nothing changes fields.
+    bytes at any time, on these names as they were; none where a step changes fields.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Machine:
         self.callbacks: deque[Callable[[], None]] = deque()
         self.ended: deque[Run] = deque()
         self.need_names: Collection[str] = table.infos
-        self.shown_later: Collection[str] = ()
+        self.shown_later: Mapping[str, tuple[str, ...]] = {}
         self.is_open = False
         self.is_idle = True
         self.changed = True
@@ -251,11 +251,11 @@ class Machine:
     def show_sent(self, value: FrameValue, data: bytes, repeated: bool = False) -> None:
         """A frame that goes out. Its fields are read from its bytes when they are asked for, if that is the same."""
         if self.monitor is not None:
-            fields, computed = value.fields, value.pending
-            if computed is None or value.frame not in self.shown_later:
-                fields, computed = _plain_of(value), None
-            seen = Seen("out", "frame", self.scope.now, data, value.frame, fields, "", 0, "", 0, repeated, computed)
-            self.monitor(seen)
+            names = self.shown_later.get(value.frame)
+            computed = None if names is None else self.table.read_later(value, names)
+            fields = value.fields if computed is not None else _plain_of(value)
+            now = self.scope.now
+            self.monitor(Seen("out", "frame", now, data, value.frame, fields, "", 0, "", 0, repeated, computed))
 
     def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
