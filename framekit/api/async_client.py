@@ -205,9 +205,10 @@ class AsyncClient:
 
     def _working(self) -> ClientService:
         """The service, which is open."""
-        if self._service is None or not self._service.is_open:
+        service = self._service
+        if service is None or not service.driver.is_open:
             raise LineClosedError(f"{self.settings.port} is not open: {self._why}", "closed", self._why)
-        return self._service
+        return service
 
     # ---- reading ------------------------------------------------------------------------------------------
 
@@ -242,13 +243,15 @@ class AsyncClient:
         `params`: other values of parameters, for this call.
         Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
         """
-        self._working()
+        service = self._working()
         to = self.settings.station_for(station)
         how = self._how(address, type, order, count)
+        given = None if params is None else self._params(params)
         result = await self._transfer(
+            service,
             lambda client, now, done: client.read(
-                address, station=to, unit=how.unit, count=how.units, params=self._params(params), now=now, on_done=done
-            )
+                address, station=to, unit=how.unit, count=how.units, params=given, now=now, on_done=done
+            ),
         )
         return self._reading(how, result, (address,), to)
 
@@ -309,9 +312,10 @@ class AsyncClient:
             raise RequestError("read_many reads one number of each address – texts are read one by one")
         how = typed_each(service.client.grammar, addresses, type, order)
         result = await self._transfer(
+            service,
             lambda client, now, done: client.read_variables(
                 addresses, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
-            )
+            ),
         )
         values = tuple(how.values(result.values))
         return Reading(values, how.type, tuple(addresses), to, result.data, result.raw)
@@ -339,9 +343,10 @@ class AsyncClient:
         how = typed(service.client.grammar, address, type, order, several if count is None else count)
         numbers = how.numbers(given)
         await self._transfer(
+            service,
             lambda client, now, done: client.write(
                 address, numbers, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
-            )
+            ),
         )
 
     async def write_many(
@@ -357,9 +362,10 @@ class AsyncClient:
         how = typed_each(service.client.grammar, addresses, type, order)
         numbers = how.numbers(list(values.values()))
         await self._transfer(
+            service,
             lambda client, now, done: client.write_variables(
                 addresses, numbers, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
-            )
+            ),
         )
 
     # ---- services -----------------------------------------------------------------------------------------
@@ -373,9 +379,10 @@ class AsyncClient:
 
         Raises what `read` raises.
         """
-        self._working()
+        working = self._working()
         to = self.settings.station_for(station, needed=False)
         result = await self._transfer(
+            working,
             lambda client, now, done: client.call(
                 service, arguments, station=to, addresses=addresses, unit=unit, count=count,
                 params=self._params(params), now=now, on_done=done,
@@ -436,9 +443,8 @@ class AsyncClient:
     def _params(self, params: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
         return None if params is None else checked_params(self.settings.protocol, params)
 
-    async def _transfer(self, begin: Begin) -> TransferResult:
+    async def _transfer(self, service: ClientService, begin: Begin) -> TransferResult:
         """Starts a transfer and waits for it. Raises what it failed with."""
-        service = self._working()
         trouble = self._new_trouble() if self._devices else str
         future: asyncio.Future[TransferResult] = asyncio.get_running_loop().create_future()
         try:

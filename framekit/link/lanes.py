@@ -249,7 +249,8 @@ class Lanes:
 
     def _reorder(self) -> None:
         """Other runs than before: what is looked for may be something else, and a lane may have room."""
-        machine, order = self.machine, []
+        machine = self.machine
+        order: list[Run] = []
         machine.changed = True
         for lane in self.lanes:
             order += lane.running

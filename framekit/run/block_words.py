@@ -138,7 +138,7 @@ class _WordPlace:
     def completed(self, status: Countable, pulse: str) -> bool:
         """Whether there is a pulse for it."""
         before = self._area.read_bytes(self._at, self._size)
-        if int.from_bytes(before, "little") & self._every_pulse:
+        if self._every_pulse:
             before = self._without_pulses(before)
         self._put(before, self._shown(before, status), self._pulses[pulse])
         return bool(self._pulses[pulse])
@@ -153,7 +153,8 @@ class _WordPlace:
         for _, pack_into, at, _ in self._numbers:
             pack_into(data, at, 0)
         bits = self._every_pulse | sum(bit for _, bit in self._flags)
-        self._area.write_bytes(self._at, self._cleared(bytes(data), bits), force=True)
+        left = int.from_bytes(data, "little") & ~bits
+        self._area.write_bytes(self._at, left.to_bytes(self._size, "little"), force=True)
 
     def _shown(self, before: bytes, status: Countable) -> bytes:
         """The bytes with what the counts are now; bits beyond a counter's size are lost, so it begins anew at 0."""
@@ -176,13 +177,12 @@ class _WordPlace:
 
     def _without_pulses(self, before: bytes) -> bytes:
         """Ends the pulses that are on; the bytes as they are then."""
-        after = self._cleared(before, self._every_pulse)
-        if after != before:
-            self._area.write_bytes(self._at, after, force=True)
+        number = int.from_bytes(before, "little")
+        if not number & self._every_pulse:
+            return before
+        after = (number & ~self._every_pulse).to_bytes(self._size, "little")
+        self._area.write_bytes(self._at, after, force=True)
         return after
-
-    def _cleared(self, data: bytes, bits: int) -> bytes:
-        return (int.from_bytes(data, "little") & ~bits).to_bytes(self._size, "little")
 
 
 def words_of(sections: Iterable[BlockWords], key: Key) -> Iterator[tuple[BlockWords, int]]:

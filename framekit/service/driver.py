@@ -155,7 +155,7 @@ class Driver:
                 if moment is not None:
                     moment.end()
             finally:  # whatever went wrong, the engine's times still come
-                self.look_at_time()
+                self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def other_sender(self, now: int) -> None:
         self.carry_out(self.engine.other_sender(now))
@@ -196,7 +196,7 @@ class Driver:
         if commands:
             self.pending.extend(commands)
             self._next_commands()
-        self.look_at_time()
+        self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _next_commands(self) -> None:
         """Does what may be done now, in order; a command with a time in the future holds back those behind it."""

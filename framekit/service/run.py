@@ -421,7 +421,7 @@ class RunService:
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not, ValueError for one that receives."""
-        block = self.states[number].block
+        block = self.scheduler.states[number].block
         if block.instruction == "receive":
             raise ValueError(f"block {number} receives: nothing but its frame makes it due")
         self.refresh()
