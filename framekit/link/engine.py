@@ -236,14 +236,16 @@ class Engine:
         """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
         scope, machine = self.scope, self.machine
         scope.now = max(scope.now, now)
-        if isinstance(frame, str):
-            frame = machine.table.made(frame, dict(fields or {}), scope)
-        info = machine.table.infos[frame.frame]
-        data = info.encode(frame.fields if info.flat else plain(frame.fields), scope)
+        table = machine.table
+        value = None if isinstance(frame, str) else frame
+        info = table.infos[frame if isinstance(frame, str) else frame.frame]
+        given = table.completed(info, dict(fields or {}), scope) if value is None else value.fields
+        data = info.encode(given if info.flat else plain(given), scope)
         if info.announces or machine.monitor is not None:
-            machine.table.mark_sent(frame, data, scope)
-            machine.announce(frame)
-            machine.show_sent(frame, data)
+            value = value or FrameValue(info.name, given)
+            table.mark_sent(value, data, scope)
+            machine.announce(value)
+            machine.show_sent(value, data)
         self.counters.sent += 1
         item = Send(data, 0, False, None, info, on_sent)
         if machine.late.until > scope.now:

@@ -108,7 +108,11 @@ class FrameTable:
 
     def made(self, name: str, fields: dict[str, Any], names: Names) -> FrameValue:
         """A frame value from a constructor's fields: constants and `is` are known at once."""
-        info = self.infos[name]
+        return FrameValue(name, self.completed(self.infos[name], fields, names))
+
+    @staticmethod
+    def completed(info: FrameInfo, fields: dict[str, Any], names: Names) -> dict[str, Any]:
+        """The fields of a constructor with constants and `is`."""
         for field, numbers in info.numbers.items():
             given = fields.get(field)
             if type(given) is str:
@@ -121,7 +125,7 @@ class FrameTable:
                     fields[field] = evaluate(Names(fields, names))
                 except EVALUATION_ERRORS:
                     continue
-        return FrameValue(name, fields)
+        return fields
 
     def encode(self, value: FrameValue, names: Context) -> bytes:
         """The bytes of a frame value; afterwards the value holds them and every field as sent. Raises ValueError."""

@@ -24,27 +24,28 @@ Locate = Callable[[str], tuple[str, int]]
 
 @dataclass(slots=True)
 class _Clock:
-    """Rises at `first`, then every `period` (ns after the start); `rises` is how often it has so far."""
+    """Rises at `first`, then every `period` (ns after the start); `rises` is how often it has so far.
+
+    `is_on` holds until `edge`.
+    """
 
     mask: int
     period: int
     first: int
     waited_for: bool
     rises: int = 0
+    is_on: bool = False
+    edge: int = 0
 
-    def at(self, time: int) -> tuple[int, bool]:
-        """How often it has risen, and whether it is on."""
+    def move(self, time: int) -> None:
+        """It is that time, not before `edge`."""
         if time < self.first:
-            return 0, False
+            self.edge = self.first
+            return
         periods, into = divmod(time - self.first, self.period)
-        return periods + 1, 2 * into < self.period
-
-    def next_edge(self, time: int) -> int:
-        if time < self.first:
-            return self.first
-        into = (time - self.first) % self.period
         half = (self.period + 1) // 2
-        return time - into + (half if into < half else self.period)
+        self.rises, self.is_on = periods + 1, 2 * into < self.period
+        self.edge = time - into + (half if into < half else self.period)
 
 
 @dataclass(slots=True)
@@ -62,7 +63,7 @@ class _Word:
     def next_edge(self, time: int, scan: int) -> int:
         """When a bit of it changes next; NEVER when none does any more."""
         due = scan if time < scan and (self.first_scan or self.after_first_scan) else NEVER
-        return min([due, *(clock.next_edge(time) for clock in self.clocks)])
+        return min([due, *[clock.edge for clock in self.clocks]])
 
 
 class SystemBits:
@@ -154,7 +155,7 @@ class SystemBits:
         self._origin, self._time = now, 0
         for word in self._words.values():
             for clock in word.clocks:
-                clock.rises = 0
+                clock.rises, clock.is_on, clock.edge = 0, False, clock.first
             self._show(word, 0)
         self._next_second = 0
         self._show_calendar(now)
@@ -166,7 +167,7 @@ class SystemBits:
             raise DeviceMemoryError("the system bits have not been started")
         due = self._scan if self._has_scan_bits and self._time < self._scan else NEVER
         for clock in self._waited_for:
-            due = min(due, clock.next_edge(self._time))
+            due = min(due, clock.edge)
         change = max(now, self._origin + due) if due < NEVER else NEVER
         return min(change, max(now, self._next_second)) if self._calendar_counts else change
 
@@ -222,12 +223,12 @@ class SystemBits:
         risen = 0
         on = word.on | (word.first_scan if time < self._scan else word.after_first_scan)
         for clock in word.clocks:
-            rises, is_on = clock.at(time)
-            if rises != clock.rises:
-                clock.rises = rises
-                if clock.waited_for:
+            if time >= clock.edge:
+                rises = clock.rises
+                clock.move(time)
+                if rises != clock.rises and clock.waited_for:
                     risen |= clock.mask
-            if is_on:
+            if clock.is_on:
                 on |= clock.mask
         before = word.area.read("word", word.number)[0]
         final = before & ~word.owned | on

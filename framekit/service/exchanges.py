@@ -11,13 +11,14 @@ from functools import partial
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.block_words import BlockMemory, SettingError
 from framekit.run.lanes import LaneRules
-from framekit.run.model import Block, Channel
+from framekit.run.model import Block, Channel, JobCommand, JobRecord
 from framekit.run.transfer import Ended, Read, neighbours
 from framekit.service.channel import ChannelService
 
 
 class Exchanges:
-    """The exchanges of a run. `finished(id, failure)` is told the end of each block's."""
+    """The exchanges of a run. `finished(id, failure)` is told the end of each block's; `take_job` carries out the
+    commands of blocks that have no channel."""
 
     def __init__(
         self,
@@ -28,6 +29,7 @@ class Exchanges:
         self._channels = channels
         self._block_memory = block_memory
         self._finished = finished
+        self.take_job: Callable[[JobCommand | JobRecord], None] | None = None
         self._alone: set[int] = set()
         self._stations: dict[int, tuple[Block, Hashable]] = {}
 
@@ -68,10 +70,13 @@ class Exchanges:
 
     # ---- starting -----------------------------------------------------------------------------------------
 
-    def start(self, state: BlockState) -> None:
-        """Begins the exchange of a block, and of those that come with it."""
+    def start(self, state: BlockState, now: int) -> None:
+        """Begins the exchange of a block, and of those that come with it; or its command, where that is for jobs."""
         if self._block_memory.words.shows_starts:
             self._block_memory.changed(state)
+        if state.block.job is not None and self.take_job is not None:
+            self.take_job(state.block.job)
+            return
         try:
             block = self._block_memory.settings.effective(state.block)
         except SettingError as error:
@@ -79,7 +84,7 @@ class Exchanges:
             others: list[BlockState] = list(state.companions)
             state.companions = ()
             for other in others:
-                self.start(other)
+                self.start(other, now)
             return
         channel = self._channels[block.channel]
         if not state.companions:

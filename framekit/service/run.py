@@ -153,7 +153,7 @@ class RunBlocks:
             memory,
             resolve,
             {number: rules_of(channel) for number, channel in run.channels.items()},
-            self._start,
+            self.exchanges.start,
             wake,
             self._ended,
             station_of=self.exchanges.station_of,
@@ -181,14 +181,6 @@ class RunBlocks:
                 self.memory.changed(state)
 
     # ---- what the scheduler says --------------------------------------------------------------------------
-
-    def _start(self, state: BlockState, now: int) -> None:
-        if state.block.job is None or self.jobs is None:
-            self.exchanges.start(state)
-        else:
-            if self.memory.words.shows_starts:
-                self.memory.changed(state)
-            self.jobs.take(state.block.job)
 
     def finished(self, number: int, failure: Failure | None) -> None:
         """The exchange of a block, or its command, has ended."""
@@ -289,10 +281,13 @@ class RunService:
         self.removed = Removed()
         self.on_channel: OnChannel = lambda number, channel: None
         self.jobs = blocks.jobs = self._jobs(resolve or resolver_for(clock))
+        if self.jobs is not None:
+            blocks.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
         awaited = awaited_bits(run.triggers, self.resolve)
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
+        self._bits_first = self._looks_at_bits(awaited)
         self.running = False
 
     def _jobs(self, resolve: ResolveHost) -> JobService | None:
@@ -418,6 +413,7 @@ class RunService:
         self.refresh()
         awaited = awaited_bits(self.run.triggers, self.resolve)
         self.system.wait_for(awaited)
+        self._bits_first = self._looks_at_bits(awaited)
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand. Raises KeyError for a number there is not, ValueError for one that receives."""
@@ -479,16 +475,37 @@ class RunService:
             self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
-        """Does what is due."""
-        self.system.update(now)
+        """Does what is due. Bits that nothing here looks at wait until the blocks have started."""
+        if self._bits_first:
+            self._show_bits(now)
         if self.editor.waiting is not None:
             self.editor.step()
-        words = self.block_memory.words
-        if words.deadline <= now:
-            words.tick(now)
         if self.jobs is not None:
             self.jobs.tick(now)
         self.scheduler.tick(now)
+        if not self._bits_first:
+            self._show_bits(now)
+
+    def _show_bits(self, now: int) -> None:
+        """The bits that the memory sets by itself, and the ends of pulses."""
+        self.system.update(now)
+        words = self.block_memory.words
+        if words.deadline <= now:
+            words.tick(now)
+
+    def _looks_at_bits(self, awaited: Iterable[tuple[str, int]]) -> bool:
+        """Whether anything in the run may look at bits that the memory sets by itself, or at words of blocks."""
+        areas = self.system.areas | self.block_memory.areas
+        if self.jobs is not None or any(self.memory.area(area).name in areas for area, _ in awaited):
+            return True
+        for block in self.run.blocks:
+            if block.instruction not in ("send", "receive", "read", "write") or block.unless is not None:
+                return True
+            station = () if block.station_from is None else (block.station_from,)
+            places = (*block.places, *block.data.values(), *station)
+            if any(self.memory.area(place.address.area).name in areas for place in places):
+                return True
+        return False
 
     def _next_time(self, now: int) -> int:
         """When something is due next."""

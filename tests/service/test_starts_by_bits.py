@@ -193,8 +193,10 @@ def test_a_port_that_is_lost_while_a_frame_leaves(tmp_path: Path, at_once: bool)
 # ---- pulses that end at the very moment ---------------------------------------------------------------------------
 
 
-def test_the_end_of_a_pulse_goes_first(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, at_once=True)
+@pytest.mark.parametrize("looked_at", [False, True], ids=["nothing looks at it", "a block waits for it"])
+def test_the_end_of_a_pulse_goes_first_only_where_a_block_looks_at_it(tmp_path: Path, looked_at: bool) -> None:
+    run = RUN.replace("F00091", "M00900")
+    bench = Bench(tmp_path, at_once=True, run=run.replace("M00900", "L006550") if looked_at else run)
     bench.trigger()
     bench.clock.run_for(MS)
     end = bench.service.block_memory.words.deadline
@@ -206,7 +208,7 @@ def test_the_end_of_a_pulse_goes_first(tmp_path: Path) -> None:
     bench.clock._now = end  # the clock's time has come, and nobody has been called yet
     bench.trigger()
     bench.clock.run_until(end)
-    assert seen == [[0]]
+    assert seen == [[0] if looked_at else [1]]
     assert bench.counts(0) == (2, 2, 0)
     bench.clock.run_for(20 * MS)
     assert bench.memory.read("L", "word", 625) == [0], "pulses end all the same"
