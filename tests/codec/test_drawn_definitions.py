@@ -258,6 +258,32 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"d": b"a"},
         "36 31 36 31 30 30 C2",
     ),
+    "a length before conversion of what is not there": (
+        "[{field: k, type: u8}, {length: n, type: u8, of: [d], plain: yes},"
+        " {data: d, size: n, convert: hex_to_ascii, when: k}]",
+        {"k": 0},
+        "00 00",
+    ),
+    "a field of a record that is not there is nothing": (
+        "[{field: k, type: u8}, {include: outer, as: r, when: k}, {require: r.i.a != 77}]",
+        {"k": 0},
+        "00",
+    ),
+    "a field of a record in a case that is not taken is nothing": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{include: outer, as: r}]}, else: []}, {require: r.i.a != 77}]",
+        {"k": 0},
+        "00",
+    ),
+    "a field that has a default, of a record in a case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{include: default, as: r}]}, else: []}, {require: r.a == 3}]",
+        {"k": 1},
+        "01 03",
+    ),
+    "a field of a record of a record in the items of a list": (
+        "[{repeat: r, times: 2, of: [{include: outer, as: o}]}, {value: v, read: 'sum(r.o.i.a)'}]",
+        {"r": [{"o": {"i": {"a": 2}}}, {"o": {"i": {"a": 3}}}]},
+        "02 03",
+    ),
     "a body that ends at its tail behind a frame inside": (
         "[], group: behind_frame",
         {"i": {"counted": {"r": []}}},
@@ -443,6 +469,7 @@ FRAMES = (
 def protocol_of(body: str) -> str:
     layouts = (
         f"layouts: {{hop: [{{field: a, type: u8}}], {PART}, held: [{{require: k > 3}}],"
+        " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
         " wrapped: [{field: a, type: u8}, {wrap: hex, of: [{data: d, size: rest}]}]}"
     )
@@ -508,6 +535,30 @@ def test_what_is_missing_is_named_with_its_record() -> None:
         with pytest.raises(EncodeError) as caught:
             codec.encode("f", values)
         assert (caught.value.field, str(caught.value)) == (name, f"'{name}' is missing")
+
+
+def test_a_record_has_to_be_given_unless_the_definition_has_a_value_for_all_in_it() -> None:
+    """That bits are 0 without more is no value of the definition's."""
+    kinds = {
+        "plain": "{bits: {a: 0-3, b: 4-7}, of: u8}",
+        "computed": "{bits: {a: 0-3, b: 4-7}, of: u8, is: {a: 1}, build: {b: 2}}",
+        "partly": "{bits: {a: 0-3, b: 4-7}, of: u8, is: {a: 1}}",
+        "digits": "{wrap: hex, of: [{field: a, type: u8}]}",
+        "default": "{field: a, type: u8, default: 3}, {data: d, size: 1, pad: 2E}",
+        "held": "{include: plain, as: p}",
+    }
+    layouts = ", ".join(f"{name}: [{body}]" for name, body in kinds.items())
+    frames = ", ".join(f"{name}: {{body: [{{include: {name}, as: r}}]}}" for name in kinds)
+    codec = compile_protocol(load_protocol_text(f"protocol: p\nlayouts: {{{layouts}}}\nframes: {{{frames}}}", "p"))
+    sent = {}
+    for name in kinds:
+        try:
+            sent[name] = codec.encode(name, {}).hex(" ")
+        except EncodeError as error:
+            sent[name] = str(error)
+    missing = dict.fromkeys(("plain", "partly", "digits", "held"), "'r' is missing")
+    assert sent == missing | {"computed": "21", "default": "03 2e"}
+    assert codec.encode("plain", {"r": {"b": 1}}) == b"\x10"
 
 
 def test_a_default_that_is_built_decides_on_what_follows() -> None:

@@ -16,7 +16,7 @@ from construct_oracle.state import Reading, Region, State
 from construct_oracle.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
 from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.segments import Choose, FieldType, Optional, Record, Repeat
+from framekit.definition.model.segments import Choose, FieldType, Optional, Record, Repeat, lack_default
 
 
 class Segments(Construct):
@@ -125,6 +125,8 @@ class RecordConstruct(ValueSegment):
         if given is MISSING:
             if not filling.is_there(name):
                 raise Absent(name)
+            if lack_default(self.segment.of):
+                raise filling.error(name, f"'{name}' is missing")
             given = {}
         return _inner_filling(self.fields.plan, given, filling, name)
 

@@ -109,7 +109,7 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
     counted = [name for name in length.of if name not in {target.name for target in converted}]
     rooms = [quoted(name) for name in d.wire_names(counted)]
     parts = [f"n.room({', '.join(rooms)})"] if rooms else []
-    parts += [f"len(n[{quoted(target.name)}])" for target in converted]
+    parts += [f"len(n[{quoted(one.name)}]{'' if one.when is None else ' or ()'})" for one in converted]
     total = " + ".join(parts) or "0"
     if length.unit != 1:
         total = f"({total}) // {length.unit}" if len(parts) > 1 else f"{total} // {length.unit}"

@@ -11,11 +11,9 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.order import Task
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter, is_needed
+from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import Source, quoted
-from framekit.definition.model.segments import (
-    Record,
-)
+from framekit.definition.model.segments import Record, lack_default
 
 
 class RecordKind(SegmentKind[Record]):
@@ -44,14 +42,14 @@ class RecordKind(SegmentKind[Record]):
         return f"{segment.name} ({summary(segment.of)})"
 
     def rules(self, w: RuleWriter, segment: Record, always: bool, lengths: Lengths) -> Rules:
-        needed = always and is_needed(segment.of)
+        needed = always and lack_default(segment.of)
         yield segment.name, w.rule("mapping", forms.Range(None, None), needed, inside=w.mapping(segment.of))
 
 
 def _put(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> None:
     local = w.local(record.name, given)
     inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
-    if is_needed(record.of):
+    if lack_default(record.of):
         given.needed += 1
         w.bind(local, given.value(record.name))
     else:
@@ -73,7 +71,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
     before = len(w.out.lines)
     inside = Scope(scope)
     with w.out.block(f"if {w.text(record.when, scope)}:"):
-        needed = is_needed(record.of)
+        needed = lack_default(record.of)
         w.add(f"{local} = {given.value(record.name) if needed else given.value_or(record.name, '{}')}")
         inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
         w.values(record.of, inside, inner)

@@ -207,8 +207,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
             )
             w.add(f"{complete}.append({{{fields}}})")
     w.wires[repeat.name] = wire
-    for entry in inside.entries.values():
-        entry.direct = False
+    inside.close()
     text = w.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
     scope.entries[repeat.name] = NameEntry(text, "list", inside)
 
@@ -340,8 +339,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
         function.add(f"{found}.append({fields.text(function.out)})")
     function.in_branch -= 1
     function.stands(repeat, r.buffer, first, r.place)
-    for entry in inside.entries.values():
-        entry.direct = False
+    inside.close()
     item.scope.entries[repeat.name] = NameEntry(found, "list", inside)
     function.names_of_values[repeat.name] = found
     item.fields.add(repeat.name, found)

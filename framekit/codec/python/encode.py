@@ -956,7 +956,9 @@ class EncodeWriter:
                     self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
                     self.add_plain(plain, segments)
         for outer, local in outside.items():
-            scope.entries[outer] = NameEntry(local)
+            record = scope.entries.get(outer)
+            if record is None or record.kind != "record":
+                scope.entries[outer] = NameEntry(local)
         self.rooms |= rooms
         if not has_checks:
             self.wires[name] = wire
@@ -998,13 +1000,25 @@ class EncodeWriter:
             assert given.in_cases is not None
             self.add(f"{given.in_cases[0]} |= {{{entries}}}")
         for name, local in outside.items():
-            if name in inside.entries:
-                self.add(f"{local} = {inside.entries[name].text}")
+            entry = inside.entries.get(name)
+            if entry is not None and entry.kind == "record" and entry.inside is not None:
+                self.add(f"{local} = {self._record_text(entry)}")
+                entry.inside.close()
+                scope.entries[name] = NameEntry(local, "record", entry.inside, may_be_absent=True)
+            elif entry is not None:
+                self.add(f"{local} = {entry.text}")
         with self.names_of(segments):
             for name in named(segments):
                 if name in rooms:
                     self.add(f"{rooms[name]} = {self.room((name,), inside)}")
         return inside
+
+    def _record_text(self, entry: NameEntry) -> str:
+        """Text of a record's values as far as expressions read them, with what is computed and what has a default."""
+        if not entry.direct or entry.inside is None:
+            return entry.text
+        known = {name: one for name, one in entry.inside.entries.items() if name in self.fields_read}
+        return "{" + ", ".join(f"{quoted(name)}: {self._record_text(one)}" for name, one in known.items()) + "}"
 
 
 def _operand(text: str) -> str:

@@ -55,6 +55,7 @@ class NameEntry:
     wire: str | None = None
     sized: bool = True
     is_read: bool = True
+    may_be_absent: bool = False
     direct: bool = False
     record: Any = None
 
@@ -65,6 +66,13 @@ class Scope:
     def __init__(self, parent: Scope | None = None) -> None:
         self.parent = parent
         self.entries: dict[str, NameEntry] = {}
+
+    def close(self) -> None:
+        """From outside, what is in records is only to be had through their values."""
+        for entry in self.entries.values():
+            entry.direct = False
+            if entry.inside is not None and entry.kind == "record":
+                entry.inside.close()
 
     def find(self, name: str) -> NameEntry | None:
         scope: Scope | None = self
@@ -155,13 +163,28 @@ class ExpressionWriter:
         if entry is not None and entry.direct and entry.inside is not None and node.name in entry.inside.entries:
             return entry.inside.entries[node.name].text
         text = emit(node.value, self, ATOM)
-        if entry is not None and entry.kind == "record":  # what is not there is nothing
+        if (
+            entry is not None and entry.kind == "record" and not self._is_of_items(node.value)
+        ):  # what is not there is nothing
+            text = f"({text} or {{}})" if self._may_be_absent(node.value) else text
             return f"{text}.get({quoted(node.name)})"
         if entry is not None and entry.kind == "list":
             return f"[item.get({quoted(node.name)}) for item in {text}]"
         if self._from_table(node.value):
             return f"{text}[{quoted(node.name)}]"
         return f"{self.module.function('attribute')}({text}, {quoted(node.name)})"
+
+    def _is_of_items(self, node: Node) -> bool:
+        """Whether a node stands for what all items of a list have there."""
+        if not isinstance(node, Attribute):
+            return False
+        entry = self._entry(node.value)
+        return (entry is not None and entry.kind == "list") or self._is_of_items(node.value)
+
+    def _may_be_absent(self, node: Node) -> bool:
+        entry = self._entry(node)
+        absent = entry is not None and entry.may_be_absent
+        return absent or (isinstance(node, Attribute) and self._may_be_absent(node.value))
 
     def _entry(self, node: Node) -> NameEntry | None:
         """What a node stands for, when it is a field, a part of one, or an item of a list."""

@@ -182,7 +182,7 @@ class Function:
             size = None if target.only is None else self.shapes.of(target.only).fixed
             if plain and isinstance(target.only, Data) and target.only.convert is not None:
                 value = self.names_of_values.get(name, 'b""')
-                parts.append(f"len({value})")
+                parts.append(f"len({value})" if target.only.when is None else f"len({value} or b'')")
             elif size is not None:
                 fixed += size
             else:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.module import Module
-from framekit.codec.python.rules import is_needed
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, names_in
 from framekit.definition.model.frames import Frame
@@ -28,6 +27,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
+    lack_default,
 )
 from framekit.definition.model.walk import certain, everything, flat
 from framekit.definition.times import format_time
@@ -158,7 +158,7 @@ class Parameters:
                 default = None if is_certain else LEFT_OUT
                 yield Keyword("", name, 0, default, f"list[{item}] | tuple[{item}, ...]", segment.doc)
             case Segment(is_record=True):
-                default = None if is_certain and is_needed(segment.members) else LEFT_OUT
+                default = None if is_certain and lack_default(segment.members) else LEFT_OUT
                 yield Keyword("", segment.value_names[0], 0, default, "Mapping[str, Any]", segment.doc)
             case Inner(name=name) if all(segment is not level.inner for level in self.levels):
                 default = None if is_certain else LEFT_OUT

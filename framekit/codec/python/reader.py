@@ -660,7 +660,9 @@ class BufferReader:
             if item.segment.is_record and entry is not None and entry.record is not None:
                 entry.record.attach()
                 entry.record.open(self.function.out)
-                entry.direct = False
+                entry.direct, entry.may_be_absent = False, True
+                if entry.inside is not None:
+                    entry.inside.close()
         for item in expanded:
             item.fields.entries = [entry for entry in item.fields.entries if entry[0] not in unconditional]
         self.function.flush()

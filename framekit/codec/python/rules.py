@@ -10,11 +10,7 @@ from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import quoted
 from framekit.definition.model.segments import (
     Count,
-    Data,
-    Field,
-    Inner,
     Length,
-    Repeat,
     Segment,
 )
 from framekit.definition.model.walk import flat
@@ -67,22 +63,6 @@ class RuleWriter:
         if inside:
             parts.append(f"inside={inside}")
         return f"Rule({', '.join(parts)})"
-
-
-def is_needed(segments: tuple[Segment, ...]) -> bool:
-    """Whether anything in these segments has to be given."""
-    for segment in segments:
-        if segment.when is not None:
-            continue
-        match segment:
-            case Field() if segment.build is None and segment.default is None and segment.is_ is None:
-                if segment.constants is None:
-                    return True
-            case Data(pad=None) | Repeat() | Inner():
-                return True
-            case Segment(is_record=True) if is_needed(segment.members):
-                return True
-    return False
 
 
 def _in_branches(segment: Segment) -> Iterable[Segment]:

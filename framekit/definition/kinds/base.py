@@ -226,6 +226,12 @@ class Segment:
         return ()
 
     @property
+    def lacks_default(self) -> bool:
+        """Whether it holds a value that the definition neither computes nor gives a default."""
+        inside = self.blocks if self.is_there_inside else ()
+        return bool(self.wanted_names) or any(lack_default(block) for block in inside)
+
+    @property
     def may_be_given(self) -> bool:
         """Whether a value of it is given, and so tells that it is there."""
         return False
@@ -295,6 +301,11 @@ def sizes_of(segments: Segments, of_frame: Callable[[str], Sizes]) -> Sizes:
         sizes = segment.sizes(of_frame)
         total += sizes if segment.when is None else Sizes(0, sizes.most)
     return total
+
+
+def lack_default(segments: Segments) -> bool:
+    """Whether something in a list that is always there has to be given."""
+    return any(segment.when is None and segment.lacks_default for segment in segments)
 
 
 def contents_of(segments: Iterable[Segment], of_frame: Contents) -> frozenset[int]:

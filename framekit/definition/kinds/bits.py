@@ -142,6 +142,10 @@ class Bits(Segment):
     def may_be_given(self) -> bool:
         return any(part.is_ is None for part in self.parts)
 
+    @property
+    def lacks_default(self) -> bool:
+        return any(part.is_ is None and part.build is None and part.constants is None for part in self.parts)
+
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
         if isinstance(self.type.size, Expression):

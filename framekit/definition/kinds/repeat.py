@@ -16,6 +16,7 @@ from framekit.definition.kinds.base import (
     Segments,
     contents_of,
     fixed_size,
+    lack_default,
     sizes_of,
 )
 from framekit.definition.model.static_size import Sizes
@@ -140,6 +141,10 @@ class Record(Segment):
     @property
     def inner_record(self) -> Segments | None:
         return self.of
+
+    @property
+    def wanted_names(self) -> tuple[str, ...]:
+        return (self.name,) if lack_default(self.of) else ()
 
     @property
     def may_be_given(self) -> bool:

@@ -6,7 +6,7 @@ otherwise.
 
 from __future__ import annotations
 
-from framekit.definition.kinds.base import Segment, Segments, add_kind, sizes_of
+from framekit.definition.kinds.base import Segment, Segments, add_kind, lack_default, sizes_of
 from framekit.definition.kinds.bits import Bits, BitsPart
 from framekit.definition.kinds.check import Check
 from framekit.definition.kinds.choose import Choose, Optional
@@ -29,5 +29,6 @@ add_kind(
 __all__ = [
     "ANY", "MOST_BYTES", "NOTHING", "Bits", "BitsPart", "Check", "Choose", "Const", "Count", "Data", "Field",
     "FieldType", "Fill", "Inner", "Length", "Long", "Optional", "Order", "Record", "Repeat", "Require", "Segment",
-    "Segments", "Size", "Sizes", "Skip", "Value", "Wrap", "either", "exactly", "of_any_frame", "sizes_of",
+    "Segments", "Size", "Sizes", "Skip", "Value", "Wrap", "either", "exactly", "lack_default",
+    "of_any_frame", "sizes_of",
 ]  # fmt: skip
