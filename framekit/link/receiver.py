@@ -316,7 +316,7 @@ class Receiver:
                     except FrameError as error:
                         if error.refuse is not None:
                             break
-                        damage = error
+                        damage = None if info.guesses else error  # a guessed end is found by `_look`
                     else:
                         if info.guesses and not said and "unknown" in fields[info.inner or ""]:
                             break
