@@ -43,9 +43,8 @@ from framekit.memory.views import Order
 from framekit.run.commands import CommandBlocks, CommandEnd
 from framekit.runfile.channels import needs_own
 from framekit.runfile.devices import memory_of
-from framekit.service.client import Begin, ClientService
+from framekit.service.client import Begin, ClientService, Polling
 from framekit.service.device import DeviceService, devices_of, port_for
-from framekit.service.polling import Polling
 from framekit.service.run import LONGEST_SHUTDOWN
 from framekit.transport.clock import AsyncioClock
 

@@ -1,4 +1,4 @@
-"""The protocol-level names of one engine: parameters, state, tables, and what is built in.
+"""The protocol-level names of one engine: parameters, state, tables, the times of its line, and what is built in.
 
 Levels above (what a service row offers, a sequence's variables, what just arrived) have this as their last parent.
 It knows no sequences and no wire; the time is told to it.
@@ -16,9 +16,32 @@ from framekit.definition.model.protocol import Protocol, StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.clock import DEFAULT_START, DeviceClock, DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression
-from framekit.link.line_times import LineTimes
 from framekit.link.parameters import CHANGING, ParameterError, check_value, depending, given_value, is_constant, lasting
 from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
+
+
+class LineTimes:
+    """`line` of the language: its speed, and how long characters and bits take. On a stream they take no time."""
+
+    __slots__ = ("_bit", "character", "speed")
+
+    def __init__(self, line: LineFormat | None) -> None:
+        self.speed = 0 if line is None else line.speed
+        self._bit = 0.0 if line is None else 1_000_000_000 / line.speed
+        self.character = 0.0 if line is None else self._bit * line.character_bits
+
+    def chars(self, numerator: int, denominator: int = 1) -> int:
+        """Nanoseconds that numerator / denominator characters take."""
+        return round(self.character * numerator / denominator)
+
+    def bits(self, numerator: int, denominator: int = 1) -> int:
+        """Nanoseconds that numerator / denominator bits take."""
+        return round(self._bit * numerator / denominator)
+
+    def language_attribute(self, name: str) -> int:
+        if name == "speed":
+            return self.speed
+        raise KeyError(name)
 
 
 class Scope(Names):
@@ -283,3 +306,52 @@ def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable
 
 _NOT_THERE = object()
 _OF_EXCHANGES = frozenset({"request", "reply", "buffer"})
+
+
+class CommandScope(Scope):
+    """Names of an application of commands on one channel, whose names are `channel`; sessions end with its."""
+
+    __slots__ = ("channel", "shared")
+
+    def __init__(self, application: Protocol, channel: Scope) -> None:
+        super().__init__(application, role=channel["role"], own=channel["own"], now=channel.now)
+        self.channel = channel
+        theirs = channel.protocol.state.keys() | channel.protocol.params.keys()
+        self.shared = frozenset((application.state.keys() | application.params.keys()) & theirs)
+        assert self.formulas is not None
+        formulas: dict[str, Formula] = dict(self.formulas)
+        for name in (*self.shared, "now", "clock", "line", "station"):
+            self.pop(name, None)
+            self.device.pop(name, None)
+            formulas[name] = _of(channel, name)
+        self.formulas = formulas
+        channel.followers.append(ref(self))
+
+    def reset_session(self, but: Collection[str] = ()) -> None:
+        """The application's own session variables return to their start values; the channel's are the channel's."""
+        super().reset_session(self.shared)
+
+    def set(self, name: str, value: Any) -> None:
+        """As for every scope; what belongs to the channel is set there."""
+        if name in self.shared or name == "clock":
+            self.channel.set(name, value)
+        else:
+            super().set(name, value)
+
+    def set_entry(self, name: str, key: Any, value: Any) -> None:
+        """As for every scope."""
+        if name in self.shared:
+            self.channel.set_entry(name, key, value)
+        else:
+            super().set_entry(name, key, value)
+
+    def drop_entry(self, name: str, key: Any) -> None:
+        """As for every scope."""
+        if name in self.shared:
+            self.channel.drop_entry(name, key)
+        else:
+            super().drop_entry(name, key)
+
+
+def _of(channel: Scope, name: str) -> Callable[[Names], Any]:
+    return lambda names: channel[name]

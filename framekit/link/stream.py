@@ -14,8 +14,7 @@ from framekit.definition.model.protocol import Receiver as Rules
 from framekit.link.arrivals import Noise, new_tuple
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.events import CharacterFault, LineFault
-from framekit.link.line_times import LineTimes
-from framekit.link.scope import Scope
+from framekit.link.scope import LineTimes, Scope
 
 COPIED = 4096
 """A rest of so many bytes is copied when more come; behind a longer one they are appended, which grows no slower."""

@@ -22,7 +22,6 @@ from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.arrivals import BadFrame, FrameArrived
-from framekit.link.command_scope import CommandScope
 from framekit.link.construct_values import ValueCompiler
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
@@ -31,7 +30,7 @@ from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, values_of
 from framekit.link.parameters import ParameterError
 from framekit.link.receiver import Receiver
-from framekit.link.scope import Scope
+from framekit.link.scope import CommandScope, Scope
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.matching import RefusedMatchError

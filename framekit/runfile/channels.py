@@ -15,8 +15,8 @@ from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean, parted, plural
 from framekit.definition.times import FAST, NEVER, SPEEDS, Direction, LineFormat, LineSettings, Modem, parse_format
-from framekit.link.line_times import LineTimes
 from framekit.link.parameters import ParameterError, given_item, given_value
+from framekit.link.scope import LineTimes
 from framekit.run.model import (
     DEFAULT_LIMITS,
     Channel,

@@ -7,8 +7,7 @@ import gc
 import pytest
 from link.link_world import load
 
-from framekit.link.command_scope import CommandScope
-from framekit.link.scope import Scope
+from framekit.link.scope import CommandScope, Scope
 
 LINE = """
 protocol: line

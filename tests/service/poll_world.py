@@ -16,9 +16,8 @@ from framekit.link.services.client import TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import Device, memory_of
-from framekit.service.client import ClientService
+from framekit.service.client import ClientService, Polling
 from framekit.service.device import DeviceService
-from framekit.service.polling import Polling
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.simulated_line import SimulatedLine

@@ -11,7 +11,7 @@ from service.fault_world import LINKS, Link
 from service.poll_world import MS, SECOND, ByHand, OnLine, Told
 
 from framekit.link.services.client import TransferResult
-from framekit.service.polling import LEAST_PAUSE, Polling
+from framekit.service.client import LEAST_PAUSE, Polling
 
 LINES = [link for link in LINKS if link.protocol != "third-party-plc"]
 WAYS = pytest.mark.parametrize("at_once", [True, False], ids=["at once", "later"])
