@@ -1,14 +1,21 @@
-"""A capture of a million Modbus requests decoded in columns, against reading and decoding it frame by frame."""
+"""A capture of a million Modbus requests decoded in columns, against reading and decoding it frame by frame.
+
+And `framekit decode --capture` of requests and replies as people run it: the frames found, shown with their fields.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import random
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.cases import codec_of
 from benchmarks.measure import compare_once
-from benchmarks.row import Row, Target, faster
+from benchmarks.row import Row, Target, faster, slower
+from framekit.cli.main import main
 from framekit.codec.batch.decoder import BatchDecoder
 from framekit.codec.batch.result import Cut
 from framekit.codec.codec import Codec
@@ -20,6 +27,7 @@ NAME = "Decode of a capture of 1 million frames"
 TARGET = "≥ 5 × faster by batch than one by one, same values"
 AT_LEAST = Target("at least", 5)
 FRAMES = 1_000_000
+SHOWN = 20_000
 DAMAGED = 0.001
 FRAME = "request_adu"
 
@@ -32,8 +40,12 @@ def run(rounds: int) -> list[Row]:
         cut = cut_of_capture(path, "in")
         frames = [cut[index] for index in range(len(cut))]
         assert list(map(_told, BatchDecoder(codec, FRAME).decode(cut))) == [_told(_one(codec, data)) for data in frames]
+        both = Path(folder) / "both.pcap"
+        both.write_bytes(b"".join(_requests_and_replies(codec)))
         found = compare_once(
             {
+                "shown": lambda: _show(both),
+                "shown one by one": lambda: _read_both(both, codec),
                 "framekit": lambda: BatchDecoder(codec, FRAME).decode(cut_of_capture(path, "in")),
                 "one by one": lambda: _read_one_by_one(path, codec),
                 "cut by batch": lambda: BatchDecoder(codec, FRAME).decode(Cut.of(frames)),
@@ -45,6 +57,7 @@ def run(rounds: int) -> list[Row]:
     return [
         faster(f"{what}, from a file", "one by one", found["framekit"], found["one by one"], AT_LEAST, 1.0),
         faster(f"{what}, cut already", "one by one", found["cut by batch"], found["cut one by one"], None, 1.0),
+        slower(f"decode --capture, {SHOWN} frames", "one by one", found["shown"], found["shown one by one"], None, 1.0),
     ]
 
 
@@ -60,6 +73,31 @@ def _write(path: Path, codec: Codec) -> None:
         file.write(global_header())
         for number in range(FRAMES):
             file.write(records.of(LineEvent("data", number * 1_000_000, "in", choose.choice(made))))
+
+
+def _requests_and_replies(codec: Codec) -> Iterator[bytes]:
+    """A client polls: its requests go out, the replies come in."""
+    choose, records = random.Random(3), PcapRecords(0)
+    yield global_header()
+    for number in range(SHOWN // 2):
+        station, count = choose.randrange(1, 5), choose.randrange(1, 20)
+        asked = {"station": station, "pdu": {"read_holding": {"address": 1, "count": count}}}
+        told = {"station": station, "pdu": {"read_holding_reply": {"values": choose.randbytes(2 * count)}}}
+        yield records.of(LineEvent("data", number * 100_000_000, "out", codec.encode(FRAME, asked)))
+        yield records.of(LineEvent("data", number * 100_000_000 + 50_000_000, "in", codec.encode("reply_adu", told)))
+
+
+def _show(path: Path) -> None:
+    with contextlib.redirect_stdout(io.StringIO()) as shown:
+        main(["decode", "modbus-rtu", "--capture", str(path)])
+    assert shown.getvalue().endswith(f"{SHOWN} frames, 0 bad, 0 times noise\n")
+
+
+def _read_both(path: Path, codec: Codec) -> None:
+    with CaptureReader(path) as reader:
+        for _, event in reader.events():
+            if event.kind == "data":
+                codec.decode(FRAME if event.direction == "out" else "reply_adu", event.data)
 
 
 def _one(codec: Codec, data: bytes) -> object:

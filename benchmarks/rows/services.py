@@ -2,8 +2,8 @@
 
 Each server is a process of its own: `framekit serve --quiet`, and pymodbus's for Modbus TCP; its time is what the
 system counts for it. Each client is in this process. Every protocol that comes with framekit is asked by its own client
-at its own server (DF1: full duplex), but for SNP and SNP-X: TCP carries no break. Beside all of them stands pymodbus's
-client at pymodbus's server, round by round.
+at its own server (DF1: full duplex; SNP and SNP-X: without break, which TCP does not carry, and with the pauses of
+their lines). Beside all of them stands pymodbus's client at pymodbus's server, round by round.
 """
 
 from __future__ import annotations
@@ -43,13 +43,19 @@ PLACES = {
     "srtp": "%R1",
     "ccm": "%R1",
     "df1": "N7:0",
+    "snp": "%R1",
+    "snp-x": "%R1",
 }
 STATIONS: dict[str, dict[str, Any]] = {
     "srtp": {},
     "ccm": {"station": 1, "own": 2},
     "df1": {"station": 1, "role": "full"},
+    "snp": {"params": {"use_break": "no"}},
+    "snp-x": {"params": {"use_break": "no"}},
 }
 """Who asks whom; all others have stations, and ask station 1."""
+FEW = {"snp": 20, "snp-x": 20}
+"""Reads a round where lines pause between messages."""
 TARGETS = {("modbus-tcp", "serve"): 0.7, ("modbus-tcp", "read"): 0.8}
 TARGETS |= {(name, "serve"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
 TARGETS |= {(name, "read"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
@@ -97,8 +103,9 @@ def server_process(command: list[str]) -> Iterator[ServerProcess]:
 def framekit_server(protocol: str) -> list[str]:
     values = f"{PLACES[protocol]}={','.join(map(str, VALUES))}"
     serve = [sys.executable, "-m", "framekit", "serve", protocol, "--port", "tcp://127.0.0.1:0", "--set", values]
-    role = STATIONS.get(protocol, {}).get("role")
-    return [*serve, "--quiet", *(() if role is None else ("--role", role))]
+    asked = STATIONS.get(protocol, {})
+    params = [word for name, value in asked.get("params", {}).items() for word in ("--param", f"{name}={value}")]
+    return [*serve, "--quiet", *params, *(("--role", asked["role"]) if "role" in asked else ())]
 
 
 Reads = Callable[[], Awaitable[None]]
@@ -146,12 +153,12 @@ def run(rounds: int) -> list[Row]:
         async def all_of_them() -> float:
             begin = time.process_time()
             await clients[name]()
-            return (time.process_time() - begin) / READS
+            return (time.process_time() - begin) / FEW.get(name, READS)
 
         def measure() -> float:
             before = sides[name].seconds()
             took = asyncio.run_coroutine_threadsafe(all_of_them(), loop).result()
-            server_times.setdefault(name, []).append((sides[name].seconds() - before) / READS)
+            server_times.setdefault(name, []).append((sides[name].seconds() - before) / FEW.get(name, READS))
             return took
 
         return measure
@@ -170,7 +177,7 @@ def run(rounds: int) -> list[Row]:
             for name, place in PLACES.items():
                 asking: dict[str, Any] = STATIONS.get(name, {"station": 1})
                 line = framekit.aconnect(name, f"tcp://127.0.0.1:{sides[name].port}", **asking)
-                clients[name] = reads_of(await opened.enter_async_context(line), place)
+                clients[name] = reads_of(await opened.enter_async_context(line), place, FEW.get(name, READS))
             service = blocks_of(sides["modbus-tcp"].port, Path(stack.enter_context(TemporaryDirectory())))
             service.start()
             sides["run"] = sides["modbus-tcp"]
@@ -189,11 +196,11 @@ def run(rounds: int) -> list[Row]:
     return table_of(read, server_times)
 
 
-def reads_of(line: Any, place: str) -> Reads:
+def reads_of(line: Any, place: str, count: int) -> Reads:
     """Reads one after the other over a connection."""
 
     async def reads() -> None:
-        for _ in range(READS):
+        for _ in range(count):
             reading = await line.read(place, 10)
         assert list(reading) == VALUES
 

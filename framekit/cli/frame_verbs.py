@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -254,15 +255,22 @@ def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:
 
 
 def _plain(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
+    return _AS_JSON(value) if isinstance(value, (dict, list)) else str(value)
+
+
+_AS_JSON = json.JSONEncoder(ensure_ascii=False).encode
 
 
 def time_text(at: int) -> str:
     """A time of a capture: the clock, with the date where it is a real one."""
     seconds, rest = divmod(at, 1_000_000_000)
+    return f"{_second_text(seconds)}.{rest // 1000:06d}"
+
+
+@lru_cache(1)
+def _second_text(seconds: int) -> str:
     moment = datetime.fromtimestamp(seconds, UTC)
-    date = "" if at < DAY else f"{moment:%Y-%m-%d} "
-    return f"{date}{moment:%H:%M:%S}.{rest // 1000:06d}"
+    return f"{moment:%H:%M:%S}" if seconds < DAY // 1_000_000_000 else f"{moment:%Y-%m-%d %H:%M:%S}"
 
 
 def add_frames_arguments(parser: argparse.ArgumentParser) -> None:

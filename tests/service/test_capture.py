@@ -6,12 +6,17 @@ import json
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
+from types import FrameType
 
 import pytest
 
+from framekit.codec.codec import compile_protocol
+from framekit.codec.plain import PlainValues
+from framekit.definition.load import load_protocol
 from framekit.link.events import CharacterFault, LineFault
-from framekit.service.capture import Capture, CaptureError, CaptureReader
+from framekit.service.capture import Capture, CaptureDecoder, CaptureError, CaptureReader
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent
 from framekit.transport.simulated_line import SimulatedLine
@@ -196,3 +201,34 @@ def test_tshark_reads_it(tmp_path: Path) -> None:
     kinds = [int(row[0], 16) for row in rows]
     assert kinds == [0, 1, 8, 4, 7, 4, 4, 10, 0, 0, 9, 5, 6]
     assert [int(row[1]) for row in rows][1:3] == [20, 13]
+
+
+def test_functions_called_for_each_frame_of_a_capture(tmp_path: Path) -> None:
+    """Reading, scanning, decoding, and the fields as they are shown: 106 when records were scanned twice."""
+    protocol = load_protocol("modbus-rtu")
+    codec, plain = compile_protocol(protocol), PlainValues(protocol)
+    asked = codec.encode("request_adu", {"station": 1, "pdu": {"read_holding": {"address": 1, "count": 2}}})
+    told = codec.encode("reply_adu", {"station": 1, "pdu": {"read_holding_reply": {"values": b"1234"}}})
+    line = [
+        LineEvent("data", n * 1_000_000_000, "in" if n % 2 else "out", told if n % 2 else asked) for n in range(200)
+    ]
+    decoder = CaptureDecoder(written(tmp_path / "line.pcap", line), protocol)
+    frames, calls = [], 0
+
+    def note(frame: FrameType, event: str, argument: object) -> None:
+        nonlocal calls
+        calls += event == "call"
+
+    found = ((seen.frame, plain.to_plain(seen.frame, seen.fields)) for _, seen in decoder.seen())
+    frames += [next(found) for _ in range(100)]  # what is made ready once is not counted
+    sys.setprofile(note)
+    try:
+        frames += found
+    finally:
+        sys.setprofile(None)
+    assert [frame for frame, _ in frames] == ["request_adu", "reply_adu"] * 100
+    assert frames[1][1] == {
+        "station": 1,
+        "pdu": {"read_holding_reply": {"function": 3, "bytes": 4, "values": "31 32 33 34"}},
+    }
+    assert calls / 100 <= 76, calls
