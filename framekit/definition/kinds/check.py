@@ -76,7 +76,7 @@ class Check(Segment):
     KEY: ClassVar[str] = "check"
 
     method: CheckMethod = key(
-        "check", METHOD, "Check method: a ready one such as sum8 or crc16-modbus, or one of the section checks."
+        "check", METHOD, "Check method: a ready one such as sum8 or crc32, or one of the section checks."
     )
     form: CodeForm = keys(
         {
