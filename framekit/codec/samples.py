@@ -296,11 +296,11 @@ class _Record:
             if segment.name in self.given:
                 continue  # a condition before it has asked for it
             match segment:
-                case model.Wrap(of=of):
-                    self._all(of)
-                case model.Optional(of=of):
+                case Segment(is_there_inside=True):
+                    self._all(segment.usual_block)
+                case Segment(has_cases=True, chooses_by=None):
                     if self.random.random() < 0.5:
-                        self._all(of)
+                        self._all(segment.usual_block)
                 case model.Choose():
                     self._all(self._case(segment))
                 case model.Bits(parts=parts):
@@ -340,10 +340,10 @@ class _Record:
                 return self._data(segment)
             case model.Repeat():
                 return self._repeat(segment)
-            case model.Record(of=of, name=name):
-                record = _Record(self.sampler, self.random, of, self)
+            case Segment(is_record=True):
+                record = _Record(self.sampler, self.random, segment.members, self)
                 values = record.make()
-                self.records[name] = record
+                self.records.update((name, record) for name in segment.value_names)
                 return values
             case model.Inner(frames=frames):
                 return self._inner(frames)

@@ -15,7 +15,7 @@ from framekit.codec.batch.result import Path
 from framekit.codec.python.expressions import constant_of
 from framekit.definition.expression.syntax import Expression, Name, names_in
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.frames import Frame, StaticSizes
+from framekit.definition.model.frames import Frame, StaticSizes, fixed_size
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -26,9 +26,7 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
-    Require,
     Segment,
-    Skip,
 )
 
 
@@ -104,8 +102,6 @@ class BatchPlanner:
         match segment:
             case Const(data=data):
                 plan.constants.append((offset, data))
-            case Skip():
-                pass
             case Field() | Length() | Count():
                 plan.columns.append(_number(segment, offset, path))
             case Bits():
@@ -113,14 +109,12 @@ class BatchPlanner:
             case Data(convert=None, swap=0, pad=None, least=0):
                 _known_size(segment, segments)
                 plan.columns.append(Column((*path, segment.name), offset, size))
-            case Require():
-                pass
             case Inner(size=None) if not path:
                 frames = sorted(segment.frames, key=lambda frame: self._frames[frame].refuse is not None)
                 plan.inner = offset, size, (segment.name,), tuple(frames)
             case Check() if segment is segments[-1] and not path:
                 plan.check = _check(segment, offset)
-            case _:
+            case _ if not segment.is_ignored and segment.condition is None:
                 raise NoPlanError
 
     def _add_length(self, plan: BatchPlan, length: Length, sizes: Mapping[str, int], path: Path) -> None:
@@ -135,21 +129,12 @@ class BatchPlanner:
 
 def _fixed(segment: Segment) -> int | None:
     """Bytes of a segment where that is certain; None where the frame's length decides."""
-    match segment:
-        case Const(data=data):
-            return len(data)
-        case Skip(size=size) | Check(size=size):
-            return size
-        case Field(type=type_) | Length(type=type_) | Count(type=type_) | Bits(type=type_):
-            if type_.fixed_size is not None:
-                return type_.fixed_size
-        case Data(size=size):
-            return size if isinstance(size, int) else None
-        case Inner():
-            return None
-        case Require():
-            return 0
-    raise NoPlanError
+    if isinstance(segment, Inner):
+        return None
+    size = fixed_size(segment)
+    if size is None and not isinstance(segment, Data):
+        raise NoPlanError
+    return size
 
 
 def _number(segment: Field | Length | Count, offset: int, path: Path) -> Column:

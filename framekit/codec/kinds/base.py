@@ -35,6 +35,10 @@ class SegmentKind(Generic[S]):
         """A segment in words, for docstrings; empty if there is nothing to say."""
         return ""
 
+    def struct_order(self, segment: S) -> str | None:
+        """The byte order it needs in a struct ('' for any), which takes a fixed size; None if it stands in none."""
+        return None
+
     # ---- decoding -----------------------------------------------------------------------------------------
 
     def slot(self, r: BufferReader, item: Item, segment: S, size: int) -> Slot:
@@ -127,6 +131,10 @@ T = TypeVar("T", Field, Length, Count, Bits)
 
 class TypedKind(SegmentKind[T]):
     """How the value is written and measured; a kind overrides what is different with it."""
+
+    def struct_order(self, segment: T) -> str | None:
+        code = forms.struct_code(segment.type)
+        return None if code is None else code[1]
 
     def argument(self, w: EncodeWriter, segment: T, scope: Scope, size: int) -> PackArgument:
         return w.number_argument(segment, scope, size)

@@ -22,6 +22,9 @@ from framekit.definition.model.walk import leaves
 class CheckKind(SegmentKind[Check]):
     model = Check
 
+    def struct_order(self, segment: Check) -> str | None:
+        return forms.check_code(segment)[1]
+
     def slot(self, r: BufferReader, item: Item, segment: Check, size: int) -> Slot:
         if segment.verify != "error" or r.residue(segment) is not None:
             return super().slot(r, item, segment, size)

@@ -15,6 +15,9 @@ from framekit.definition.model.segments import (
 class ConstKind(SegmentKind[Const]):
     model = Const
 
+    def struct_order(self, segment: Const) -> str | None:
+        return ""
+
     def argument(self, w: EncodeWriter, segment: Const, scope: Scope, size: int) -> PackArgument:
         return PackArgument(f"{size}s", "", bytes_literal(segment.data))
 

@@ -23,6 +23,9 @@ from framekit.definition.model.segments import (
 class DataKind(SegmentKind[Data]):
     model = Data
 
+    def struct_order(self, segment: Data) -> str | None:
+        return "" if isinstance(segment.size, int) else None
+
     def slot(self, r: BufferReader, item: Item, segment: Data, size: int) -> Slot:
         return Slot(item, size, f"{size}s", "", r.function.local(segment.name, item.scope))
 

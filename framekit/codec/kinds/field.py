@@ -22,6 +22,9 @@ from framekit.definition.model.segments import Field, FieldType, Long
 class FieldKind(TypedKind[Field]):
     model = Field
 
+    def struct_order(self, segment: Field) -> str | None:
+        return TypedKind.struct_order(self, segment) if segment.long is None else None
+
     def slot(self, r: BufferReader, item: Item, segment: Field, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.local(segment.name, item.scope))

@@ -19,6 +19,9 @@ from framekit.definition.model.segments import (
 class SkipKind(SegmentKind[Skip]):
     model = Skip
 
+    def struct_order(self, segment: Skip) -> str | None:
+        return ""
+
     def argument(self, w: EncodeWriter, segment: Skip, scope: Scope, size: int) -> PackArgument:
         fill = segment.fill
         if size and not fill.strip(b"\0"):

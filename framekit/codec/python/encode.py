@@ -21,7 +21,7 @@ from framekit.codec.python.function import covers_later, on_the_wire
 from framekit.codec.python.module import Module
 from framekit.codec.python.order import Task, run_in_order
 from framekit.codec.python.reader import not_possible
-from framekit.codec.python.registry import kind_of
+from framekit.codec.python.registry import kind_of, struct_order
 from framekit.codec.python.rules import RuleWriter
 from framekit.codec.python.shape import ending_constants, follows_its_length, in_place_of_records, named, names_read
 from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
@@ -572,7 +572,7 @@ class EncodeWriter:
         mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
         for count, (segment, scope) in enumerate(placed):
             numbers = self.numbers_of(segment)
-            wanted = None if isinstance(segment, (Check, Fill)) else forms.struct_order(without_when(segment))
+            wanted = None if isinstance(segment, (Check, Fill)) else struct_order(without_when(segment))
             if numbers is not None and count:
                 wanted = numbers[1]
             same_when = str(segment.when) == str(first.when) and (segment.when is None or scope is placed[0][1])
@@ -596,7 +596,7 @@ class EncodeWriter:
     def run(self, placed: list[Placed]) -> str:
         """Text of the bytes of a run; it depends on the condition its segments stand under."""
         segment, scope = placed[0]
-        if len(placed) == 1 and (forms.struct_order(without_when(segment)) is None):
+        if len(placed) == 1 and (struct_order(without_when(segment)) is None):
             return self._ended(segment, self.single(segment, scope))
         arguments: list[PackArgument] = []
         last, numbers = placed[-1], self.numbers_of(placed[-1][0])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import builtins
 import re
-from dataclasses import replace
 
 from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of
@@ -37,7 +36,6 @@ from framekit.definition.model.segments import (
     Segment,
     Skip,
     Value,
-    Wrap,
 )
 from framekit.definition.model.walk import everything, without_when
 
@@ -132,16 +130,17 @@ def _without_number(node: Node) -> tuple[Node, int]:
 def _counting_in(segments: tuple[Segment, ...], inner: Inner, parts: tuple[str, ...]) -> tuple[Segment, ...]:
     """The segments, those in wraps too, with lengths and checks over the frame inside being over its segments."""
     return tuple(
-        replace(one, of=_counting_in(one.of, inner, parts)) if isinstance(one, Wrap) else counting(one, inner, parts)
+        one.with_blocks(lambda block: _counting_in(block, inner, parts))
+        if one.is_there_inside
+        else counting(one, inner, parts)
         for one in segments
     )
 
 
 def _is_simple(segment: Segment) -> bool:
     """Whether a segment has its values at hand, and holds no frame."""
-    if isinstance(segment, Check):
-        return True
-    return (isinstance(segment, (Fill, Wrap)) and segment.when is None) or is_plain(_as_if_there((segment,)))
+    is_whole = segment.is_there_inside or isinstance(segment, Fill)
+    return isinstance(segment, Check) or (is_whole and segment.when is None) or is_plain(_as_if_there((segment,)))
 
 
 def _as_if_there(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from framekit.codec.python.source import bytes_literal, quoted
-from framekit.definition.model.segments import Bits, Check, Const, Count, Data, Field, FieldType, Length, Segment, Skip
+from framekit.definition.model.segments import Check, Count, Data, Field, FieldType, Length
 
 INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 _FLOAT_CODES = {4: "f", 8: "d"}
@@ -38,21 +38,6 @@ def struct_code(type_: FieldType) -> tuple[str, str] | None:
         code = codes[size].lower() if type_.kind == "int" and type_.signed else codes[size]
         return code, "<" if type_.order == "little" else ">"
     return f"{size}s", ""
-
-
-def struct_order(segment: Segment) -> str | None:
-    """The byte order a segment needs in a struct ('' for any); None if it does not fit into one."""
-    if segment.when is not None:
-        return None
-    match segment:
-        case Const() | Skip() | Data(size=int()):
-            return ""
-        case Check():
-            return check_code(segment)[1]
-        case Field(long=None, type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
-            code = struct_code(type_)
-            return None if code is None else code[1]
-    return None
 
 
 def check_code(check: Check) -> tuple[str, str]:

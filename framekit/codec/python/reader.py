@@ -16,7 +16,7 @@ from framekit.codec.python.codes import code_text, is_call
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text, may_be_negative
 from framekit.codec.python.function import MISFIT, Function, covers_later, span_names
 from framekit.codec.python.places import Fields, Place, between, index
-from framekit.codec.python.registry import kind_of
+from framekit.codec.python.registry import kind_of, struct_order
 from framekit.codec.python.shape import Target, comes_with, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import AND, BIT_OR, SUM
@@ -430,7 +430,7 @@ class BufferReader:
         for count, item in enumerate(items):
             segment = item.segment
             free = isinstance(segment, Check) and segment.when is None and self.residue(segment) is not None
-            wanted = "" if free else forms.struct_order(segment)
+            wanted = "" if free else struct_order(segment)
             if wanted is None or (order and wanted and wanted != order) or (count and segment is self.body_begins):
                 return count
             order = order or wanted

@@ -16,7 +16,7 @@ from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, Queue, StateVariable
-from framekit.definition.model.segments import Check, Const, Data, Field, Segment, Skip
+from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
@@ -57,7 +57,7 @@ def _body(frame: Frame) -> list[Problem]:
     for segment in frame.body:
         if isinstance(segment, (Data, Field)):
             variables.append(segment)
-        elif not isinstance(segment, (Const, Skip)):
+        elif not isinstance(segment, Const) and not segment.is_ignored:
             found.append(
                 Problem(
                     segment.at, "a body holds only constants and variables in this profile", "leave the profile out"

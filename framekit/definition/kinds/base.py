@@ -73,11 +73,13 @@ class Segment:
     """What every segment may have, and what it can be asked.
 
     `refuse` is the code of a fault here that is to be answered, not dropped. `KEY` names the kind in YAML; a kind that
-    no key names is made by others. `takes_bytes`: whether it stands on the wire.
+    no key names is made by others. `takes_bytes`: whether it stands on the wire;
+    `is_ignored`: whether its bytes mean nothing.
     """
 
     KEY: ClassVar[str] = ""
     takes_bytes: ClassVar[bool] = True
+    is_ignored: ClassVar[bool] = False
 
     at: Position
     name: str | None = None

@@ -63,6 +63,7 @@ class Skip(Segment):
     """Bytes nobody looks at; `fill` is repeated to `size` when building."""
 
     KEY: ClassVar[str] = "skip"
+    is_ignored: ClassVar[bool] = True
 
     size: int = key("skip", BYTES_AT_MOST, "Number of bytes nobody looks at.")
     fill: bytes = key("fill", BYTES, "What is sent there; default 00.", default=b"\0")
