@@ -236,7 +236,7 @@ class Segment:
     @property
     def may_be_given(self) -> bool:
         """Whether a value of it is given, and so tells that it is there."""
-        return False
+        return bool(self.wanted_names)
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
         """What must be known when it is read: what messages call it, and the expression."""

@@ -94,10 +94,6 @@ class Repeat(Segment):
     def wanted_names(self) -> tuple[str, ...]:
         return (self.name,)
 
-    @property
-    def may_be_given(self) -> bool:
-        return True
-
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
         if isinstance(self.times, Expression):
