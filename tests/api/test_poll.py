@@ -85,7 +85,7 @@ class Kept:
 
 
 def run(scenario: Callable[[], Awaitable[None]]) -> None:
-    asyncio.run(asyncio.wait_for(scenario(), 20))
+    asyncio.run(asyncio.wait_for(scenario(), 180))
 
 
 @pytest.fixture(params=["unwatched", "watched"])

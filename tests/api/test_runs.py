@@ -233,16 +233,16 @@ def test_a_run_in_its_thread(terminal: tuple[Path, framekit.Server]) -> None:
         run.carry_out(0)
     with run:
         run.disable(3)
-        assert run.carry_out(0, timeout=20).done == 1
+        assert run.carry_out(0, timeout=180).done == 1
         assert run.memory.read("M0100", 3) == [100, 200, 300]
         with ThreadPoolExecutor(4) as pool:
-            waiting = pool.submit(run.next_end, 1, timeout=20)
+            waiting = pool.submit(run.next_end, 1, timeout=180)
             for value in iter(range(1, 1_000_000)):
                 run.memory["M0200"] = value % 0x10000
                 if waiting.done():
                     break
         assert waiting.result().done == 1
-        assert run.carry_out(2, timeout=20).failed == 1
+        assert run.carry_out(2, timeout=180).failed == 1
         with pytest.raises(TimeoutError, match="block 3 has not ended within 0 s"):
             run.next_end(3, timeout=0)
     assert device.memory["40011"] != 0
@@ -272,7 +272,7 @@ def test_callbacks_may_call_the_run(terminal: tuple[Path, framekit.Server]) -> N
     run = framekit.Run(terminal[0], on_end=on_end)
     with run:
         run.fire(0)
-        assert run.next_end(2, timeout=20).failed == 1
+        assert run.next_end(2, timeout=180).failed == 1
         assert run.memory["M0101"] == 101
     assert [type(error) for error in refused] == [RuntimeError]
 
@@ -280,16 +280,16 @@ def test_callbacks_may_call_the_run(terminal: tuple[Path, framekit.Server]) -> N
 def test_asyncio(terminal: tuple[Path, framekit.Server]) -> None:
     async def scenario() -> None:
         async with framekit.AsyncRun(terminal[0]) as run:
-            assert (await run.carry_out(0, timeout=20)).done == 1
+            assert (await run.carry_out(0, timeout=180)).done == 1
             assert run.memory["M0102"] == 300
-            ended = asyncio.create_task(run.next_end(1, timeout=20))
+            ended = asyncio.create_task(run.next_end(1, timeout=180))
             await asyncio.sleep(0)
             run.memory["M0200"] = 9
             assert (await ended).done == 1
             assert terminal[1].memory["40011"] == 9
         assert not run.running
 
-    asyncio.run(asyncio.wait_for(scenario(), 20))
+    asyncio.run(asyncio.wait_for(scenario(), 180))
 
 
 def test_a_program_ends_without_stopping(plant: Path) -> None:
@@ -297,9 +297,9 @@ def test_a_program_ends_without_stopping(plant: Path) -> None:
 import framekit
 run = framekit.Run({str(plant)!r})
 run.start()
-print(run.carry_out(0, timeout=20).done)
+print(run.carry_out(0, timeout=180).done)
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=180, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "1\n", "")
 
 
@@ -307,7 +307,7 @@ def test_a_watch_of_a_run_in_a_thread(plant: Path) -> None:
     heard: list[list[object]] = []
     with framekit.Run(plant) as run:
         watch = run.memory.watch("M0100", heard.append, 3)
-        assert run.carry_out(0, timeout=20).done == 1
+        assert run.carry_out(0, timeout=180).done == 1
         assert run.memory.read("M0100", 3) == [100, 200, 300], "a call into the thread, behind what was told there"
         assert heard == [[100, 200, 300]]
     run.memory["M0100"] = 5

@@ -188,7 +188,7 @@ def test_asyncio(tmp_path: Path) -> None:
             assert await client.read("40001", 3) == [100, 200, 0xFFFF]
         assert [frame for frame in seen if frame] == ["request_adu", "reply_adu"]
 
-    asyncio.run(asyncio.wait_for(scenario(), 20))
+    asyncio.run(asyncio.wait_for(scenario(), 180))
 
 
 def test_a_session_without_breaks_on_a_pseudo_terminal() -> None:

@@ -115,7 +115,7 @@ def test_replay_to_whoever_connects(tmp_path: Path) -> None:
     with process("replay", str(path), *words) as one:
         assert one.stderr is not None and one.stdout is not None
         port = int(one.stderr.readline().rpartition(":")[2])
-        with socket.create_connection(("127.0.0.1", port), timeout=30) as client:
+        with socket.create_connection(("127.0.0.1", port), timeout=180) as client:
             heard = b""
             while piece := client.recv(100):
                 heard += piece
@@ -169,7 +169,7 @@ def test_monitor_hears_both_sides_and_captures(tmp_path: Path) -> None:
             os.write(other, data)
             lines.append(json.loads(one.stdout.readline()))
         one.send_signal(signal.SIGTERM)
-        out, errors = one.communicate(timeout=30)
+        out, errors = one.communicate(timeout=180)
         assert (one.returncode, errors) == (0, "")
         os.set_blocking(other, False)
         with pytest.raises(BlockingIOError):

@@ -23,7 +23,7 @@ from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair
 from framekit.transport.serial_port import SerialPort
 
-LONGEST = 20
+LONGEST = 180
 """Seconds after which a test is broken off."""
 
 RUN = """run: wired

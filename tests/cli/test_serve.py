@@ -20,7 +20,7 @@ from framekit.cli.main import main
 from framekit.service.capture import CaptureReader
 from framekit.transport.pty_pair import PtyPair
 
-LONGEST = 30
+LONGEST = 180
 READ_M100 = b"\x0501rSB06%MW10001\x0492"
 M100_IS_1234 = b"\x0601rSB01021234\x03FE"
 

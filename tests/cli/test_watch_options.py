@@ -112,7 +112,7 @@ def test_sigusr1_shows_the_status() -> None:
             pass
         assert [channel["number"] for channel in line["channels"]] == [1, 2]
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=30)
+        process.communicate(timeout=180)
         assert process.returncode == 0
     finally:
         process.kill()

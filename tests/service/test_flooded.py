@@ -15,7 +15,7 @@ from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import MOST, AsyncioClock, Callback, Turns
 
-LONGEST = 60
+LONGEST = 180
 FEW = 40
 """Pieces of noise that may be dealt with before something else is; the flood has hundreds."""
 
@@ -117,7 +117,7 @@ def test_another_channel_and_a_signal_have_their_turn_while_noise_comes(tmp_path
     asyncio.run(asyncio.wait_for(scenario(tmp_path), LONGEST))
 
 
-CROWD = 200
+CROWD = 120
 """So many clients send at once; the other channel waits for each of them about once, however much they send."""
 
 ASKED = """

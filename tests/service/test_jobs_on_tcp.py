@@ -33,7 +33,7 @@ JOB = '  {n}: {{job: {n}, read: "%R200", count: 4, into: R{own}, host: PEER, eve
 AGAIN = """  17: {job: 16, read: "%R200", count: 4, into: R160, host: PEER, every: 160 ms, status: R16, when: [I80, S5],
     unless: not T2 or not I80 and (R16 == 0 or R16 == 1)}
 """
-LONGEST = 60
+LONGEST = 180
 LATE = 0x0290
 
 

@@ -77,7 +77,7 @@ async def carry_out(path: Path, until: Callable[[RunService], bool]) -> RunServi
     )
     service.start()
     try:
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(180):
             while not until(service):
                 await something.wait()
                 something.clear()

@@ -82,7 +82,7 @@ async def exercise(client: AsyncModbusTcpClient | AsyncModbusSerialClient) -> No
 
 def test_pymodbus_over_tcp(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with tcp_device(tmp_path) as number, asyncio.timeout(20):
+        async with tcp_device(tmp_path) as number, asyncio.timeout(180):
             await exercise(AsyncModbusTcpClient("127.0.0.1", port=number))
 
     asyncio.run(scenario())
@@ -91,7 +91,7 @@ def test_pymodbus_over_tcp(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("protocol", "framer"), [("modbus-rtu", FramerType.RTU), ("modbus-ascii", FramerType.ASCII)])
 def test_pymodbus_over_a_pty(tmp_path: Path, protocol: str, framer: FramerType) -> None:
     async def scenario() -> None:
-        async with pty_device(tmp_path, protocol) as (path, serving), asyncio.timeout(20):
+        async with pty_device(tmp_path, protocol) as (path, serving), asyncio.timeout(180):
             await exercise(AsyncModbusSerialClient(path, framer=framer, baudrate=19200))
             client = AsyncModbusSerialClient(path, framer=framer, baudrate=19200)
             await client.connect()
@@ -142,7 +142,7 @@ def test_minimalmodbus_over_a_pty(tmp_path: Path, protocol: str, mode: str) -> N
         instrument.serial.close()
 
     async def scenario() -> None:
-        async with pty_device(tmp_path, protocol) as (path, serving), asyncio.timeout(30):
+        async with pty_device(tmp_path, protocol) as (path, serving), asyncio.timeout(180):
             await asyncio.to_thread(exercised, path)
             refused = [dict(store.counters.refused) for store in serving.stores]
             assert refused == [{2: 1, 3: 1}, {}] and not serving.line_errors
@@ -179,7 +179,7 @@ def test_mbpoll(tmp_path: Path, kind: str) -> None:
         assert "Illegal data address" in output, output
 
     async def scenario() -> None:
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(180):
             if kind == "tcp":
                 async with tcp_device(tmp_path) as number:
                     await exercised(["-m", "tcp", "-p", str(number)], "127.0.0.1")

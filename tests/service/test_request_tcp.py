@@ -43,7 +43,7 @@ def connect(device: Any, **params: str) -> Any:
 def raw_header(port: str, data: bytes) -> bytes:
     """What the server answers to bytes that no client of ours would send."""
     host, number = port.removeprefix("tcp://").split(":")
-    with socket.create_connection((host, int(number)), timeout=5) as connection:
+    with socket.create_connection((host, int(number)), timeout=180) as connection:
         connection.sendall(data)
         return connection.recv(4096)
 

@@ -17,7 +17,7 @@ from framekit.service.serving import ListeningPort
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.pty_pair import PtyPair
 
-LONGEST = 20
+LONGEST = 180
 RUN = """
 run: serving
 memory: masterlogic

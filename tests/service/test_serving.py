@@ -22,7 +22,7 @@ from framekit.service.serving import MOST_CONNECTIONS, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
 
-LONGEST = 30
+LONGEST = 180
 MOST_FLOOD = 50_000_000
 HERE = Path(__file__).parent
 

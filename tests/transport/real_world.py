@@ -17,7 +17,7 @@ from framekit.transport.pty_pair import PtyMaster, PtyPair
 from framekit.transport.schemes import open_port
 from framekit.transport.simulated_line import SimulatedLine
 
-LONGEST = 20
+LONGEST = 180
 """Seconds after which a test that waits for an event is broken off."""
 
 

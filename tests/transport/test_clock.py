@@ -153,7 +153,7 @@ def test_real_time_calls_in_order_and_never_early() -> None:
         clock.call_at(begin + 2_000_000, lambda: seen.append(("cancelled", True))).cancel()
         clock.call_at(begin - 1_000_000, lambda: seen.append(("past", True)))
         clock.call_soon(lambda: seen.append(("soon", True)))
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(180):
             await done.wait()
         return seen
 
@@ -174,7 +174,7 @@ def test_real_time_keeps_the_order_however_late_it_is() -> None:
         for number in range(2000):
             clock.call_at(begin + number // 2 * 3_000, lambda number=number: seen.append(number))
         clock.call_at(begin + 20_000_000, done.set)
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(180):
             await done.wait()
         return seen
 
@@ -194,7 +194,7 @@ def test_in_real_time_too_cancelled_calls_do_not_come_or_pile_up() -> None:
         clock.call_at(now + 1, lambda: [][0])
         clock.call_at(now + 2, done.set)
         clock.loop.set_exception_handler(lambda loop, context: seen.append(type(context["exception"]).__name__))
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(180):
             await done.wait()
         return seen
 

@@ -135,7 +135,7 @@ blocks:
             assert (await run.next_end(1)).done
             assert run.memory.read("%MW100", 2) == [5, 6]
 
-    asyncio.run(asyncio.wait_for(check(), 20))
+    asyncio.run(asyncio.wait_for(check(), 180))
 
 
 def test_a_key_about_wires_has_no_sense_on_it(pipes: None, tmp_path: Path) -> None:
