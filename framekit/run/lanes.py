@@ -61,8 +61,8 @@ class _Failing:
 class BlockLane:
     """One channel. `station_of` says which station a block talks to; None counts as no station.
 
-    `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `Turns` has it. `changed`: stations
-    that have died (True) or come back (False).
+    `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `ReadyQueue` has it. `changed`:
+    stations that have died (True) or come back (False).
     """
 
     def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable], order: int = 0) -> None:

@@ -114,8 +114,8 @@ class TriggerRegistry:
                 yield state, due, missed
 
 
-class Turns:
-    """Lanes by number. Whoever changes a lane says so by `stir`; `due` then names it when its time has come."""
+class ReadyQueue:
+    """Lanes by number. Whoever changes a lane says so by `schedule`; `due` then names it when its time has come."""
 
     def __init__(self, station_of: Callable[[BlockState], Hashable]) -> None:
         self.lanes: dict[int, BlockLane] = {}
@@ -138,7 +138,7 @@ class Turns:
         """Nothing starts in these lanes until the next call; in all others it does."""
         for number, lane in self.lanes.items():
             lane.held = number in numbers
-            self.stir(lane)
+            self.schedule(lane)
 
     def idle(self, numbers: Collection[int]) -> bool:
         """Whether nothing runs in any of these lanes."""
@@ -149,7 +149,7 @@ class Turns:
         for lane in self.lanes.values():
             lane.clear(which)
 
-    def stir(self, lane: BlockLane) -> None:
+    def schedule(self, lane: BlockLane) -> None:
         """Something about the lane is different: it may have something to do at another time."""
         if lane.running or not lane.open or lane.held:
             return
@@ -181,7 +181,7 @@ class Turns:
             heapq.heappop(heap)
             if when == lane.asked_for:
                 lane.asked_for = NEVER
-                self.stir(lane)
+                self.schedule(lane)
         return NEVER
 
 
@@ -223,8 +223,8 @@ class Scheduler:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
         self._registry = TriggerRegistry(memory, resolve, wake)
-        self._turns = Turns(station_of)
-        self.lanes = self._turns.lanes
+        self._ready = ReadyQueue(station_of)
+        self.lanes = self._ready.lanes
         self._start = start
         self._wake = wake
         self._tell_ended = ended
@@ -233,7 +233,7 @@ class Scheduler:
         self._active = False
         self._starting: BlockState | None = None
         for channel, rules in channels.items():
-            self._turns.add(channel, LaneRules(silence=Silence(between=rules)) if isinstance(rules, int) else rules)
+            self._ready.add(channel, LaneRules(silence=Silence(between=rules)) if isinstance(rules, int) else rules)
         for state in self.states.values():
             self._take_in(state)
 
@@ -241,7 +241,7 @@ class Scheduler:
         """A block without a channel waits for nobody: it has a lane of its own."""
         state.set_on = self.sets.get(state.block.set, True)
         self._registry.await_ends(state)
-        self._turns.add(state.lane, LaneRules())
+        self._ready.add(state.lane, LaneRules())
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -261,7 +261,7 @@ class Scheduler:
         """No block comes due any more; what runs may finish."""
         self._active = False
         self._registry.clear()
-        self._turns.clear()
+        self._ready.clear()
         for state in self.states.values():
             self._registry.disarm(state)
 
@@ -284,7 +284,7 @@ class Scheduler:
             lane.open = False
         elif not lane.open:
             lane.opened(now)
-            self._turns.stir(lane)
+            self._ready.schedule(lane)
             self._mark_changes(channel, lane)
             self._wake()
 
@@ -316,28 +316,28 @@ class Scheduler:
                 if self._active:
                     self.arm(state, now) if on else self._registry.disarm(state)
         if not on:
-            self._turns.clear(lambda state: state.block.set == number)
+            self._ready.clear(lambda state: state.block.set == number)
         self._wake()
 
     # ---- change -------------------------------------------------------------------------------------------
 
     def hold(self, channels: Collection[int]) -> None:
         """Starts nothing on these channels until the next call; on all others it does."""
-        self._turns.hold(channels)
+        self._ready.hold(channels)
         self._wake()
 
     def idle(self, channels: Collection[int]) -> bool:
         """Whether no exchange runs on any of these channels."""
-        return self._turns.idle(channels)
+        return self._ready.idle(channels)
 
     def add_channel(self, number: int, rules: LaneRules) -> None:
         """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting."""
-        lane = self._turns.add(number, rules)
+        lane = self._ready.add(number, rules)
         lane.rules, lane.open = rules, False
 
     def remove_channel(self, number: int) -> None:
         """A channel none of whose blocks is there any more."""
-        self._turns.remove(number)
+        self._ready.remove(number)
 
     def add(self, block: Block) -> BlockState:
         """A block that is new; `arm` it when everything it looks at is there."""
@@ -354,7 +354,7 @@ class Scheduler:
         self._registry.forget(state)
         self.lanes[state.lane].clear(lambda one: one is state)
         if state.block.job is not None:
-            self._turns.remove(state.lane)
+            self._ready.remove(state.lane)
         return state
 
     # ---- becoming due -------------------------------------------------------------------------------------
@@ -382,11 +382,11 @@ class Scheduler:
             state.counters.overruns += 1
             if state.waiting:
                 lane.look_again(state)
-                self._turns.stir(lane)
+                self._ready.schedule(lane)
             return
         state.waiting = True
         lane.push(state, now)
-        self._turns.stir(lane)
+        self._ready.schedule(lane)
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -396,7 +396,7 @@ class Scheduler:
         registry = self._registry
         if registry.fired:
             return 0
-        turns = self._turns.deadline
+        turns = self._ready.deadline
         return min(registry.timers[0][0], turns) if registry.timers else turns
 
     def tick(self, now: int) -> None:
@@ -412,9 +412,9 @@ class Scheduler:
             registry.fired.clear()
             for state in fired:
                 self._due(state, now)
-        for lane in self._turns.due(now):
+        for lane in self._ready.due(now):
             self._start_next(lane, now)
-            self._turns.stir(lane)
+            self._ready.schedule(lane)
 
     def _start_next(self, lane: BlockLane, now: int) -> None:
         state = lane.take(now)
@@ -443,7 +443,7 @@ class Scheduler:
         lane = self.lanes[channel]
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
-        self._turns.stir(lane)
+        self._ready.schedule(lane)
         if lane.changed:
             self._mark_changes(channel, lane)
         if state.dead:

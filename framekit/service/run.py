@@ -267,13 +267,13 @@ class RunService:
         self.memory = run.memory.create()
         self.grammar = addresses_of(run.memory)
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
-        self.pulse = RunLoop(clock, self._act, self._next_time)
+        self.loop = RunLoop(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
         self.blocks = blocks = RunBlocks(
-            run, clock, self.memory, self.resolve, self.channels, self.pulse.wake, self.refresh, on_end
+            run, clock, self.memory, self.resolve, self.channels, self.loop.wake, self.refresh, on_end
         )
         self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
-        self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.pulse)
+        self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.loop)
         self.devices_on = lines.devices
         for number in run.channels:
             lines.put(number, lines.of_run(run, number))
@@ -294,7 +294,7 @@ class RunService:
         section = self.run.jobs
         if section is None:
             return None
-        wake, done = self.pulse.wake, self.blocks.finished
+        wake, done = self.loop.wake, self.blocks.finished
         return JobService(section, self.memory, self.channels, self.clock, done, wake, resolve, self)
 
     def _keeper(self) -> StateKeeper | None:
@@ -329,7 +329,7 @@ class RunService:
     def start(self) -> None:
         """Opens the ports and arms the triggers."""
         self.running = True
-        self.pulse.start()
+        self.loop.start()
         now = self.clock.now()
         for number in self.channels:
             self.scheduler.set_open(number, False)
@@ -341,14 +341,14 @@ class RunService:
         self.scheduler.begin(now)
         if self.keeper is not None:
             self.keeper.start()
-        self.pulse.set()
+        self.loop.set()
 
     def stop(self) -> None:
         """No block starts any more; ports are closed, and the state is kept."""
         self.running = False
         self.scheduler.end()
         self._stop_jobs()
-        self.pulse.stop()
+        self.loop.stop()
         for number in self.channels:
             self.close_channel(number)
         if self.jobs is not None:
@@ -422,7 +422,7 @@ class RunService:
             raise ValueError(f"block {number} receives: nothing but its frame makes it due")
         self.refresh()
         self.scheduler.fire(number, self.clock.now())
-        self.pulse.set()
+        self.loop.set()
 
     def enable_set(self, number: int, on: bool = True) -> None:
         """Switches a parameter set on or off. Raises KeyError for a number there is not."""
@@ -446,7 +446,7 @@ class RunService:
             self.jobs.reset()
         self.scheduler.reset(now)
         self.blocks.show()
-        self.pulse.set()
+        self.loop.set()
 
     def enable(self, number: int, on: bool = True) -> None:
         """Switches a block on or off. Raises KeyError for a number there is not."""

@@ -11,13 +11,13 @@ import asyncio
 import contextlib
 import os
 import socket
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from typing import Any, cast
 
 from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
-from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents, PortListener
+from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents
 
 CONNECT_WITHIN = 10.0
 """How long making a connection may take (s); some networks never refuse one."""
@@ -259,33 +259,33 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
             connection.transport.resume_reading()
 
 
-class NetworkListener(PortListener):
+class NetworkListener(ABC):
     """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one."""
 
     scheme: str
+    reached_by: str
+    """The scheme by which others name it."""
     kind: socket.SocketKind
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
-        self.host, self.number = host, number
+        self.host = host
         self.clock = clock
         self.accepted = accepted
         self._socket: socket.socket | None = None
         self._opening: asyncio.Task[None] | None = None
         self._at_work: asyncio.Server | asyncio.DatagramTransport | None = None
+        self._is_at(number)
 
-    @property
-    def name(self) -> str:  # type: ignore[override]  # the number is known when it listens
-        return f"{self.scheme}-listen://{bracketed(self.host)}:{self.number}"
-
-    @property
-    def reached(self) -> str:  # type: ignore[override]
-        return self.name
+    def _is_at(self, number: int) -> None:
+        self.number = number
+        place = f"{bracketed(self.host)}:{number}"
+        self.name, self.reached = f"{self.scheme}://{place}", f"{self.reached_by}://{place}"
 
     def listen(self) -> None:
         found = socket.getaddrinfo(self.host or None, self.number, type=self.kind, flags=socket.AI_PASSIVE)
         family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
         self._socket = listening = self._bound(family, (str(address[0]), int(address[1])))
-        self.number = int(listening.getsockname()[1])
+        self._is_at(int(listening.getsockname()[1]))
         self._opening = self.clock.loop.create_task(self._open(listening))
 
     async def start(self) -> None:
@@ -315,11 +315,7 @@ class NetworkListener(PortListener):
 class TcpListener(NetworkListener):
     """Accepts connections."""
 
-    scheme, kind = "tcp", socket.SOCK_STREAM
-
-    @property
-    def reached(self) -> str:  # type: ignore[override]
-        return f"tcp://{bracketed(self.host)}:{self.number}"
+    scheme, reached_by, kind = "tcp-listen", "tcp", socket.SOCK_STREAM
 
     def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
         return socket.create_server(address, family=family)
@@ -591,7 +587,8 @@ class UdpListener(asyncio.DatagramProtocol, NetworkListener):
     The port of a sender that has been closed is forgotten: the next datagram of the same sender makes a new one.
     """
 
-    scheme, kind = "udp", socket.SOCK_DGRAM
+    scheme = reached_by = "udp-listen"
+    kind = socket.SOCK_DGRAM
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
         super().__init__(host, number, clock, accepted)

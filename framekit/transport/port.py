@@ -110,7 +110,7 @@ Accepted = Callable[[AcceptedPort], None]
 """Gets the port, not yet opened, of each connection that comes."""
 
 
-class PortListener(ABC):
+class PortListener(Protocol):
     """Listens somewhere and makes a port of everything that connects. It can listen again after it was stopped.
 
     `name`: where it listens; `reached`: how others name it. Both are exact once it listens.
@@ -119,15 +119,12 @@ class PortListener(ABC):
     name: str
     reached: str
 
-    @abstractmethod
     def listen(self) -> None:
         """Begins to listen; connections are accepted as soon as the loop goes on. Raises OSError."""
 
-    @abstractmethod
     async def start(self) -> None:
         """As `listen`; connections are accepted when it returns. Raises OSError."""
 
-    @abstractmethod
     def stop(self) -> None:
         """Accepts no more; ports that have been accepted stay open where each has a connection of its own."""
 

@@ -1,4 +1,4 @@
-"""Turns name the lanes that have something to do, as if every lane were asked."""
+"""The ready queue names the lanes that have something to do, as if every lane were asked."""
 
 from __future__ import annotations
 
