@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from framekit.codec.batch.result import Batch
     from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
-    from framekit.link.observe import Seen
+    from framekit.link.events import Seen
     from framekit.memory.views import Order
     from framekit.run.block_state import BlockStatus, ErrorCode, Failure
 
@@ -51,7 +51,7 @@ _HOMES = {
     "codec.batch.result": ("Batch",),
     "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
-    "link.observe": ("Seen",),
+    "link.events": ("Seen",),
     "memory.views": ("Order",),
     "run.block_state": ("BlockStatus", "ErrorCode", "Failure"),
 }  # fmt: skip

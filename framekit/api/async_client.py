@@ -35,7 +35,7 @@ from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, did_you_mean
 from framekit.link.addresses import Address, AddressError
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.link.services.client import MOST_KEPT, TransferResult
 from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError

@@ -19,7 +19,7 @@ from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, did_you_mean
 from framekit.link.addresses import Address, AddressError
 from framekit.link.conversation import default_line
-from framekit.link.observe import Monitor
+from framekit.link.events import Monitor
 from framekit.link.packing import values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Span as Span

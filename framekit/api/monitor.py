@@ -15,15 +15,13 @@ from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.evaluate import EVALUATION_ERRORS
-from framekit.link.events import CharacterFault, Command
+from framekit.link.events import CharacterFault, Command, Monitor, Seen
 from framekit.link.listener import Listener
-from framekit.link.observe import Monitor, Seen
 from framekit.link.parameters import ParameterError
 from framekit.link.scope import Scope
 from framekit.run.block_state import BlockStatus
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
-from framekit.service.driver import Driver
-from framekit.service.line_load import LineLoad
+from framekit.service.driver import Driver, LineLoad
 from framekit.transport.clock import AsyncioClock, Clock, Handle, VirtualClock
 from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.port import LineEvent as LineEvent

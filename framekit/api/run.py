@@ -18,7 +18,7 @@ from framekit.api.monitor import USER_DEFINED, LineOf
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.memory.memory import unit_bits
 from framekit.run.block_state import BlockState, BlockStatus
 from framekit.run.edit import Edit as Edit

@@ -18,12 +18,12 @@ from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
 from framekit.codec.shown import refusal_text
 from framekit.definition.times import LineFormat
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
 from framekit.service.capture import Capture
-from framekit.service.line_load import LineLoad
+from framekit.service.driver import LineLoad
 from framekit.service.serving import Serving, ServingMonitor, check_line, line_of
 from framekit.transport.clock import AsyncioClock
 

@@ -14,13 +14,12 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Problem, parted
 from framekit.definition.vectors import Conversation, Vectors, check_vectors, read_vectors
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
+from framekit.link.conversation import SideUnderTest, Starter, run_conversation, run_frame_vector
 from framekit.link.engine import Engine
 from framekit.link.exchange import Ask
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
-from framekit.link.tested_side import Starter
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of

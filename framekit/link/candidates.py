@@ -13,7 +13,7 @@ from framekit.codec.errors import FrameError
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
-from framekit.link.frame_info import FrameInfo
+from framekit.link.frame_table import FrameInfo
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
 

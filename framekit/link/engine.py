@@ -18,19 +18,17 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.clock import DEFAULT_START, DeviceState
 from framekit.link.evaluate import Names
-from framekit.link.events import CharacterFault, Command, Send
+from framekit.link.events import CharacterFault, Command, LinkCounters, Monitor, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes, Shutdown
-from framekit.link.observe import LinkCounters, Monitor
 from framekit.link.output import Output
 from framekit.link.receiver import Receiver
 from framekit.link.reception import Dispatcher, OnFrame, Reception
 from framekit.link.scope import Scope
 from framekit.link.sequences.compiler import program_of
 from framekit.link.sequences.runtime import EngineFunctions, Machine
-from framekit.link.sequences.state import Run, State, frame_gone
-from framekit.link.sessions import SessionState
+from framekit.link.sequences.state import Run, SessionState, State, frame_gone
 from framekit.link.values import FrameValue, plain
 
 MOST_ROUNDS = 100_000

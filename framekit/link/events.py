@@ -1,4 +1,4 @@
-"""What goes into and comes out of a link engine, as plain values.
+"""What goes into and comes out of a link engine, as plain values; and what it tells about itself.
 
 The engine is sans-I/O: a driver tells it what happened on the line and when (the `Engine` methods), and carries out
 the commands it returns. Times are whole nanoseconds of one monotonic clock; nothing here knows where it comes from.
@@ -7,9 +7,11 @@ the commands it returns. Times are whole nanoseconds of one monotonic clock; not
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
+
+from framekit.link.values import plain
 
 
 class LineFault(enum.Enum):
@@ -68,3 +70,65 @@ class Reopen:
 
 
 Command = Send | Break | SetRts | Reopen
+
+
+Direction = Literal["in", "out", ""]
+Kind = Literal["frame", "bad", "noise", "break", "open", "closed", "trouble", "not_taken"]
+
+
+class Seen:
+    """Something that happened. `at` is when its last byte came or it was handed over for sending (ns).
+
+    `kind`: a frame; a bad one; noise; a line break; the connection; `trouble` (a step that could not be worked out, a
+    circle of steps); `not_taken` follows a frame that nobody waited for. `reason`: the cause of a bad frame, or words.
+    `place` is the byte of a bad frame where the fault is. `repeated`: the same bytes were sent before. `fields` are
+    made when they are asked for; `computed` reads those that were worked out when the frame was built.
+    """
+
+    __slots__ = (
+        "_computed", "_fields", "at", "direction", "frame", "kind", "place", "raw", "reason", "repeated", "segment",
+        "started_at",
+    )  # fmt: skip
+
+    def __init__(
+        self, direction: Direction, kind: Kind, at: int, raw: bytes = b"", frame: str = "",
+        fields: Mapping[str, Any] | None = None, reason: str = "", started_at: int = 0, segment: str = "",
+        place: int = 0, repeated: bool = False, computed: Callable[[], Mapping[str, Any]] | None = None,
+    ) -> None:  # fmt: skip
+        self.direction, self.kind, self.at, self.raw, self.frame = direction, kind, at, raw, frame
+        self.reason, self.started_at, self.segment = reason, started_at, segment
+        self.place, self.repeated = place, repeated
+        self._fields: Mapping[str, Any] = _NOTHING if fields is None else fields
+        self._computed = computed
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The fields of a frame as codecs give them: a frame inside is `{frame: fields}`."""
+        computed, self._computed = self._computed, None
+        found = self._fields if computed is None else {**computed(), **self._fields}
+        self._fields = made = {name: plain(value) for name, value in found.items()}
+        return made
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.direction} {self.frame} {self.raw.hex(' ')} {self.reason}>"
+
+
+_NOTHING: Mapping[str, Any] = {}
+
+
+Monitor = Callable[[Seen], None]
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """Frames by themselves sent, good frames received, those not taken, bad frames, bytes of noise.
+
+    `late`: those not taken that were replies whose exchange was over, or that answered a repeated request again.
+    """
+
+    sent: int = 0
+    received: int = 0
+    not_taken: int = 0
+    late: int = 0
+    bad: int = 0
+    noise_bytes: int = 0

@@ -11,8 +11,7 @@ from collections.abc import Mapping
 
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
-from framekit.link.frame_info import Ends, FrameInfo, by_extent
-from framekit.link.frame_table import FrameTable
+from framekit.link.frame_table import Ends, FrameInfo, FrameTable, by_extent
 
 Level = tuple[FrameInfo, ...]
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from framekit.definition.model.frames import fixed_size
 from framekit.definition.model.segments import Const, Segment, Wrap
 from framekit.link.evaluate import Names
-from framekit.link.frame_info import FrameInfo
-from framekit.link.frame_table import FrameTable
+from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.stream import Stream
 
 DONE = -1

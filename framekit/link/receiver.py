@@ -18,8 +18,7 @@ from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, a
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.expected import ExpectedFrames, Left
-from framekit.link.frame_info import FrameInfo
-from framekit.link.frame_table import FrameTable, ProtocolCodec, table_of
+from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 

@@ -13,9 +13,8 @@ from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
 from framekit.link.evaluate import EVALUATION_ERRORS
-from framekit.link.events import Reopen
+from framekit.link.events import LinkCounters, Reopen
 from framekit.link.lanes import Lanes
-from framekit.link.observe import LinkCounters
 from framekit.link.receiver import Receiver
 from framekit.link.sequences.runtime import Machine
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, Run, State, frame_arriving, frame_gone

@@ -22,7 +22,7 @@ from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.scope import Scope
-from framekit.link.services.work import CompiledBlock, CompiledJob, CompiledPlace
+from framekit.link.services.server import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure
 from framekit.run.commands import CommandBlocks, CommandFaultError, StatusPlaceError

@@ -26,8 +26,7 @@ from framekit.definition.problems import Position, did_you_mean, is_nearly, list
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
 from framekit.link.parameters import ParameterError, given_value
-from framekit.link.services.planning import TYPES, checked
-from framekit.link.services.rows import wants_address
+from framekit.link.services.rows import TYPES, checked, wants_address
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace

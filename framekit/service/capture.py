@@ -20,9 +20,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
-from framekit.link.events import CharacterFault, LineFault
+from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
-from framekit.link.observe import Seen
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, Tap, TappedPort, Way
 

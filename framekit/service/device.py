@@ -13,18 +13,17 @@ from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import MOST_STATIONS, LineFormat
 from framekit.link.clock import DeviceState
 from framekit.link.engine import Engine
+from framekit.link.events import LinkCounters, Monitor, Seen
 from framekit.link.exchange import Server
 from framekit.link.frame_faults import FrameFaults
-from framekit.link.observe import LinkCounters, Monitor, Seen
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.model import Channel, FaultPlan
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device, load_devices
-from framekit.service.driver import Driver
+from framekit.service.driver import Driver, LineLoad
 from framekit.service.faults import FaultInjector, FaultyPort
-from framekit.service.line_load import LineLoad
 from framekit.transport.clock import Clock, date_at
 from framekit.transport.port import Port
 from framekit.transport.schemes import open_port

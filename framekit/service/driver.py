@@ -10,11 +10,48 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
-from framekit.definition.times import NEVER
+from framekit.definition.times import NEVER, LineFormat
 from framekit.link.events import Break, CharacterFault, Command, Reopen, Send, SetRts
-from framekit.service.line_load import LineLoad
 from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import Port
+
+
+class LineLoad:
+    """Counts the bytes of one line. `line` None: there is no speed, and no load can be told."""
+
+    __slots__ = ("_sampled_at", "_sampled_bytes", "began", "bytes_in", "bytes_out", "character_time")
+
+    def __init__(self, line: LineFormat | None, began: int) -> None:
+        self.character_time = 0 if line is None else line.character_time
+        self.began = self._sampled_at = began
+        self.bytes_in = self.bytes_out = 0
+        self._sampled_bytes = 0
+
+    def begin(self, now: int) -> None:
+        """Time counts from now on, if nothing has been on the line before."""
+        if not self.bytes:
+            self.began = self._sampled_at = now
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of both directions."""
+        return self.bytes_in + self.bytes_out
+
+    def share(self, now: int) -> float | None:
+        """The part of the time since the beginning that the line was busy (0 to 1); None without a speed."""
+        return self._share(self.bytes, now - self.began)
+
+    def since_last(self, now: int) -> float | None:
+        """The same for the time since this was asked the last time."""
+        found = self._share(self.bytes - self._sampled_bytes, now - self._sampled_at)
+        self._sampled_at, self._sampled_bytes = now, self.bytes
+        return found
+
+    def _share(self, count: int, elapsed: int) -> float | None:
+        if not self.character_time:
+            return None
+        return count * self.character_time / elapsed if elapsed > 0 else 0.0
+
 
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 

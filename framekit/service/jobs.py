@@ -24,7 +24,7 @@ from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command as LinkCommand
-from framekit.link.observe import Monitor
+from framekit.link.events import Monitor
 from framekit.link.packing import values_of
 from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits

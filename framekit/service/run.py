@@ -24,9 +24,8 @@ from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import Resolve, awaited_bits
 from framekit.runfile.devices import put_values
-from framekit.service.channel import ChannelService, Made, RunChannels, RunMonitor, undisturbed
+from framekit.service.channel import ChannelService, Exchanges, Made, RunChannels, RunMonitor, rules_of, undisturbed
 from framekit.service.device import DeviceService
-from framekit.service.exchanges import Exchanges, rules_of
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at

@@ -15,14 +15,14 @@ from functools import partial
 from typing import Any
 
 from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.events import LinkCounters, Monitor, Seen
 from framekit.link.exchange import Server
-from framekit.link.observe import LinkCounters, Monitor, Seen
 from framekit.link.services.server import ServiceCounters
 from framekit.run.model import DEFAULT_LIMITS, Channel, ConnectionLimits
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device
 from framekit.service.device import DeviceService, DeviceStore, stores_of
-from framekit.service.line_load import LineLoad
+from framekit.service.driver import LineLoad
 from framekit.transport.clock import Clock
 from framekit.transport.port import AcceptedPort, Port, PortEvents, PortListener, SharedPort
 from framekit.transport.schemes import make_listener, open_port, scheme_of

@@ -26,9 +26,8 @@ from framekit.definition.vectors import Conversation, load_vectors
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.conversation import SideUnderTest, default_line, run_conversation
 from framekit.link.evaluate import Names
-from framekit.link.events import CharacterFault, LineFault
+from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
-from framekit.link.observe import Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import plain

@@ -11,7 +11,7 @@ from link.test_df1_commands import Pair as Commands
 
 from framekit.link.addresses import AddressError
 from framekit.link.services.client import TransferResult
-from framekit.link.services.planning import ServiceError
+from framekit.link.services.rows import ServiceError
 from framekit.memory.memory import unit_bits
 
 

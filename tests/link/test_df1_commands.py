@@ -14,7 +14,7 @@ from framekit.link.construct_values import read_layout
 from framekit.link.events import Command
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, Done, TransferResult
-from framekit.link.services.planning import Plan, Planner
+from framekit.link.services.rows import Plan, Planner
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of

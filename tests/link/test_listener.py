@@ -10,9 +10,8 @@ from framekit.api.monitor import FrameLog
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import NEVER, parse_format
-from framekit.link.events import CharacterFault, LineFault
+from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import LONGEST_PAUSE, Listener
-from framekit.link.observe import Seen
 
 MS = 1_000_000
 CHARACTER = 1_145_833  # 9600 8E1

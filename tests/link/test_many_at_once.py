@@ -10,8 +10,7 @@ from link.service_loop import codec_of
 from framekit.definition.times import NEVER
 from framekit.link import engine as engines
 from framekit.link.engine import Engine
-from framekit.link.events import Send
-from framekit.link.observe import Seen
+from framekit.link.events import Seen, Send
 from framekit.link.sequences.state import MOST_STEPS
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue

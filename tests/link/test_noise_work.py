@@ -15,7 +15,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 from framekit.link.engine import Engine
-from framekit.link.observe import Monitor, Seen
+from framekit.link.events import Monitor, Seen
 from framekit.link.receiver import BAD_APART, MOST_BAD
 
 SIZE = 6_000

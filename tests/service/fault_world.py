@@ -11,8 +11,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
+from framekit.link.events import Seen
 from framekit.link.frame_faults import FrameFaults
-from framekit.link.observe import Seen
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
 from framekit.run.model import FaultPlan, FaultRule

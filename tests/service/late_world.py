@@ -14,7 +14,7 @@ from typing import Any
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import parse_format
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of

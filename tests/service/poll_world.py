@@ -10,8 +10,7 @@ from service.fault_world import Link, loaded
 
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
-from framekit.link.events import Send
-from framekit.link.observe import Seen
+from framekit.link.events import Seen, Send
 from framekit.link.services.client import TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory

@@ -9,7 +9,7 @@ import pytest
 from framekit.api.run import run_status
 from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.run.edit import Edit, plan_edit
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService

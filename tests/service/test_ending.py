@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from framekit.cli.main import main
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
 from framekit.service.run import LONGEST_SHUTDOWN, RunService
 from framekit.transport.clock import VirtualClock

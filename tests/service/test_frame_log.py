@@ -8,7 +8,7 @@ import pytest
 
 from framekit.api.monitor import FrameFilter, FrameLog, ascii_of, result_of
 from framekit.definition.load import load_protocol
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 
 MLDP, USER = load_protocol("mldp", Path.cwd()), load_protocol("third-party-plc", Path.cwd())
 ASK = bytes.fromhex("05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock

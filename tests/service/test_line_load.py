@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from framekit.definition.times import parse_format
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
-from framekit.service.line_load import LineLoad
+from framekit.service.driver import LineLoad
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -20,7 +20,7 @@ from transport.real_world import run as run_real
 import framekit
 from framekit.definition.load import load_protocol
 from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.runfile.devices import load_devices
 from framekit.runfile.run_file import load_run
 from framekit.service.device import DeviceService

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.run.feasibility import load_problems
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService

@@ -9,7 +9,7 @@ import socket
 from pathlib import Path
 
 from framekit.api.run import run_status
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.run.model import ConnectionLimits
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService

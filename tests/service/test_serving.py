@@ -14,7 +14,7 @@ import pytest
 
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import LineFormat
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 from framekit.link.sequences import runtime
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import DeviceSettings, load_devices

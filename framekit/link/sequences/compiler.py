@@ -25,9 +25,10 @@ from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, tabl
 from framekit.link.late import is_numbered, replies_of
 from framekit.link.sequences import runtime
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledSequence, CompiledStep, Rows, State, begin_clock
-from framekit.link.sequences.step_keys import ADDED_FUNCTIONS, STEP_KEYS
 from framekit.link.sequences.writing import (
+    ADDED_FUNCTIONS,
     OF_EXCHANGE,
+    STEP_KEYS,
     Frames,
     SequenceModule,
     StepWriter,

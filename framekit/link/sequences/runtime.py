@@ -17,11 +17,10 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.clock import with_date
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.events import Break, Send
+from framekit.link.events import Break, Monitor, Seen, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
-from framekit.link.observe import Monitor, Seen
 from framekit.link.output import Output
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import (
@@ -34,11 +33,11 @@ from framekit.link.sequences.state import (
     ExchangeContext,
     Next,
     Run,
+    SessionState,
     State,
     begin_clock,
     clock_starts,
 )
-from framekit.link.sessions import SessionState
 from framekit.link.values import FrameValue, plain
 
 RECEIVING, PAUSING, ASKING, DONE, GOING = State.RECEIVING, State.PAUSING, State.ASKING, State.DONE, State.GOING

@@ -5,19 +5,25 @@ Clients and servers read the same rows; neither's work is done here. Language re
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, cast
 
+from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression, names_in
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import Parameter, Protocol
 from framekit.definition.model.segments import Data, Segment
-from framekit.definition.model.services import Area, ServiceRow
+from framekit.definition.model.services import Area, Argument, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.walk import everything, expressions_of, parts_of
+from framekit.definition.problems import NOWHERE, did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
-from framekit.link.evaluate import Evaluate, bare_name, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
-from framekit.link.packing import Packer
+from framekit.link.packing import Packer, cut_memory, values_of
+from framekit.link.parameters import ParameterError, given_value
+from framekit.memory.memory import unit_bits
 
 NATIVE = frozenset({"start", "count", "first"})
 """Names that count elements: a row that sends them, and no text, speaks of the area's own units only."""
@@ -150,3 +156,300 @@ def _maybe(expression: Expression | None) -> Evaluate | None:
 def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:
     """The data among these segments that are filled up with padding."""
     return frozenset(one.name for one in everything(segments) if isinstance(one, Data) and one.pad is not None)
+
+
+class ServiceError(ValueError):
+    """A transfer that this protocol has no request for; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """`count` elements at an address, `done` elements behind the whole's start; `data` to write, in memory's form."""
+
+    address: Address
+    count: int
+    data: bytes | None = None
+    done: int = 0
+
+    @property
+    def bits(self) -> int:
+        return self.count * self.address.unit_bits
+
+    def cut(self, start: int, count: int, moved: Address) -> Piece:
+        """`count` elements of this piece from its element `start` on, which stand at `moved`."""
+        width = self.address.unit_bits
+        data = None if self.data is None else cut_memory(self.data, start * width, count * width)
+        return Piece(moved, count, data, self.done + start)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A row and the exchanges that do the whole: each has one piece, or several where the row carries a list.
+
+    `skip` is the number of bits that were added in front of the first piece to align it, `bits` those that were wanted.
+    """
+
+    facts: RowFacts
+    exchanges: tuple[tuple[Piece, ...], ...]
+    first: int
+    total: int
+    skip: int
+    bits: int
+
+
+class Planner:
+    """Chooses rows and cuts transfers. `names` are what rows may read beside what is offered for them."""
+
+    def __init__(self, shared: ServiceRows) -> None:
+        self.shared = shared
+        self.grammar = shared.grammar
+
+    def plan(self, service: str, piece: Piece, names: Names, *, listed: bool = False) -> Plan:
+        """The exchanges for one range of elements. Raises ServiceError when no row carries it.
+
+        A range whose unit no row takes is carried in a unit of the area; a write only if it begins and ends with that.
+        """
+        for carried, skip in self._carried(piece):
+            for facts in self.shared.rows.get(service, ()):
+                if carried is not piece and facts.place_is_in(piece.address):
+                    continue
+                found = self._by_row(facts, carried, names, listed)
+                if found is not None:
+                    exchanges, more = found
+                    return Plan(facts, exchanges, carried.address.start, carried.count, skip + more, piece.bits)
+        area = self.shared.protocol.areas[piece.address.area]
+        if piece.data is not None and area.access == "read":
+            raise ServiceError(f"{piece.address} is in area {area.name}, which can only be read")
+        where = "" if piece.count == 1 else f"{piece.count} × {piece.address.unit} from "
+        hint = "name another address, or look whether role and parameters are those of the device"
+        raise ServiceError(f"no request can {service} {where}{piece.address} – {hint}")
+
+    def serves(self, address: Address, names: Names) -> bool:
+        """Whether a request can read or write one element at a place."""
+        data = bytes(-(-address.unit_bits // 8))
+        for service, piece in (("read", Piece(address, 1)), ("write", Piece(address, 1, data))):
+            with suppress(ServiceError):
+                self.plan(service, piece, names)
+                return True
+        return False
+
+    def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
+        """The range in its own unit, then in the area's, with the bits that stand before it in these."""
+        yield piece, 0
+        area = self.shared.protocol.areas[piece.address.area]
+        first, end = piece.address.first_bit, piece.address.first_bit + piece.bits
+        for unit in dict.fromkeys((area.unit, *area.codes)):
+            width = unit_bits(unit)
+            if unit == piece.address.unit or (piece.data is not None and (first % width or end % width)):
+                continue
+            start = first // width
+            count = -(-end // width) - start
+            place = self._at(piece.address, unit, start)
+            yield Piece(place, count, piece.data, 0), first - start * width
+
+    def _at(self, address: Address, unit: str, start: int) -> Address:
+        moved = Address(address.area, unit, start, "", address.parts)
+        return self.grammar.advance(moved, 0)
+
+    def _by_row(
+        self, facts: RowFacts, piece: Piece, names: Names, listed: bool
+    ) -> tuple[tuple[tuple[Piece, ...], ...], int] | None:
+        area = self.shared.protocol.areas[piece.address.area]
+        if not facts.fits(area, piece.address.unit) or (listed and not facts.row.most_variables):
+            return None
+        aligned = self._aligned(facts, piece)
+        if aligned is None:
+            return None
+        try:
+            offered = Names(self._offered(facts, piece, piece.address.start, piece.count), names)
+            if facts.when is not None and not facts.when(offered):
+                return None
+        except EVALUATION_ERRORS:
+            return None
+        wider, skip = aligned
+        return self._exchanges(facts, self._cut(facts, wider, offered), offered), skip * piece.address.unit_bits
+
+    def _aligned(self, facts: RowFacts, piece: Piece) -> tuple[Piece, int] | None:
+        """The range widened to whole units of `align`, and how many are added in front; None for an unaligned write."""
+        step = self._step(facts, piece)
+        start, end = piece.address.start, piece.address.start + piece.count
+        low, high = start - start % step, -(-end // step) * step
+        if (low, high) == (start, end):
+            return piece, 0
+        if piece.data is not None:
+            return None
+        return Piece(self._at(piece.address, piece.address.unit, low), high - low), start - low
+
+    def _step(self, facts: RowFacts, piece: Piece) -> int:
+        return max(1, facts.row.align_bits // piece.address.unit_bits)
+
+    def _cut(self, facts: RowFacts, piece: Piece, offered: Names) -> Iterator[Piece]:
+        step, start = self._step(facts, piece), 0
+        while start < piece.count:
+            place = piece.address if start == 0 else self.grammar.advance(piece.address, start)
+            most = self._most(facts, place, offered)
+            count = min(piece.count - start, most if most < step else most - most % step)
+            if count < 1:
+                raise ServiceError(f"not even one {place.unit} of {place} fits into a request of this protocol")
+            yield piece.cut(start, count, place)
+            start += count
+
+    def _most(self, facts: RowFacts, address: Address, offered: Names) -> int:
+        """The most elements of one piece."""
+        most = (
+            1
+            if facts.single
+            else 1 << 32
+            if facts.limit_count is None
+            else self._limit(facts, facts.limit_count, offered)
+        )
+        if facts.limit_bytes is None:
+            return most
+        return min(most, facts.packer(address.unit).most(address.start, self._limit(facts, facts.limit_bytes, offered)))
+
+    def _limit(self, facts: RowFacts, limit: Evaluate, offered: Names) -> int:
+        try:
+            return int(limit(offered))
+        except EVALUATION_ERRORS as error:
+            raise ServiceError(f"the limit of row '{facts.row.name}' cannot be worked out: {explain(error)}") from None
+
+    def _exchanges(self, facts: RowFacts, pieces: Iterator[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
+        if not facts.row.most_variables:
+            return tuple((piece,) for piece in pieces)
+        return self.grouped(facts, list(pieces), offered)
+
+    # ---- lists of variables -------------------------------------------------------------------------------
+
+    def plan_list(self, service: str, pieces: Sequence[Piece], names: Names) -> list[Plan]:
+        """The exchanges for single variables, in their order: as lists where a row carries lists, else one by one."""
+        plans: list[Plan] = []
+        waiting: list[Plan] = []
+        for piece in pieces:
+            try:
+                plan = self.plan(service, piece, names, listed=True)
+            except ServiceError:
+                plan = self.plan(service, piece, names)
+            if waiting and not (plan.facts.row.most_variables and self._alike(waiting[-1], plan)):
+                plans.extend(self._joined(waiting, names))
+                waiting = []
+            (waiting if plan.facts.row.most_variables else plans).append(plan)
+        return plans + self._joined(waiting, names)
+
+    def _alike(self, one: Plan, other: Plan) -> bool:
+        return one.facts is other.facts and (
+            one.facts.row.same != "unit" or one.exchanges[0][0].address.unit == other.exchanges[0][0].address.unit
+        )
+
+    def _joined(self, plans: list[Plan], names: Names) -> list[Plan]:
+        """Plans of one row as few exchanges; a plan that had to be aligned stays alone."""
+        if not plans or any(sum(p.bits for e in plan.exchanges for p in e) != plan.bits for plan in plans):
+            return plans
+        facts = plans[0].facts
+        pieces = [piece for plan in plans for exchange in plan.exchanges for piece in exchange]
+        offered = Names(facts.names(pieces[0].address, pieces[0].count), names)
+        exchanges = self.grouped(facts, pieces, offered)
+        total = sum(piece.count for piece in pieces)
+        return [Plan(facts, exchanges, pieces[0].address.start, total, 0, sum(piece.bits for piece in pieces))]
+
+    def grouped(self, facts: RowFacts, pieces: list[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
+        """Pieces as lists that one request can carry."""
+        most_bytes = None if facts.limit_bytes is None else self._limit(facts, facts.limit_bytes, offered)
+        exchanges: list[list[Piece]] = []
+        used = 0
+        for piece in pieces:
+            size = facts.packer(piece.address.unit).size(piece.address.start, piece.count)
+            full = not exchanges or len(exchanges[-1]) == facts.row.most_variables
+            if full or (most_bytes is not None and used + size > most_bytes):
+                exchanges.append([])
+                used = 0
+            exchanges[-1].append(piece)
+            used += size
+        return tuple(tuple(exchange) for exchange in exchanges)
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def offered(self, plan: Plan, piece: Piece) -> dict[str, Any]:
+        """Everything section 11 offers for one piece of a plan. Raises AddressError."""
+        return self._offered(plan.facts, piece, plan.first, plan.total)
+
+    def _offered(self, facts: RowFacts, piece: Piece, first: int, total: int) -> dict[str, Any]:
+        address = piece.address
+        found = facts.names(address, piece.count)
+        found.update(first=first, done=piece.done, total=total)
+        if piece.data is not None:
+            found["data"] = facts.packer(address.unit).to_data(piece.data, address.start, piece.count)
+            if address.unit == "bit":
+                found["bits"] = values_of(piece.data, "bit", piece.count)
+        return found
+
+
+# ---- arguments of a call ----------------------------------------------------------------------------------
+
+TYPES = ("time", "number", "flag", "choice", "text", "bytes", "list")
+"""The types of arguments that are checked; values of any other type are taken as they are."""
+
+
+def arguments_of(facts: RowFacts, given: Mapping[str, Any], names: Names) -> dict[str, Any]:
+    """The values of all arguments of a row, by name. Raises ServiceError for all that are unknown, missing or unfit."""
+    row = facts.row
+    values: dict[str, Any] = {}
+    problems: list[str] = []
+    for argument in row.takes:
+        if argument.name in given or argument.default is not None:
+            try:
+                values[argument.name] = _value(row.service, argument, given, names)
+            except ServiceError as error:
+                problems.append(str(error))
+    if problems or len(values) < len(row.takes) or not given.keys() <= values.keys():
+        raise ServiceError("; ".join([*problems, *_misnamed(row, given)]))
+    for name, numbers in facts.named_numbers.items():
+        if isinstance(values.get(name), str):
+            values[name] = numbers.get(values[name], values[name])
+    return values
+
+
+def _misnamed(row: ServiceRow, given: Mapping[str, Any]) -> Iterator[str]:
+    """Arguments without which the row cannot be called, and those that it does not take."""
+    known = [argument.name for argument in row.takes]
+    missing = [f"'{one.name}'" for one in row.takes if one.default is None and one.name not in given]
+    if missing:
+        yield f"'{row.service}' needs the argument{'s' * (len(missing) > 1)} {listed(missing)}"
+    unknown = [name for name in given if name not in known]
+    if len(unknown) == 1:
+        hint = did_you_mean(unknown[0], known)
+        yield f"'{row.service}' takes no argument '{unknown[0]}'" + (f" – {hint}" if hint else "")
+    elif unknown:
+        hint = f" – known: {', '.join(known)}" if known else ""
+        yield f"'{row.service}' takes no arguments {listed(repr(name) for name in unknown)}{hint}"
+
+
+def _value(service: str, argument: Argument, given: Mapping[str, Any], names: Names) -> Any:
+    if argument.name not in given:
+        assert argument.default is not None
+        try:
+            return compile_expression(argument.default)(names)
+        except EVALUATION_ERRORS as error:
+            raise ServiceError(f"the default of '{argument.name}' cannot be worked out: {explain(error)}") from None
+    try:
+        return checked(argument, given[argument.name])
+    except ParameterError as error:
+        raise ServiceError(f"'{service}': {str(error).replace('parameter', 'argument', 1)}") from None
+
+
+def checked(argument: Argument, value: Any) -> Any:
+    """The value as the argument takes it. Raises ParameterError."""
+    return given_value(_as_parameter(argument), value) if argument.type in TYPES else value
+
+
+def _as_parameter(argument: Argument) -> Parameter:
+    return Parameter(
+        name=argument.name,
+        type=cast(Any, argument.type),
+        default=None,
+        is_=None,
+        limits=argument.limits,
+        choices=argument.choices,
+        doc="",
+        at=NOWHERE,
+        items=cast(Any, argument.items),
+    )

@@ -18,7 +18,7 @@ from framekit.cli.main import build_parser, main
 from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.screen.app import parse_filter
 from framekit.cli.serve_verb import ServeSession, server_of
-from framekit.link.observe import Kind, Seen
+from framekit.link.events import Kind, Seen
 from framekit.runfile.run_file import load_run
 from framekit.transport.pty_pair import PtyPair
 
