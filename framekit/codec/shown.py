@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from opcode import opmap
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from framekit.definition.model.protocol import Protocol
+if TYPE_CHECKING:  # what has been kept is decoded without the model
+    from framekit.definition.model.protocol import Protocol
 
 
 def shown(value: Any) -> Any:

@@ -6,6 +6,9 @@ import hashlib
 import marshal
 import os
 import pickle
+import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 from types import CodeType
 
@@ -372,3 +375,15 @@ def test_the_code_of_sequences_is_kept_and_made_again_when_it_is_damaged(cache: 
     written(tmp_path, OWN.replace("value", "other"))
     code()
     assert len(made) == 3
+
+
+def test_decoding_what_has_been_kept_needs_no_model(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text("protocol: small\nframes:\n  one: {body: [{field: a, type: u8}]}\n")
+    script = (
+        "import sys; from framekit.cli.main import main; main(['decode', 'small.yaml', '07']); "
+        "print([name for name in sys.modules if name.startswith(('framekit.definition.model', 'yaml'))])"
+    )
+    run = partial(subprocess.run, [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
+    environment = {**os.environ, "FRAMEKIT_CACHE": str(tmp_path / "cache")}
+    assert "framekit.definition.model" in run(env=environment).stdout, "it has to be compiled first"
+    assert run(env=environment).stdout.splitlines()[-1] == "[]"
