@@ -47,7 +47,7 @@ class Dispatcher:
         """Offers a good frame to the rows of those who wait. Tells whether one took it."""
         name, machine = value.frame, self.machine
         for run in self.lanes.order:
-            if run.state is not State.RECEIVING or name not in run.interest:
+            if run.state is not State.RECEIVING or name not in run.expected:
                 continue
             top = run.top
             context = top.d
@@ -85,7 +85,7 @@ class Dispatcher:
         """A bad frame goes to the lane whose rows name it, else to the first with a handler. False: to none."""
         receiving = list(self._receiving())
         for run in receiving:
-            if bad.frame in run.interest:
+            if bad.frame in run.expected:
                 run.cause = f"{bad.frame}: {bad.cause}"
                 self._handle(run, "on_bad", cause=bad.cause, frame=bad.frame)
                 return True
@@ -224,7 +224,7 @@ class Reception:
         for run in self.lanes.order:
             if run.state is State.RECEIVING:
                 top = run.top
-                waiting += (top.step, run.interest if run.has_always else top.d.expected)
+                waiting += (top.step, run.expected if run.has_always else top.d.expected)
                 own_gap = own_gap or run.gap is not None
                 is_limited = is_limited or run.complete is not None or run.longest < NEVER
             elif run.state is State.HELD:
@@ -245,8 +245,8 @@ class Reception:
             if run.state is State.HELD:
                 held = looks = others = True
             elif run.state is State.RECEIVING:
-                looks = looks or bool(run.interest) or run.wants_others or "on_noise" in run.top.step.handlers
-                names.update(dict.fromkeys(run.interest))
+                looks = looks or bool(run.expected) or run.wants_others or "on_noise" in run.top.step.handlers
+                names.update(dict.fromkeys(run.expected))
                 others = others or run.wants_others
         if not self.lanes.order or (held and not names):
             return self._all, ()
@@ -258,7 +258,7 @@ class Reception:
     def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> None:
         """The clock of a run for which a frame is arriving, or turned out not to be."""
         receiver = self.receiver
-        if any(name in run.interest for name in waiting):
+        if any(name in run.expected for name in waiting):
             limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
             frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
         else:

@@ -561,10 +561,10 @@ def wait(a: CallFrame, step: CompiledStep) -> Next:
     if run.lane.waiting:
         machine.stirred = True
     expected = d.expected
-    run.rows, run.interest = step.rows.known.get(expected) or step.rows.of(expected)
+    run.rows, run.expected = step.rows.known.get(expected) or step.rows.of(expected)
     run.wants_others = step.wants_others
     if run.has_always:
-        run.interest = _with_always(run)
+        run.expected = _with_always(run)
     run.candidate = None
     run.wait_number += 1
     if step.queue_rows:
@@ -584,7 +584,7 @@ def wait(a: CallFrame, step: CompiledStep) -> Next:
 
 def _with_always(run: Run) -> tuple[str, ...]:
     """The frames of the step's rows, then of `always` rows, its own sequence's and its callers'."""
-    found = dict.fromkeys(run.interest)
+    found = dict.fromkeys(run.expected)
     for frame in run.calls():
         if frame.step.always is not None:
             found.update(dict.fromkeys(frame.step.always.of(frame.d.expected)[1]))

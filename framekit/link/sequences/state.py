@@ -261,8 +261,8 @@ class Run:
     """
 
     __slots__ = (
-        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "gap", "given_up",
-        "go_on", "has_always", "interest", "kind", "lane", "longest", "machine", "outcome", "pause", "rows", "started",
+        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "expected", "gap",
+        "given_up", "go_on", "has_always", "kind", "lane", "longest", "machine", "outcome", "pause", "rows", "started",
         "state", "top", "unsent", "wait_number", "wants_others", "within",
     )  # fmt: skip
 
@@ -285,7 +285,7 @@ class Run:
         self.deadline = NEVER
         self.clock_waits = False
         self.wait_number = 0
-        self.interest: tuple[str, ...] = ()
+        self.expected: tuple[str, ...] = ()
         self.rows: Mapping[str, Any] = {}
         self.has_always = False
         self.wants_others = False
