@@ -328,5 +328,6 @@ class Reception:
 
     def drop_stale(self) -> None:
         """An exchange begins and nothing listened: what came before cannot be its reply."""
-        if not self.machine.is_idle or self.receiver.stream.is_marked:
-            self.show_noise(self.receiver.flush())
+        receiver = self.receiver
+        if receiver.stream.is_marked or not (self.machine.is_idle or receiver.is_idle):
+            self.show_noise(receiver.flush())

@@ -1,0 +1,41 @@
+"""What a monitor is shown of frames that are sent: their fields as they were then, whenever it asks for them."""
+
+from __future__ import annotations
+
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol_text
+from framekit.link.engine import Engine
+from framekit.link.observe import Seen
+
+TEXT = """protocol: shown
+line: {kind: stream, tcp: 1}
+params: {wide: {type: number, default: 1}}
+state: {count: {type: u8, initial: 1}}
+frames:
+  told:
+    body: [{const: 02}, {field: what, type: u8}, {field: more, type: u8, when: "wide == 1", build: "what + 1"}]
+  counted:
+    body: [{const: 03}, {field: what, type: u8}, {field: more, type: u8, when: "count == 1", build: "what + 1"}]
+"""
+
+
+def test_fields_of_a_sent_frame_are_those_of_the_moment_it_was_sent() -> None:
+    protocol = load_protocol_text(TEXT, "shown")
+    seen: list[Seen] = []
+    engine = Engine(protocol, compile_protocol(protocol), None, monitor=seen.append)
+    engine.opened(0)
+    for frame in ("told", "counted"):
+        engine.send_frame(frame, 0, {"what": 5})
+        engine.sent(0)
+    engine.scope.set("wide", 0)
+    engine.scope.set("count", 0)
+    sent = [one for one in seen if one.kind == "frame"]
+    assert [one.raw for one in sent] == [bytes([2, 5, 6]), bytes([3, 5, 6])]
+    assert [one.fields for one in sent] == [{"what": 5, "more": 6}] * 2
+    assert [one.fields for one in sent] == [{"what": 5, "more": 6}] * 2, "asked again"
+
+
+def test_only_a_frame_that_depends_on_no_state_is_read_when_it_is_looked_at() -> None:
+    protocol = load_protocol_text(TEXT, "shown")
+    engine = Engine(protocol, compile_protocol(protocol), None)
+    assert engine.machine.shown_later == {"told": ("wide",)}
