@@ -5,7 +5,7 @@ from __future__ import annotations
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol_text
 from framekit.link.engine import Engine
-from framekit.link.observe import Seen
+from framekit.link.events import Seen
 
 TEXT = """protocol: shown
 line: {kind: stream, tcp: 1}
