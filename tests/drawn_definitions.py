@@ -38,8 +38,16 @@ NUMBERS = (
     "§", "§ + 1", "§ * 2", "§ - 1", "§ & 3", "len(¤)", "4 if § > 2 else 1", "min(§, 3)", "§ // §", "max(§, §)",
     "get(names, §, 3)", "7 - §", "abs(§ - 4)", "(§ << 1) & 7", "find(names, 5)",
 )  # fmt: skip
+MORE_CONDITIONS = ("§ == none()", "either(§, 2) > 1", "limit > 1", "§ + level > 4", "only(text(§), '0123')", "same(¤)")
+MORE_NUMBERS = (
+    "either(§, 2)", "limit", "§ + level", "number(digits(§ & 15, 2), 16)", "rotl8(§ & 255, 1)", "span(§ & 7, 3)",
+    "sum([§, §])", "[§, 2][0]", "find_last(names, 5)", "[§, 3, 1][1]", "1 if ¤ == none() else 2",
+)  # fmt: skip
+"""Drawn only where `more` is asked for: parameters, state, functions, lists, what is nothing."""
 SIZES = ("§", "§", "§ & 3", "§ - 1", "min(§, 4)", "2", "§ // 2", "2 * §")
 BYTES = (0x10, 0x41, 0x03, 0x05, 0x00, 0xFF, 0x30, 0x7E)
+PARAMS = {"limit": {"type": "number", "default": "2", "range": "0..9"}}
+STATE = {"level": {"scope": "line", "type": "u8", "initial": "1"}}
 CHECKS = ("sum8", "xor8", "crc16-modbus", "lrc8", "sum16", "crc8", "folded")
 
 
@@ -61,10 +69,12 @@ class DrawnDefinition:
     """`text` is a protocol whose frame `f` has some random segments, `values` what it may be built from.
 
     `used` are the kinds and keys in it. `kinds`: those that are to be there. Expressions may name what comes later.
+    `more`: also parameters, state, and further functions and keys, so that other definitions come of the same seed.
     """
 
-    def __init__(self, seed: int | str, kinds: tuple[str, ...] = ()) -> None:
+    def __init__(self, seed: int | str, kinds: tuple[str, ...] = (), *, more: bool = False) -> None:
         self.random = Random(seed)
+        self.more = more
         self.count = 0
         self.layouts: dict[str, Segments] = {}
         self.frames: dict[str, dict[str, Any]] = {}
@@ -81,6 +91,7 @@ class DrawnDefinition:
             "protocol": "drawn",
             "order": self.random.choice(["big", "little"]),
             "tables": {"names": {"1": 2, "2-4": 5, "7": 1}},
+            **({"params": PARAMS, "state": STATE} if more else {}),
             "checks": {"folded": {"fold": "(acc * 3 + byte) & 0xFF", "initial": 1}},
             **({"layouts": self.layouts} if self.layouts else {}),
             **({"groups": self.groups} if self.groups else {}),
@@ -137,6 +148,8 @@ class DrawnDefinition:
                 self.groups["g"]["delimited"] = "yes"
             if first in self.groups["g"]["head"]:
                 frame["where"] = {first["field"]: self.some(1, [1, 2])}
+                if self.more and self.chance(0.3):
+                    frame["where"] = {first["field"]: {"build": self.some("limit", "level + 1")}}
 
     def body(self, scope: Scope, values: dict[str, Any], depth: int, kinds: tuple[str, ...] = ()) -> Segments:
         """Some segments, the values of which are put into `values`."""
@@ -165,7 +178,7 @@ class DrawnDefinition:
     def _common(self, segment: dict[str, Any], scope: Scope, before: Scope) -> None:
         kind = next(key for key in segment if key in DRAWN)
         if self.chance(0.15):
-            self.expression(segment, "when", self.random.choice(CONDITIONS), before)
+            self.expression(segment, "when", self.condition(), before)
         if self.chance(0.07):
             segment["refuse"] = self.random.randrange(1, 9)
         if self.chance(0.03):
@@ -176,6 +189,13 @@ class DrawnDefinition:
             if kind in ("bits", "include", "wrap", "choose", "optional"):
                 scope.sized.append(segment["name"])
             scope.places.append(segment["name"])
+
+    def condition(self) -> str:
+        return self.random.choice(MORE_CONDITIONS if self.more and self.chance(0.4) else CONDITIONS)
+
+    def number(self) -> str:
+        """An expression that gives a number."""
+        return self.random.choice(MORE_NUMBERS if self.more and self.chance(0.4) else NUMBERS)
 
     def type(self, scope: Scope) -> dict[str, Any]:
         """Keys of a whole number."""
@@ -225,14 +245,14 @@ def field(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
     values[name] = drawn.random.randrange(9)
     option = drawn.random.randrange(22)
     if option == 0:
-        drawn.expression(segment, "is", drawn.random.choice(NUMBERS), scope)
+        drawn.expression(segment, "is", drawn.number(), scope)
         del values[name]
     elif option == 1:
-        drawn.expression(segment, "build", drawn.random.choice(NUMBERS), scope)
+        drawn.expression(segment, "build", drawn.number(), scope)
         if drawn.chance(0.7):
             del values[name]
     elif option in (2, 3):
-        drawn.expression(segment, "default", drawn.some("3", drawn.random.choice(NUMBERS)), scope)
+        drawn.expression(segment, "default", drawn.some("3", drawn.number()), scope)
         if drawn.chance(0.6):
             del values[name]
     elif option == 4:
@@ -273,11 +293,11 @@ def bits(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
     option = drawn.random.randrange(8)
     if option == 0:
         segment["is"] = {}
-        drawn.expression(segment["is"], low, drawn.some("1", drawn.random.choice(NUMBERS)), scope)
+        drawn.expression(segment["is"], low, drawn.some("1", drawn.number()), scope)
         del values[low]
     elif option == 1:
         segment["build"] = {}
-        drawn.expression(segment["build"], low, drawn.random.choice(NUMBERS), scope)
+        drawn.expression(segment["build"], low, drawn.number(), scope)
         del values[low]
     elif option == 2:
         segment["values"] = {low: {"1": "A", "4": "B"}}
@@ -385,6 +405,8 @@ def _items(
         scope.sized.append(name)
         return segment
     inside, inner = Scope(scope), {}
+    if drawn.more and drawn.chance(0.3):
+        inside.sized.append(name)  # the items before this one
     segment["of"] = drawn.body(inside, inner, depth + 1)
     values[name] = [dict(inner) for _ in range(many)]
     if drawn.chance(0.5):
@@ -397,6 +419,8 @@ def _items(
 def choose(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
     segment: dict[str, Any] = {}
     drawn.expression(segment, "choose", drawn.some("§", "§", "§ & 1", "min(§, 2)"), scope)
+    if drawn.more and drawn.chance(0.3):
+        segment["choose"] = drawn.some("limit", "level", "1 if limit == 2 else 0")
     segment["cases"] = {
         case: drawn.body(scope, values, depth + 1) if drawn.chance(0.85) else []
         for case in drawn.some(("1", "2"), ("0", "1, 2"), ("0", "1", "2,3,4"))
@@ -497,8 +521,10 @@ def value(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
     name = drawn.name("v")
     segment: dict[str, Any] = {"value": name}
     drawn.expression(segment, "read", drawn.random.choice((*NUMBERS, *CONDITIONS)), scope)
+    if drawn.more and drawn.chance(0.5):
+        drawn.expression(segment, "read", drawn.some(drawn.number(), drawn.condition()), scope)
     if drawn.chance(0.2):
-        drawn.expression(segment, "build", drawn.random.choice(NUMBERS), scope)
+        drawn.expression(segment, "build", drawn.number(), scope)
     scope.numbers.append(name)
     if drawn.chance(0.1):
         scope.places.append(name)

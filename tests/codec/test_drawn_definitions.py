@@ -279,6 +279,35 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 1},
         "01 03",
     ),
+    "a length of cases with a check of their own": (
+        "[{field: k, type: u8}, {choose: k, name: c, cases: {1: [{data: d, size: 2}, {check: crc16-modbus}],"
+        " 2: [{check: sum8}]}, else: []}, {length: n, type: u8, of: [c]}]",
+        {"k": 1, "d": b"ab"},
+        "01 61 62 79 88 04",
+    ),
+    "a check in a case over what another case holds": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{const: 30, when: k > 3}, {check: xor8}],"
+        " 2: [{check: xor8, over: k..here}]}, else: []}]",
+        {"k": 2},
+        "02 02",
+    ),
+    "a condition on a value of another case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{bits: {b: 0-2}, of: u8}],"
+        " 2: [{field: a, type: u8, when: 'either(b, 2) > 1'}]}, else: []}]",
+        {"k": 2, "a": 7},
+        "02 07",
+    ),
+    "a condition on what a case in a wrap before it does not hold": (
+        "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{choose: k, cases: {1: [{length: n, type: u8, of: [d]},"
+        " {data: d, size: n}]}, else: []}]}, {const: 10 03}, {check: sum8, when: n != none()}]",
+        {"k": 0},
+        "00 10 03",
+    ),
+    "a body that begins with a condition, behind a head of any size": (
+        "[{require: 3 < 4}, {field: t, type: ascii, size: 2}], group: behind_list",
+        {"r": [6], "t": "ab"},
+        "36 61 62 03",
+    ),
     "a field of a record of a record in the items of a list": (
         "[{repeat: r, times: 2, of: [{include: outer, as: o}]}, {value: v, read: 'sum(r.o.i.a)'}]",
         {"r": [{"o": {"i": {"a": 2}}}, {"o": {"i": {"a": 3}}}]},
@@ -353,6 +382,14 @@ UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 """By what it shows: a body, values, what is said about them."""
 REFUSED: dict[str, tuple[str, str]] = {
+    "a default of a record's field by itself": (
+        "[{field: k, type: u8}, {include: circle, as: r}]",
+        "'a' cannot be computed from itself – name another value",
+    ),
+    "a frame inside that takes the rest in an item": (
+        "[{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{inner: i, of: [word], size: rest}]}]",
+        "nothing shows where 'i' ends in an item of 'r' – give it a size, or put a constant behind it",
+    ),
     "a default that comes later": (
         "[{field: k, type: u8}, {field: a, type: u8, default: b + 1, when: k}, {bits: {b: 0-2}, of: u8}]",
         "the default of what may be absent uses 'b', which is read only later – move 'b' before it",
@@ -469,6 +506,7 @@ FRAMES = (
 def protocol_of(body: str) -> str:
     layouts = (
         f"layouts: {{hop: [{{field: a, type: u8}}], {PART}, held: [{{require: k > 3}}],"
+        " circle: [{field: a, type: u8, default: r.a * 2, when: 3 > 3}],"
         " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
         " wrapped: [{field: a, type: u8}, {wrap: hex, of: [{data: d, size: rest}]}]}"
@@ -515,6 +553,13 @@ def test_what_cannot_round_trip_is_refused(title: str) -> None:
     with pytest.raises(DefinitionError) as caught:
         load_protocol_text(protocol_of(body), "found")
     assert what in str(caught.value)
+
+
+def test_a_frame_inside_that_is_broken_itself_is_all_that_is_told() -> None:
+    body = "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{inner: i, of: [other]}]}, {const: 10 03}]"
+    with pytest.raises(DefinitionError) as caught:
+        load_protocol_text(f"protocol: p\nframes: {{f: {{body: {body}}}, other: {{body: [{{}}]}}}}", "p")
+    assert [problem.what for problem in caught.value.problems] == ["a segment of frame 'other' has no kind"]
 
 
 def test_a_size_may_go_by_a_length_with_more_conditions() -> None:
@@ -586,9 +631,9 @@ ROUNDS = int(os.environ.get("FRAMEKIT_DRAWN", "2"))
 SEGMENTS = Path(__file__).parents[2] / "schemas" / "protocol.schema.json"
 
 
-def tried(seed: str, kinds: tuple[str, ...]) -> str:
+def tried(seed: str, kinds: tuple[str, ...], *, more: bool = False) -> str:
     """What becomes of a definition that holds these kinds: `refused`, `built`, or `unbuilt` for want of values."""
-    drawn = DrawnDefinition(seed, kinds)
+    drawn = DrawnDefinition(seed, kinds, more=more)
     try:
         trial = Trial(drawn.text, drawn.values, seed)
     except DefinitionError as error:
@@ -624,6 +669,25 @@ def test_thousands_of_definitions_hold(first: int) -> None:
             failed[seed] = str(error)
     assert not failed
     assert results.count("built") > 100
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(0, 2000, 500))
+def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
+    """Tried alone: `tried("m612", (), more=True)`."""
+    results, failed = [], {}
+    for seed in range(first, first + 500):
+        try:
+            results.append(tried(f"m{seed}", (), more=True))
+        except Exception as error:
+            failed[seed] = str(error)
+    assert not failed
+    assert results.count("built") > 100
+
+
+def test_a_few_definitions_with_parameters_and_state_hold() -> None:
+    results = [tried(f"m{seed}", (), more=True) for seed in range(60)]
+    assert results.count("built") > 10
 
 
 def test_half_of_what_is_drawn_is_taken_and_built() -> None:

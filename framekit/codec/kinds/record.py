@@ -70,7 +70,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
     plain = w.preset_plain(record.name, (record,))
     before = len(w.out.lines)
     inside = Scope(scope)
-    with w.out.block(f"if {w.text(record.when, scope)}:"):
+    with w.out.block(f"if {w.text(record.when, scope)}:"), w.apart():
         needed = lack_default(record.of)
         w.add(f"{local} = {given.value(record.name) if needed else given.value_or(record.name, '{}')}")
         inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))

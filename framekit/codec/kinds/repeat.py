@@ -189,7 +189,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     path = (*given.path, f"{repeat.name}[", Code(place), "].")
     inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
     before = w.names.fresh("before") if may_be_empty(w.shapes, repeat) else ""
-    with w.out.block(f"for {place}, {item} in enumerate({there}):"):
+    with w.out.block(f"for {place}, {item} in enumerate({there}):"), w.apart():
         if before:
             w.add(f"{before} = len({wire})")
         w.values(repeat.of, inside, inner)

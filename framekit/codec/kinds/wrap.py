@@ -21,7 +21,7 @@ from framekit.definition.model.segments import (
     Skip,
     Wrap,
 )
-from framekit.definition.model.walk import flat, leaves
+from framekit.definition.model.walk import flat, leaves, names_always_there
 
 
 class WrapKind(SegmentKind[Wrap]):
@@ -189,9 +189,11 @@ def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, f
         m.settle()
         m.may_fail = True
         stop = f"at + {further}" if further else "at"
+        always = names_always_there(wrap.of)
         m.add(f"fields = examine_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
         for name in names:
-            m.set_value(name, scope, f"fields[{quoted(name)}]")
+            there = f"[{quoted(name)}]" if name in always else f".get({quoted(name)})"
+            m.set_value(name, scope, f"fields{there}")
 
 
 def _measure_hex(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:

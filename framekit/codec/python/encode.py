@@ -146,7 +146,9 @@ def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] 
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
         return None
     head = module.shapes.all(frame.head).fixed
-    return frame.tail[0], next(in_place_of_records((*frame.body, *frame.tail))) if head is None else head
+    if head is not None:
+        return frame.tail[0], head
+    return frame.tail[0], next(one for one in in_place_of_records((*frame.body, *frame.tail)) if one.takes_bytes)
 
 
 def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
@@ -339,6 +341,8 @@ class EncodeWriter:
         wire = self.wires.get(segment.name or "")
         if wire is not None:
             return f"len({wire})"
+        if segment.name in self.rooms:
+            return self.rooms[segment.name]
         text = kind_of(segment).room(self, segment, scope, plain)
         return "0" if text is None else self.if_present(segment, scope, text, "0")
 
@@ -771,10 +775,17 @@ class EncodeWriter:
         self.add(f'{wire} = b""')
         plain = self.preset_plain(name, (self.by_name[name],))
         for header, segments, scope in self.late[name]:
-            with self.out.block(header):
+            with self.out.block(header), self.apart():
                 self.add(f"{wire} = {self.region(segments, scope, self.names.fresh('part'), sum_of(before))}")
                 self.add_plain(plain, segments)
         return wire
+
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """What is kept of bytes inside a case, a record that may be absent or an item is not there outside it."""
+        before = len(self.parts)
+        yield
+        del self.parts[before:]
 
     def preset_plain(self, name: str, segments: tuple[Segment, ...]) -> str | None:
         """A local for what checks see of segments that may be absent, where wraps among them make that something
@@ -931,8 +942,12 @@ class EncodeWriter:
         self.flush()
         has_checks = any(isinstance(one, Check) for one in flat((segment,)))
         plain = None
+        room = None
         if has_checks:
             self.late[name] = []
+            if name in self.asked_for:  # before its bytes are put together
+                room = self.rooms[name] = self.names.fresh(f"{name.strip('_')}_room")
+                self.add(f"{room} = 0")
         else:
             self.add(f'{wire} = b""')
             plain = self.preset_plain(name, (segment,))
@@ -941,7 +956,7 @@ class EncodeWriter:
         cases: Cases = kind_of(segment).cases(self, segment, scope, given)
         everywhere = {name for one in flat((segment,)) for name in one.value_names}
         for header, segments in cases:
-            with self.out.block(header):
+            with self.out.block(header), self.apart():
                 if segments is None:
                     self.add('raise EncodeError("", "no case fits")')
                     continue
@@ -950,6 +965,10 @@ class EncodeWriter:
                 if others:
                     assert given.in_cases is not None
                     self.add(f"{given.in_cases[1]} += {literal(tuple(sorted(others)))}")
+                if room is not None:
+                    with self.names_of(segments):
+                        names = [one.name or "" for one in segments if one.takes_bytes]
+                        self.add(f"{room} = {self.room(names, inside)}")
                 if has_checks:
                     self.late[name].append((header, segments, inside))
                 else:
@@ -970,6 +989,7 @@ class EncodeWriter:
             for name in one.value_names:
                 if name in self.read_names and name not in found:
                     found[name] = self.names.fresh(name)
+                    scope.entries[name] = NameEntry(found[name])
                     self.add(f"{found[name]} = None")
         return found
 

@@ -227,6 +227,11 @@ class _Ends:
         yield from self._region(frame.body if frame.delimited else frame.segments)
         for wrap in parts_of(frame.segments, Wrap):
             yield from self._region(wrap.of)
+        for repeat in parts_of(frame.segments, Repeat):
+            inner = next((one for one in repeat.members if isinstance(one, Inner) and one.size == "rest"), None)
+            if inner is not None and self.is_open(repeat.members):
+                what = f"nothing shows where {inner.title} ends in an item of '{repeat.name}'"
+                yield Problem(inner.at, what, "give it a size, or put a constant behind it")
 
     def _region(self, segments: Segments) -> Iterator[Problem]:
         """The parts of one region."""

@@ -21,7 +21,7 @@ from framekit.definition.check.services import (
     takes_something,
     without_parts,
 )
-from framekit.definition.expression.syntax import Attribute, Expression, Name, Text, names_in, walk
+from framekit.definition.expression.syntax import Attribute, Expression, Name, Node, Text, names_in, walk
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
@@ -95,18 +95,22 @@ class NameChecker:
 
     # ---- frames -------------------------------------------------------------------------------------------
 
-    def _segments(self, segments: tuple[Segment, ...], outer: Collection[str]) -> None:
+    def _segments(self, segments: tuple[Segment, ...], outer: Collection[str], records: tuple[str, ...] = ()) -> None:
         known = set(outer) | field_names(segments)
         for segment in flat(segments):
             self._expressions(without_parts(segment), known)
-            self._from_itself(segment, outer)
+            self._from_itself(segment, outer, records)
             if segment.inner_record is not None:
-                self._segments(segment.inner_record, known)
+                around = (*records, segment.name or "") if segment.is_record else ()
+                self._segments(segment.inner_record, known, around)
 
-    def _from_itself(self, segment: Segment, outer: Collection[str]) -> None:
+    def _from_itself(self, segment: Segment, outer: Collection[str], records: tuple[str, ...]) -> None:
         """In what computes a value, its own name means something outside, if there is such a thing."""
         for name, expression in segment.computed():
-            if name in names_in(expression.root) and name not in {*self.globally, *outer, *self.broken}:
+            own = {(*records[place:], name) for place in range(len(records))}
+            by_record = any(_path_of(node) in own for node in walk(expression.root) if isinstance(node, Attribute))
+            here = name in names_in(expression.root) and name not in {*self.globally, *outer, *self.broken}
+            if here or by_record:
                 self._note(expression.at, f"'{name}' cannot be computed from itself", "name another value")
 
     def _echo(self, frame: Frame) -> None:
@@ -268,3 +272,11 @@ class NameChecker:
                 return
             fields |= field_names(self.protocol.frames[name].segments)
         self._expressions(errors, fields | EXCHANGE | {"code"})
+
+
+def _path_of(node: Node) -> tuple[str, ...]:
+    """The names of `record.part.field`; empty for what begins otherwise."""
+    if isinstance(node, Attribute):
+        outer = _path_of(node.value)
+        return (*outer, node.name) if outer else ()
+    return (node.name,) if isinstance(node, Name) else ()

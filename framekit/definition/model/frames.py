@@ -81,10 +81,11 @@ class StaticSizes:
         self._known: dict[str, Sizes] = {}
 
     def frame(self, name: str) -> Sizes:
-        """Sizes of a frame; a frame that holds itself has no bound."""
+        """Sizes of a frame; one that holds itself has no bound, and one that is not there (it is broken) any size."""
         if name not in self._known:
             self._known[name] = ANY
-            self._known[name] = self.all(self.segments(self.frames[name]))
+            if name in self.frames:
+                self._known[name] = self.all(self.segments(self.frames[name]))
         return self._known[name]
 
     def segments(self, frame: Frame) -> Segments:
