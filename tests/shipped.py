@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
+
+from framekit.definition.vectors import Vectors, load_vectors
 
 FRAMES = Path(__file__).parent.parent / "frames"
 
@@ -19,3 +22,9 @@ def names(first_key: str) -> list[str]:
 
 PROTOCOLS = names("protocol")
 APPLICATIONS = names("application")
+
+
+@cache
+def vectors_of(name: str) -> Vectors:
+    """The vectors of a shipped protocol, read once a process: looking for cases takes long enough."""
+    return load_vectors(FRAMES / f"{name}.vectors.yaml")

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from construct_oracle import ConstructCodec, compile_construct
+from shipped import vectors_of
 from strategies import base_context
 
 from framekit.codec.errors import FrameError
@@ -16,7 +17,7 @@ from framekit.codec.plain import PlainValues
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import shipped_folder
-from framekit.definition.vectors import FrameVector, load_vectors
+from framekit.definition.vectors import FrameVector
 
 FOLDER = Path(shipped_folder("frames"))
 
@@ -30,7 +31,7 @@ def compiled(name: str) -> tuple[Protocol, ConstructCodec]:
 def cases() -> Iterator[Any]:
     for path in sorted(FOLDER.glob("*.vectors.yaml")):
         name = path.name.removesuffix(".vectors.yaml")
-        for vector in load_vectors(path).frames:
+        for vector in vectors_of(path.name.removesuffix(".vectors.yaml")).frames:
             if vector.frame is not None:
                 yield pytest.param(name, vector, id=f"{name}:{vector.at.line}")
 

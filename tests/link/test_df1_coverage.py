@@ -6,13 +6,13 @@ from functools import cache
 from typing import Any
 
 from link.service_loop import FRAMES
+from shipped import vectors_of
 
 from framekit.definition.expression.syntax import Number
 from framekit.definition.load import load_protocol
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field
-from framekit.definition.vectors import load_vectors
 
 INDEX = {
     *(0x0000, 0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0800),
@@ -68,14 +68,14 @@ def test_every_command_of_the_index_is_a_frame() -> None:
 
 
 def test_every_command_has_a_vector() -> None:
-    tested = {case.frame for case in load_vectors(FRAMES / "pccc.vectors.yaml").frames}
+    tested = {case.frame for case in vectors_of("pccc").frames}
     assert set(commands()) - tested == set()
 
 
 def test_every_command_has_a_vector_of_its_reply() -> None:
     """Named by CMD and FNC, with the number of a command; with data where the reply has some."""
     replied: dict[str, list[Any]] = {}
-    cases = load_vectors(FRAMES / "pccc.vectors.yaml").frames
+    cases = vectors_of("pccc").frames
     for case in cases:
         if case.frame == "reply":
             replied.setdefault(case.name.split(" ")[0].rstrip(":"), []).append(case.values)
@@ -89,7 +89,7 @@ def test_every_command_has_a_vector_of_its_reply() -> None:
 
 
 def test_every_vector_has_a_source() -> None:
-    assert all(case.source for case in load_vectors(FRAMES / "pccc.vectors.yaml").frames)
+    assert all(case.source for case in vectors_of("pccc").frames)
 
 
 def test_every_command_has_a_service_to_call() -> None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from link.service_loop import FRAMES
+from shipped import vectors_of
 
-from framekit.definition.vectors import load_vectors
-
-CASES = load_vectors(FRAMES / "df1.vectors.yaml").conversations
+CASES = vectors_of("df1").conversations
 
 FULL = {
     "FD-1": ("FD-1:", "a command is acknowledged, executed and answered"),

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.link_world import MS, cut_at, feed
+from shipped import vectors_of
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
-from framekit.definition.vectors import load_vectors
 from framekit.link.conversation import default_line
 from framekit.link.engine import Engine
 from framekit.link.evaluate import Names
@@ -34,7 +34,7 @@ NAMES = [name for name in VECTORS if "\nprotocol: " in "\n" + (FRAMES / f"{name}
 @cache
 def loaded(name: str) -> tuple[Any, Any, list[bytes]]:
     protocol = load_protocol(FRAMES / f"{name}.yaml")
-    samples = [case.wire.exact for case in load_vectors(FRAMES / f"{name}.vectors.yaml").frames]
+    samples = [case.wire.exact for case in vectors_of(name).frames]
     return protocol, compile_protocol(protocol), [data for data in samples if data]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from link.link_world import compiled
+from shipped import vectors_of
 
 from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
@@ -86,7 +87,7 @@ def test_problems_have_their_place(tmp_path: Path) -> None:
 def cases() -> list[Any]:
     found = []
     for file in SHIPPED:
-        vectors = load_vectors(file)
+        vectors = vectors_of(file.name.removesuffix(".vectors.yaml"))
         for case in (*vectors.frames, *vectors.conversations):
             found.append(pytest.param(vectors.protocol, case, id=f"{vectors.protocol}:{case.at.line}"))
     return found
