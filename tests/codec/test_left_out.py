@@ -152,7 +152,9 @@ def test_what_a_record_computes_decides_on_the_next_one(compiler: str) -> None:
     assert tested.encode("f", {"k": 0}) == b"\x00"
     assert tested.encode("f", {"k": 1, "one": {"s": 7}}) == b"\x01\x0f"
     assert tested.encode("f", {"k": 1, "one": {"s": 1}, "two": {"s": 2}}) == b"\x01\x02\x04"
-    assert tested.encode("f", {"k": 1, "two": {"s": 7}, "b": 9}) == b"\x01\x00\x0f\x09"
+    assert tested.encode("f", {"k": 1, "one": {}, "two": {"s": 7}, "b": 9}) == b"\x01\x00\x0f\x09"
+    with pytest.raises(EncodeError, match="'one' is missing"):
+        tested.encode("f", {"k": 1, "two": {"s": 7}, "b": 9})
     with pytest.raises(EncodeError) as caught:
         tested.encode("f", {"k": 1, "one": {"s": 7}, "two": {"s": 2}})
     assert caught.value.field == "two"
