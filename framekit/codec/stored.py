@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from framekit import __version__
 from framekit.codec.functions import FrameFunctions, module_of
-from framekit.definition.brought import states
+from framekit.definition.brought import import_installed, states
 from framekit.definition.sources import Sources, definition_file, shipped_folder
 
 if TYPE_CHECKING:
@@ -220,7 +220,8 @@ class Shelf:
         self._stamp = _stamp()
 
     def _key(self, path: Path) -> str:
-        return hashlib.sha256(f"{path}\n{path.resolve()}\n{self._stamp}\n{states()}".encode()).hexdigest()
+        broken = import_installed()  # before the states are asked for: what they bring has a part in every definition
+        return hashlib.sha256(f"{path}\n{path.resolve()}\n{self._stamp}\n{broken}{states()}".encode()).hexdigest()
 
     def read(self, path: Path) -> Kept | None:
         """What was kept, if it is whole and still right."""

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.definition import brought
-from framekit.definition.load import load_protocol
+from framekit.codec.stored import cache_folder, stored_codec
+from framekit.definition import brought, schema
+from framekit.definition.load import library, load_protocol
 from framekit.definition.problems import DefinitionError
 
 SMALL = "protocol: small\nframes:\n  one: {body: [{const: 01}]}\n"
@@ -64,3 +65,63 @@ def test_what_was_kept_counts_no_more_when_a_brought_module_changes(
     del sys.modules["made_up_kind"]
     assert len(before) == 1
     assert brought.states() != before
+
+
+@pytest.fixture
+def counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The kinds of files that were held against their schema, with a cache of the test's own."""
+    monkeypatch.setenv("FRAMEKIT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(brought, "MODULES", [])
+    found: list[str] = []
+    validator = schema._validator
+
+    def noting(kind: schema.Kind) -> object:
+        found.append(kind)
+        return validator(kind)
+
+    monkeypatch.setattr(schema, "_validator", noting)
+    return found
+
+
+def new_process() -> None:
+    """As a process begins: no extension has been imported, and nothing loaded."""
+    library._kept.clear()
+    brought.import_installed.cache_clear()
+    brought.MODULES.clear()
+    sys.modules.pop("made_up_bringer", None)
+
+
+BRINGER = "from framekit.definition.brought import bring\nbring(__name__)\n"
+
+
+@pytest.mark.skipif(cache_folder() is None, reason="nothing is kept here")
+def test_with_an_extension_a_definition_is_compiled_once(
+    small: Path, counted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (small.parent / "made_up_bringer.py").write_text(BRINGER)
+    monkeypatch.syspath_prepend(str(small.parent))
+    installed(monkeypatch, "made_up_bringer")
+    for _ in range(3):
+        new_process()
+        stored_codec(small, small.parent)
+    new_process()
+    assert counted == ["protocol"]
+
+
+@pytest.mark.parametrize("text", [BRINGER, "1 / 0\n"], ids=["whole", "broken"])
+@pytest.mark.skipif(cache_folder() is None, reason="nothing is kept here")
+def test_what_was_kept_before_an_extension_came_counts_no_more(
+    text: str, small: Path, counted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored_codec(small, small.parent)
+    (small.parent / "made_up_bringer.py").write_text(text)
+    monkeypatch.syspath_prepend(str(small.parent))
+    installed(monkeypatch, "made_up_bringer")
+    new_process()
+    if text == BRINGER:
+        stored_codec(small, small.parent)
+    else:
+        with pytest.raises(DefinitionError, match="the extension 'made-up' of made_up_bringer can't be used: ZeroDiv"):
+            stored_codec(small, small.parent)
+    new_process()
+    assert counted == ["protocol", "protocol"]
