@@ -457,7 +457,7 @@ class RunCalls:
                 call()
                 self._clock.call_at(self._clock.now() + period, go_on)
 
-        self._clock.call_at(self.began + period, go_on)
+        self._do(lambda: self._clock.call_at(self.began + period, go_on))
 
     @property
     def now(self) -> int:

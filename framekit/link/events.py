@@ -82,7 +82,7 @@ class Seen:
     `kind`: a frame; a bad one; noise; a line break; the connection; `trouble` (a step that could not be worked out, a
     circle of steps); `not_taken` follows a frame that nobody waited for. `reason`: the cause of a bad frame, or words.
     `place` is the byte of a bad frame where the fault is. `repeated`: the same bytes were sent before. `fields` are
-    made when they are asked for; `computed` reads those that were worked out when the frame was built.
+    made when they are asked for; `computed` reads them from the bytes of a frame that was sent.
     """
 
     __slots__ = (
@@ -105,7 +105,7 @@ class Seen:
     def fields(self) -> dict[str, Any]:
         """The fields of a frame as codecs give them: a frame inside is `{frame: fields}`."""
         computed, self._computed = self._computed, None
-        found = self._fields if computed is None else {**computed(), **self._fields}
+        found = self._fields if computed is None else computed()
         self._fields = made = {name: plain(value) for name, value in found.items()}
         return made
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from framekit.definition.model.frames import fixed_size
 from framekit.definition.model.segments import Const, Segment, Wrap
-from framekit.link.evaluate import Names
+from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.stream import Stream
 
@@ -66,10 +66,11 @@ class InsideFinder:
     may hold others.
     """
 
-    __slots__ = ("_marks", "_names", "_rules", "holders", "places")
+    __slots__ = ("_lost", "_marks", "_names", "_rules", "holders", "places")
 
-    def __init__(self, table: FrameTable, names: Names) -> None:
+    def __init__(self, table: FrameTable, names: Names, lost: int) -> None:
         self._names = names
+        self._lost = lost
         self._rules = inside_rules(table)
         self.holders = frozenset(self._rules)
         self.places: dict[str, int] = {}
@@ -97,16 +98,16 @@ class InsideFinder:
         for info in infos:
             rule = self._rules.get(info.name)
             if rule is not None and self.places.get(info.name, 0) != DONE:
-                found = self._find(stream, info.name, rule)
+                found = self._find(stream, info, rule)
                 if found is not None:
                     return found
         return None
 
-    def _find(self, stream: Stream, outer: str, rule: InsideRule) -> tuple[FrameInfo, int, int] | None:
-        end = len(stream.buffer)
+    def _find(self, stream: Stream, info: FrameInfo, rule: InsideRule) -> tuple[FrameInfo, int, int] | None:
+        end, outer = len(stream.buffer), info.name
         place = self.places.get(outer)
         start = rule.region(stream.buffer, stream.position, end) if place is None else place - stream.base
-        if start is None:
+        if start is None or (place is None and not self._has_begun(info, stream, start)):
             return None
         while True:
             found = stream.buffer.find(rule.escape, start, end)
@@ -117,6 +118,14 @@ class InsideFinder:
                 self.places[outer] = stream.base + found
                 return self._at(stream, outer, rule, found)
             start = found + 2
+
+    def _has_begun(self, info: FrameInfo, stream: Stream, start: int) -> bool:
+        """Whether what stands before the region, which begins at `start`, can be the beginning of this frame."""
+        try:
+            size = info.measure(stream.buffer, stream.position, start, self._names, 0)
+        except CODEC_ERRORS:
+            return False
+        return size < 0 and size != self._lost
 
     def _at(self, stream: Stream, outer: str, rule: InsideRule, place: int) -> tuple[FrameInfo, int, int] | None:
         for info in rule.frames:

@@ -37,7 +37,7 @@ class Output:
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
     def put(self, item: Send | Break) -> bool:
-        """Queues something. False: it goes into the frame that is leaving, and nothing will be told of it."""
+        """Queues something. False: it goes into the frame that is leaving, and counts as sent with that."""
         outgoing = self.outgoing
         if outgoing is None and self.is_immediate and self.is_open and not self.pending and self.clear_to_send:
             self.outgoing = item
@@ -45,6 +45,8 @@ class Output:
             return True
         if outgoing is not None and self._fits_inside(outgoing, item):
             self.commands.append(item)
+            if type(item) is Send and item.on_sent is not None:
+                self.joined.append(item)
             return False
         if outgoing is not None and type(item) is Send and self._joins(item):
             return True

@@ -76,7 +76,7 @@ class Receiver:
         self._trouble = trouble
         self._quiet, self._lost = codec.QUIET, codec.LOST
         self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
-        inside = InsideFinder(self.table, names)
+        inside = InsideFinder(self.table, names, codec.LOST)
         self._inside = inside if inside else None
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], ExpectedFrames] = {}
         self._expected = self._expect((), ())

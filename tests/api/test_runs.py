@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -254,6 +255,20 @@ def test_a_run_in_its_thread(terminal: tuple[Path, framekit.Server]) -> None:
         run.start()
     with pytest.raises(framekit.RequestError, match="stopped"):
         run.next_end()
+
+
+def test_what_is_called_at_intervals_is_called_on_the_loop_of_the_run(terminal: tuple[Path, framekit.Server]) -> None:
+    called = threading.Event()
+    threads: list[int | None] = []
+
+    def call() -> None:
+        threads.append(threading.get_ident())
+        called.set()
+
+    with framekit.Run(terminal[0]) as run:
+        run.each(1_000_000, call)
+        assert called.wait(180)
+    assert threading.get_ident() not in threads
 
 
 def test_callbacks_may_call_the_run(terminal: tuple[Path, framekit.Server]) -> None:

@@ -18,6 +18,17 @@ from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a count of items in a case": (
+        "[{field: k, type: u8}, {count: c, type: u8, of: xs}, "
+        "{choose: k, cases: {1: [{repeat: xs, times: 2, of: u8}]}, else: []}]",
+        {"k": 1, "xs": [5, 6]},
+        "01 02 05 06",
+    ),
+    "a count of items in an optional part": (
+        "[{count: c, type: u8, of: xs}, {optional: [{repeat: xs, times: 2, of: u8}]}]",
+        {"xs": [5, 6]},
+        "02 05 06",
+    ),
     "a value in the range of a check takes no bytes": (
         "[{field: w, type: u8}, {value: a, read: w}, {field: v, type: u8}, {check: sum8, over: w..here}]",
         {"w": 5, "v": 6},

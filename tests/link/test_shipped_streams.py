@@ -78,6 +78,14 @@ def test_cutting_changes_nothing(name: str, data: st.DataObject) -> None:
     assert feed(receiver(name), [stream[at : at + 1] for at in range(len(stream))], expected, others) == whole
 
 
+def test_a_frame_stands_inside_another_only_where_that_one_has_begun() -> None:
+    """Bytes in doubled form that cannot be the station before the region, and behind them what a region might hold."""
+    stream, names = bytes.fromhex("10 01 05 00 10 02 10 15"), receiver("df1").table.on_line
+    whole = feed(receiver("df1"), [stream], (), names)
+    assert [event[1] for event in whole if event[0] != "noise"] == ["master_message", "nak", "message"]
+    assert feed(receiver("df1"), [stream[at : at + 1] for at in range(len(stream))], (), names) == whole
+
+
 EVENTS = ("bytes", "time", "exchange", "break", "lost")
 
 

@@ -6,6 +6,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol_text
 from framekit.link.engine import Engine
 from framekit.link.events import Seen
+from framekit.link.values import FrameValue
 
 TEXT = """protocol: shown
 line: {kind: stream, tcp: 1}
@@ -39,3 +40,26 @@ def test_only_a_frame_that_depends_on_no_state_is_read_when_it_is_looked_at() ->
     protocol = load_protocol_text(TEXT, "shown")
     engine = Engine(protocol, compile_protocol(protocol), None)
     assert engine.machine.shown_later == {"told": ("wide",)}
+
+
+def test_lists_that_the_program_changes_later_are_shown_as_they_were() -> None:
+    protocol = load_protocol_text(
+        "protocol: listed\nline: {kind: stream, tcp: 1}\nframes:\n  f:\n"
+        "    body: [{const: 7E}, {repeat: xs, times: 2, of: u8}]\n",
+        "listed",
+    )
+    seen: list[Seen] = []
+
+    def changes(value: FrameValue) -> None:
+        value.fields["xs"].append(99)
+        value.fields["new"] = 1
+
+    engine = Engine(protocol, compile_protocol(protocol), None, monitor=seen.append, on_frame=changes)
+    engine.opened(0)
+    values = [1, 2]
+    engine.send_frame("f", 0, {"xs": values})
+    values[0] = 77
+    engine.sent(0)
+    engine.receive(bytes.fromhex("7E 03 04"), 0)
+    shown = [(one.direction, one.fields) for one in seen if one.kind == "frame"]
+    assert shown == [("out", {"xs": [1, 2]}), ("in", {"xs": [3, 4]})]

@@ -134,8 +134,8 @@ class CountKind(CountedKind[Count]):
 
 
 def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> None:
-    items = scope.find(count.of)
-    text = "()" if items is None else items.text
+    items = scope.find(count.of)  # None: they stand in a case or an `optional`
+    text = f"{given.text}.get({quoted(count.of)})" if items is None else items.text
     _put_number(w, count, w.count_of(text if text.isidentifier() else f"{text} or ()"), scope, given)
 
 

@@ -252,7 +252,7 @@ class Machine:
         if self.monitor is not None:
             names = self.shown_later.get(value.frame)
             computed = None if names is None else self.table.read_later(value, names)
-            fields = value.fields if computed is not None else _plain_of(value)
+            fields = None if computed is not None else _plain_of(value)
             now = self.scope.now
             self.monitor(Seen("out", "frame", now, data, value.frame, fields, "", 0, "", 0, repeated, computed))
 
@@ -260,7 +260,7 @@ class Machine:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
         if self.monitor is not None:
             reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
-            fields = value.fields if self.shown_later else _plain_of(value)
+            fields = _kept(value.fields) if value.frame in self.shown_later else _plain_of(value)
             self.monitor(Seen("in", "frame", self.scope.now, raw, value.frame, fields, reason, started_at))
 
     def set_session(self, new: bool) -> None:
@@ -271,6 +271,11 @@ class Machine:
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
         """Calls back when everything that follows at this point has been done."""
         self.callbacks.append(partial(exchange.ended, outcome))
+
+
+def _kept(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields as they are now: lists and records are the program's, which may change them."""
+    return {name: plain(value) if type(value) in (list, dict) else value for name, value in fields.items()}
 
 
 def _plain_of(value: FrameValue) -> dict[str, Any]:
