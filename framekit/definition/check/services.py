@@ -27,7 +27,7 @@ from framekit.definition.expression.syntax import (
 from framekit.definition.kinds.base import Segment
 from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.procedure import Action, Sequence, Step
+from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import (
     COUNTED_STRING,
@@ -325,6 +325,50 @@ def serves(protocol: Protocol) -> bool:
     return any(step.serve is not None for sequence in protocol.sequences.values() for step in sequence.steps)
 
 
+def _stations(protocol: Protocol) -> Iterator[Problem]:
+    """Requests with a station that no device compares with its own: each device answers for all of them."""
+    for name in dict.fromkeys(name for role in protocol.roles.values() for name in role.listens):
+        sequences = protocol.called_from([name])
+        if protocol.station.type == "none" or not any(step.serve for one in sequences for step in one.steps):
+            continue
+        taken = {frame for row in parts_of(sequences, Row) for frame in row.frames}
+        nodes = [node for one in expressions_of(sequences) for node in walk(one.root)]
+        read = {node.name for node in nodes if isinstance(node, Attribute)}
+        compared = {field for node in nodes if isinstance(node, Compare) for field in _compared_with_own(node)}
+        told: set[str] = set()
+        for made in (row.request for rows in protocol.services.values() for row in rows if not row.client_only):
+            frame = None if made is None or made.frame not in taken else protocol.frames.get(made.frame)
+            if made is None or frame is None or _judges_itself(frame):
+                continue
+            for field_name, value in made.fields.items():
+                named = isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "station"
+                if (
+                    not named
+                    or field_name not in field_names(frame.segments)
+                    or field_name in read | told
+                    or made.fields.keys() & compared
+                ):
+                    continue
+                told.add(field_name)
+                what = (
+                    f"'{field_name}' of a request is not compared with the device's own station in '{name}', so every "
+                )
+                todo = " or ".join(f"'{one}'" for one in sorted(compared))
+                todo = f"call the field {todo}" if todo else f"add when: it.{field_name} == own where it is received"
+                yield Problem(value.at, what + "device answers every station", todo, warning=True)
+
+
+def _judges_itself(frame: Frame) -> bool:
+    """Whether a frame's own rules look at the station of the device."""
+    return any("own" in names_in(rule.root) for rule in expressions_of(frame))
+
+
+def _compared_with_own(node: Compare) -> Iterator[str]:
+    """The fields in a comparison with the own station."""
+    if "own" in names_in(node):
+        yield from (part.name for part in (node.first, *(side for _, side in node.rest)) if isinstance(part, Attribute))
+
+
 def _leaves(values: list[Value]) -> Iterator[Expression]:
     for value in values:
         match value:
@@ -512,6 +556,7 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += _amounts(row)
             found += check_backwards(protocol, row)
         found += _dead(rows)
+    found += _stations(protocol)
     told = {problem.at for problem in found}
     found += [problem for problem in check_unserved(protocol) if problem.at not in told]
     return [*found, *_areas(protocol), *_codes(protocol), *_errors(protocol, broken)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -191,16 +191,17 @@ class Protocol:
 
     def _serves(self, role: Role) -> bool:
         """Whether what a role listens with, and what that calls, has a step that serves."""
-        waiting, seen = list(role.listens), set[str]()
+        return any(step.serve is not None for one in self.called_from(role.listens) for step in one.steps)
+
+    def called_from(self, names: Iterable[str]) -> tuple[Sequence, ...]:
+        """These sequences, and those that they call."""
+        waiting, found = list(names), dict[str, Sequence]()
         while waiting:
             sequence = self.sequences.get(name := waiting.pop())
-            if sequence is None or name in seen:
-                continue
-            seen.add(name)
-            if any(step.serve is not None for step in sequence.steps):
-                return True
-            waiting += [step.call.sequence for step in sequence.steps if step.call is not None]
-        return False
+            if sequence is not None and name not in found:
+                found[name] = sequence
+                waiting += [step.call.sequence for step in sequence.steps if step.call is not None]
+        return tuple(found.values())
 
     def frames_of(self, name: str) -> tuple[str, ...]:
         """The frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
