@@ -174,7 +174,7 @@ class Candidates:
         The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one. Those
         that silence ends are added to `silent`. Unless a bad one `is_told`, any of them will do.
         """
-        worse_of = worse if is_told else any_of
+        worse_of = worse if is_told else first_of
         complete: list[tuple[int, int, FrameInfo, Complete]] = []
         wanting: list[FrameInfo] = []
         furthest: Bad | None = None
@@ -318,7 +318,7 @@ def worse(first: Bad, second: Bad) -> Bad:
     return second if second.bad.place > first.bad.place else first
 
 
-def any_of(first: Bad, second: Bad) -> Bad:
+def first_of(first: Bad, second: Bad) -> Bad:
     """A bad frame of which no reason is asked for."""
     return first
 

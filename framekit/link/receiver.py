@@ -14,7 +14,7 @@ from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
-from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, any_of, worse
+from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, first_of, worse
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.expected import ExpectedFrames, Left
@@ -491,7 +491,7 @@ class Receiver:
         worst: Bad | None = None
         silent: list[FrameInfo] = []
         is_told = stream.base + position >= self._bad_until
-        worse_of = worse if is_told else any_of
+        worse_of = worse if is_told else first_of
         for infos in levels:
             good, bad, wanting = self._candidates.validate(infos, limit, silent, self._inside, is_told)
             if good is not None:
