@@ -124,6 +124,13 @@ def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
     return function
 
 
+def add_function(kind: str, function: Callable[[bytes], int]) -> None:
+    """The function of a kind of methods that a program brings by itself."""
+    FUNCTIONS[kind] = function
+    function_of.cache_clear()
+    source_of.cache_clear()
+
+
 @cache
 def residue_of(method: CheckMethod, size: int, order: str) -> int | None:
     """What a CRC gives over bytes with their own code of `size` bytes behind them; None if that is not always the same.

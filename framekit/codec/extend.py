@@ -11,7 +11,7 @@ from collections.abc import Callable
 from framekit.codec import checks
 from framekit.codec.python import forms
 from framekit.codec.python.module import add_helpers
-from framekit.definition.brought import bring
+from framekit.definition.brought import bring, bring_word
 from framekit.definition.model.checks import CheckMethod, add_method
 from framekit.definition.schema import add_word
 from framekit.definition.wire_types import TYPE_KINDS, TYPES, FieldType, TypeKind
@@ -28,8 +28,10 @@ def add_type(
 ) -> None:
     """A word that `type:` may have from now on: a whole number from `least` to `most`, of so many bytes.
 
-    `parse` makes the number of the bytes, `build` the bytes of a number and the size.
+    `parse` makes the number of the bytes, `build` the bytes of a number and the size. Raises ValueError for a word that
+    another module has.
     """
+    bring_word("type", word, parse.__module__, word in TYPES or word in TYPE_KINDS)
     add_helpers(bring(parse.__module__))
     add_helpers(bring(build.__module__))
     reads, builds = parse.__name__, build.__name__
@@ -45,8 +47,9 @@ def add_type(
 def add_check(word: str, function: Callable[[bytes], int], *, width: int = 8) -> None:
     """A check method of that name, for `check:` and for `method:` of the section `checks`: a code of `width` bits.
 
-    `function` makes the code of the bytes; complement and mask are put on what it gives.
+    `function` makes the code of the bytes; complement and mask are put on what it gives. Raises ValueError for a word
+    that another module has, and for a width that is not possible.
     """
+    add_method(CheckMethod(name=word, kind=word, width=width), function.__module__)
     add_helpers(bring(function.__module__))
-    checks.FUNCTIONS[word] = function
-    add_method(CheckMethod(name=word, kind=word, width=width))
+    checks.add_function(word, function)

@@ -15,13 +15,29 @@ ENTRY_POINTS = "framekit.extensions"
 
 MODULES: list[ModuleType] = []
 
+_WORDS: dict[tuple[str, str], str] = {}
+"""What each word is called, and the word → the module that has brought it."""
+
 
 def bring(name: str) -> ModuleType:
     """The module of that name, noted as one that has a part in what definitions mean."""
     module = sys.modules[name]
+    MODULES[:] = [one for one in MODULES if one is module or one.__name__ != name]
     if module not in MODULES:
         MODULES.append(module)
     return module
+
+
+def bring_word(what: str, word: str, name: str, there: bool) -> None:
+    """Notes that the module of that name brings a word; `there`: the word is known already.
+
+    A module that brings it again, as when it is loaded again, replaces it. Raises ValueError for a word of another one.
+    """
+    owner = _WORDS.get((what, word))
+    if owner != name and (there or owner is not None):
+        whose = "framekit" if owner is None else f"the module '{owner}'"
+        raise ValueError(f"{whose} has the {what} '{word}' already: '{name}' can't bring it too – take another word")
+    _WORDS[what, word] = name
 
 
 def states() -> list[str]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
-from framekit.definition.brought import import_installed
+from framekit.definition.brought import bring_word, import_installed
 from framekit.definition.nodes import CUT, QUOTE_EXPRESSION, Mapping, Node, Scalar, Sequence, looks_cut, without_cuts
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, printable
 from framekit.definition.sources import shipped_folder
@@ -475,22 +475,67 @@ def _schemas() -> dict[str, Any]:
     return schemas
 
 
-def add_keys(kind: Kind, definition: str, keys: dict[str, Any]) -> None:
-    """Adds keys with the schemas of their values to a definition of a schema, for what programs bring by themselves."""
-    _definitions(kind)[definition]["properties"].update(keys)
+def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> None:
+    """Adds keys with the schemas of their values to a definition of a schema, which a module brings by itself.
+
+    Raises ValueError for a key of another one, and for what is no schema.
+    """
+    known = _definitions(kind)[definition]["properties"]
+    for key, schema in keys.items():
+        _refuse_wrong(kind, key, schema)
+        bring_word(f"key of a {definition}", key, module, key in known)
+    known.update(keys)
 
 
-def add_segment_kind(key: str, schema: dict[str, Any]) -> None:
-    """Adds a kind of segment that a program brings by itself: the key that names it, and the schema of its keys."""
-    known = _definitions("protocol")
-    known[f"{key}_segment"] = schema
-    known["segment"]["oneOf"].append({"required": [key]})
-    known["segment"]["allOf"].append({"if": {"required": [key]}, "then": {"$ref": f"#/$defs/{key}_segment"}})
+def add_segment_kind(key: str, schema: dict[str, Any], module: str) -> None:
+    """Adds a kind of segment that a module brings by itself: the key that names it, and the schema of its keys.
+
+    Raises ValueError for a key that has a meaning in a segment already, and for what is no schema.
+    """
+    known, name = _definitions("protocol"), f"{key}_segment"
+    _refuse_wrong("protocol", key, schema)
+    both = next((one for one in schema["properties"] if one != key and f"{one}_segment" in known), None)
+    if both is not None:
+        raise ValueError(f"the key '{both}' of '{key}' is a kind of segment itself – take another word")
+    others = [one for title, one in known.items() if title.endswith("_segment") and title != name]
+    there = name in known or any(key in one.get("properties", ()) for one in others)
+    bring_word("key of a segment", key, module, there)
+    if name not in known:
+        known["segment"]["oneOf"].append({"required": [key]})
+        known["segment"]["allOf"].append({"if": {"required": [key]}, "then": {"$ref": f"#/$defs/{name}"}})
+    known[name] = schema
 
 
 def add_word(kind: str, definition: str, word: str) -> None:
     """Adds a word to those that a key may have."""
-    _definitions(kind)[definition]["enum"].append(word)
+    known = _definitions(kind)[definition]["enum"]
+    if word not in known:
+        known.append(word)
+
+
+def _refuse_wrong(kind: str, key: str, schema: Any) -> None:
+    """Raises ValueError where the schema of a key is none, or refers to one that is not there."""
+    from jsonschema import Draft202012Validator, SchemaError
+
+    try:
+        Draft202012Validator.check_schema(schema)
+    except SchemaError as error:
+        raise ValueError(f"the schema of '{key}' is wrong: {error.message} – mend it") from None
+    for reference in _references(schema):
+        file, _, name = reference.partition("#/$defs/")
+        if name not in _schemas().get(file or kind + _SUFFIX, {}).get("$defs", ()):
+            raise ValueError(f"the schema of '{key}' refers to '{reference}', which is not there – mend it")
+
+
+def _references(schema: Any) -> Iterator[str]:
+    """Every `$ref` of a schema."""
+    parts = schema if isinstance(schema, list) else []
+    if isinstance(schema, dict):
+        parts = list(schema.values())
+        if isinstance(schema.get("$ref"), str):
+            yield schema["$ref"]
+    for part in parts:
+        yield from _references(part)
 
 
 def _definitions(kind: str) -> dict[str, Any]:

@@ -426,8 +426,11 @@ TRIGGERS: dict[str, Load] = {
 
 
 def add_trigger(key: str, load: Load, schema: dict[str, Any]) -> None:
-    """Registers a kind of trigger; `schema` is the JSON schema of its value."""
-    add_keys("run", "block", {key: schema})
+    """Registers a kind of trigger; `schema` is the JSON schema of its value.
+
+    Raises ValueError for a key that another module has, and for what is no schema.
+    """
+    add_keys("run", "block", {key: schema}, load.__module__)
     TRIGGERS[key] = load
 
 

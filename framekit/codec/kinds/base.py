@@ -114,16 +114,22 @@ class SegmentKind(Generic[S]):
 
 
 def register(*kinds: type[SegmentKind[Any]]) -> None:
-    """Kinds that definitions may use from now on: those of framekit, and those that a program brings by itself."""
+    """Kinds that definitions may use from now on: those of framekit, and those that a program brings by itself.
+
+    Raises ValueError for a word or a model that another module has, and for keys whose schema is wrong.
+    """
     for kind in kinds:
-        KINDS[kind.model] = kind()
-        key = kind.model.KEY
-        if key and key not in KINDS_BY_KEY:
+        model, key, there = kind.model, kind.model.KEY, KINDS.get(kind.model)
+        if there is not None and type(there).__module__ != kind.__module__:
+            whose = type(there).__module__
+            raise ValueError(f"'{whose}' has a kind of {model.__name__} already – make a model of its own")
+        if key and KINDS_BY_KEY.get(key) is not model:
             from framekit.definition.schema import add_segment_kind
 
-            add_kind(kind.model)
+            add_segment_kind(key, model.schema(), kind.__module__)
+            add_kind(model)
             add_helpers(bring(kind.__module__))
-            add_segment_kind(key, kind.model.schema())
+        KINDS[model] = kind()
 
 
 T = TypeVar("T", Field, Length, Count, Bits)

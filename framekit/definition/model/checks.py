@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
+from framekit.definition.brought import bring_word
 from framekit.definition.expression.syntax import Expression
 
 CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"}
@@ -133,10 +134,16 @@ ADDED: dict[str, CheckMethod] = {}
 """Those that a program brings by itself."""
 
 
-def add_method(method: CheckMethod) -> None:
-    """A method that definitions may name from now on, of a kind of its own."""
+def add_method(method: CheckMethod, module: str) -> None:
+    """A method that definitions may name from now on, of a kind of its own, which a module brings.
+
+    Raises ValueError for a name that another module has, and where the parameters do not fit together.
+    """
+    _sound(replace(method, kind="sum"))
+    there = method.name in ready_methods() or method.kind in CHECK_KINDS
+    bring_word("check method", method.name, module, there)
     CHECK_KINDS.add(method.kind)
-    ADDED[method.name] = _sound(method)
+    ADDED[method.name] = method
     ready_methods.cache_clear()
 
 

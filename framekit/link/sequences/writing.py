@@ -6,13 +6,14 @@ to is in `step_keys`; how functions become a module in `compiler`.
 
 from __future__ import annotations
 
+import builtins
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from framekit.codec.python.source import Source, literal, quoted
-from framekit.definition.brought import bring
+from framekit.definition.brought import bring, bring_word
 from framekit.definition.expression.emit import ATOM, BIT_OR, emit
 from framekit.definition.expression.syntax import Attribute, Binary, Expression, LineTime, Name, Node, Number, names_in
 from framekit.definition.keys import Form, key_of
@@ -24,6 +25,7 @@ from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.definition.schema import add_keys
 from framekit.link.evaluate import ENGINE_FUNCTIONS
 from framekit.link.frame_table import FrameInfo, FrameTable
+from framekit.link.sequences import runtime
 from framekit.link.variables import empty_of
 
 OF_EXCHANGE = frozenset({"request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"})
@@ -728,6 +730,7 @@ STEP_KEYS = [
 """What a step does, in this order."""
 
 
+_OWN_FUNCTIONS = frozenset((*vars(runtime), *dir(builtins)))
 ADDED_FUNCTIONS: dict[str, Callable[..., Any]] = {}
 """Functions that keys call which programs bring by themselves."""
 
@@ -743,11 +746,17 @@ def add_step_key(
     """A key that steps may have from now on, done before another one.
 
     `form`: how its value looks and is read. `write`: what it writes into the step's functions, as those above; what it
-    writes may call `functions`.
+    writes may call `functions`. Raises ValueError for a key, or a function's name, that another module has.
     """
-    bring(write.__module__)
+    key, module = key_of(name, form, doc), write.__module__
+    if before not in {one.attribute for one in STEP_KEYS} - {name}:
+        raise ValueError(f"no step key '{before}' is there to do '{name}' before it – name another one")
+    for one in functions:
+        bring_word("function of steps", one.__name__, one.__module__, one.__name__ in _OWN_FUNCTIONS)
+    add_keys("protocol", "step", dict(key.schemas), module)
+    bring(module)
     ADDED_FUNCTIONS.update((one.__name__, one) for one in functions)
-    ADDED_KEYS[name] = key_of(name, form, doc)
-    add_keys("protocol", "step", dict(ADDED_KEYS[name].schemas))
+    ADDED_KEYS[name] = key
+    STEP_KEYS[:] = [one for one in STEP_KEYS if one.attribute != name]
     place = next(place for place, one in enumerate(STEP_KEYS) if one.attribute == before)
     STEP_KEYS.insert(place, StepKey(name, write))

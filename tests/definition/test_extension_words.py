@@ -1,0 +1,246 @@
+"""Words that programs bring: each has one owner, which may bring it again, and replaces nothing of another."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import ClassVar
+
+import pytest
+
+from framekit.codec import checks
+from framekit.codec.codec import compile_protocol
+from framekit.codec.extend import add_check, add_type
+from framekit.codec.kinds import SegmentKind, register
+from framekit.codec.python import forms
+from framekit.codec.python import module as generated
+from framekit.codec.python.registry import KINDS as CODES
+from framekit.definition import brought, schema, wire_types
+from framekit.definition.keys import IDENTIFIER, Form, key
+from framekit.definition.kinds.base import KINDS, Segment
+from framekit.definition.load.library import load_protocol, load_protocol_text
+from framekit.definition.model import checks as methods
+from framekit.definition.model.procedure import ADDED_KEYS
+from framekit.definition.model.segments import Field
+from framekit.link.sequences import writing
+from framekit.run.triggers import TRIGGERS, add_trigger
+
+PLACES = (
+    *(wire_types.TYPES, wire_types.TYPE_KINDS, forms.WIRE_FORMS, methods.ADDED, checks.FUNCTIONS, KINDS, CODES),
+    *(ADDED_KEYS, writing.ADDED_FUNCTIONS, TRIGGERS, brought._WORDS),
+    *(brought.MODULES, generated._PASTED, writing.STEP_KEYS, methods.CHECK_KINDS),
+)
+"""Where what programs bring is put."""
+
+Bring = Callable[..., ModuleType]
+
+
+@pytest.fixture
+def bring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bring]:
+    """Imports a module of a name and a text, again if need be; everything is as before afterwards."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    before, modules = [place.copy() for place in PLACES], set(sys.modules)
+
+    def imported(name: str, text: str) -> ModuleType:
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+        importlib.invalidate_caches()
+        return importlib.reload(sys.modules[name]) if name in sys.modules else importlib.import_module(name)
+
+    yield imported
+    for place, kept in zip(PLACES, before, strict=True):
+        place.clear()  # type: ignore[attr-defined]
+        (place.extend if isinstance(place, list) else place.update)(kept)  # type: ignore[attr-defined]
+    for name in set(sys.modules) - modules:
+        if not name.startswith("framekit"):
+            del sys.modules[name]
+    for made in (schema._schemas, schema._validator, schema._known_keys, generated.pasted_names):
+        made.cache_clear()
+    for made in (methods.ready_methods, checks.function_of, checks.source_of):
+        made.cache_clear()
+
+
+def parse(raw: bytes) -> int:
+    return raw[0]
+
+
+def build(number: int, size: int) -> bytes:
+    return bytes((number,))
+
+
+def code(data: bytes) -> int:
+    return 0
+
+
+def write(step: writing.StepWriter, value: object) -> None:
+    raise AssertionError("nothing is written here")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Other(Segment):
+    KEY: ClassVar[str] = "data"
+    name: str = key("data", IDENTIFIER)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Companion(Segment):
+    KEY: ClassVar[str] = "size"
+    name: str = key("size", IDENTIFIER)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Both(Segment):
+    KEY: ClassVar[str] = "made_up"
+    name: str = key("made_up", IDENTIFIER)
+    more: str = key("length", IDENTIFIER)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rubbish(Segment):
+    KEY: ClassVar[str] = "made_up"
+    name: str = key("made_up", IDENTIFIER.with_schema(type="rubbish"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nowhere(Segment):
+    KEY: ClassVar[str] = "made_up"
+    name: str = key("made_up", IDENTIFIER.with_schema(**{"$ref": "common.schema.json#/$defs/nowhere"}))
+
+
+def kind_of(one: type[Segment]) -> type[SegmentKind[Segment]]:
+    return type("MadeUpKind", (SegmentKind,), {"model": one, "__module__": __name__})
+
+
+RUBBISH = Form({"type": "rubbish"}, IDENTIFIER.read)
+OWN = f"has the {{}} already: '{__name__}' can't bring it too – take another word"
+WRONG: dict[str, tuple[Callable[[], None], str]] = {
+    "type": (lambda: add_type("u16", 2, parse, build, most=9), OWN.format("type 'u16'")),
+    "kind of type": (lambda: add_type("digits", 2, parse, build, most=9), OWN.format("type 'digits'")),
+    "check": (lambda: add_check("lrc", code), OWN.format("check method 'lrc'")),
+    "kind of check": (lambda: add_check("word_sum", code), OWN.format("check method 'word_sum'")),
+    "width": (lambda: add_check("made_up", code, width=0), "a check code of 0 bits is not possible: 1 to 128 are"),
+    "kind": (lambda: register(kind_of(Other)), OWN.format("key of a segment 'data'")),
+    "key of a kind": (lambda: register(kind_of(Companion)), OWN.format("key of a segment 'size'")),
+    "kind as a key": (lambda: register(kind_of(Both)), "the key 'length' of 'made_up' is a kind of segment itself"),
+    "model": (lambda: register(kind_of(Field)), "'framekit.codec.kinds.field' has a kind of Field already"),
+    "schema": (lambda: register(kind_of(Rubbish)), "the schema of 'made_up' is wrong: 'rubbish' is not valid under"),
+    "reference": (lambda: register(kind_of(Nowhere)), "refers to 'common.schema.json#/$defs/nowhere', which is not"),
+    "step key": (
+        lambda: writing.add_step_key("send", IDENTIFIER, "", write, before="set"),
+        OWN.format("key of a step 'send'"),
+    ),
+    "schema of a step key": (
+        lambda: writing.add_step_key("made_up", RUBBISH, "", write),
+        "the schema of 'made_up' is wrong: 'rubbish' is not valid under",
+    ),
+    "place of a step key": (
+        lambda: writing.add_step_key("made_up", IDENTIFIER, "", write, before="sent"),
+        "no step key 'sent' is there to do 'made_up' before it – name another one",
+    ),
+    "function of steps": (
+        lambda: writing.add_step_key("made_up", IDENTIFIER, "", write, len),
+        "framekit has the function of steps 'len' already",
+    ),
+    "trigger": (lambda: add_trigger("every", lambda *_: None, {}), OWN.format("key of a block 'every'")),  # type: ignore[arg-type,return-value]
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_cannot_be_brought_is_refused_and_changes_nothing(bring: Bring, case: str) -> None:
+    call, what = WRONG[case]
+    before = [place.copy() for place in PLACES]
+    with pytest.raises(ValueError) as caught:
+        call()
+    assert what in str(caught.value)
+    assert [place.copy() for place in PLACES] == before
+    assert load_protocol("modbus-rtu").name == "modbus-rtu"
+    load_protocol_text("protocol: own\nframes:\n  one: {body: [{field: a, type: u16}, {data: d, size: 2}]}\n")
+
+
+BRINGS_ALL = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from framekit.codec.extend import add_check, add_type
+from framekit.codec.kinds import SegmentKind, register
+from framekit.definition.keys import IDENTIFIER, key
+from framekit.definition.kinds.base import Segment
+from framekit.link.sequences.writing import add_step_key
+from framekit.run.triggers import add_trigger
+
+
+def parse_made_up(raw):
+    return raw[0] ^ MASK
+
+
+def build_made_up(number, size):
+    return bytes((number ^ MASK,))
+
+
+def code_made_up(data):
+    return MASK
+
+
+def count_made_up(name):
+    pass
+
+
+def write_made_up(step, name):
+    step.add("count_made_up()")
+
+
+def load_made_up(read, node, keys):
+    raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeUp(Segment):
+    KEY: ClassVar[str] = "made_up_kind"
+    name: str = key("made_up_kind", IDENTIFIER)
+
+
+class MadeUpKind(SegmentKind[MadeUp]):
+    model = MadeUp
+
+
+add_type("made_up", 1, parse_made_up, build_made_up, most=255)
+add_check("made_up", code_made_up)
+add_step_key("made_up", IDENTIFIER, "", write_made_up, count_made_up, before="set")
+add_trigger("made_up", load_made_up, {"type": "string"})
+register(MadeUpKind)
+""".replace("MASK", "0x11")
+USES = "protocol: own\nframes:\n  one: {body: [{field: a, type: made_up}, {check: made_up}]}\n"
+
+
+def test_a_module_that_is_loaded_again_replaces_what_it_brought(bring: Bring) -> None:
+    def encoded() -> bytes:
+        return compile_protocol(load_protocol_text(USES)).encode("one", {"a": 1}, {})
+
+    bring("made_up", BRINGS_ALL)
+    assert encoded().hex() == "1011"
+    keys, modules = len(writing.STEP_KEYS), len(brought.MODULES)
+    module = bring("made_up", BRINGS_ALL.replace("0x11", "0x022"))
+    assert encoded().hex() == "2322"
+    assert (len(writing.STEP_KEYS), len(brought.MODULES)) == (keys, modules)
+    assert KINDS["made_up_kind"] is module.MadeUp
+    assert writing.ADDED_FUNCTIONS["count_made_up"] is module.count_made_up
+    found = schema._schemas()["protocol.schema.json"]["$defs"]["segment"]
+    assert sum(one == {"required": ["made_up_kind"]} for one in found["oneOf"]) == 1
+
+
+@pytest.mark.parametrize("call", ["add_type", "add_check", "add_step_key", "add_trigger", "register"])
+def test_a_word_belongs_to_the_module_that_brought_it(bring: Bring, call: str) -> None:
+    bring("made_up", BRINGS_ALL)
+    begin, line = BRINGS_ALL[: BRINGS_ALL.index("add_type(")], BRINGS_ALL[BRINGS_ALL.index(f"\n{call}(") :]
+    with pytest.raises(ValueError, match=r"the module 'made_up' has the .* already: 'other_made_up' can't bring"):
+        bring("other_made_up", begin + line.splitlines()[1])
+
+
+def test_two_functions_of_steps_have_two_names(bring: Bring) -> None:
+    bring("made_up", BRINGS_ALL)
+    with pytest.raises(ValueError, match="the module 'made_up' has the function of steps 'count_made_up' already"):
+        bring("other_made_up", BRINGS_ALL.replace('"made_up', '"other_made_up'))
