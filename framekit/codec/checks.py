@@ -116,7 +116,8 @@ def compute(method: CheckMethod, data: bytes | bytearray) -> int:
 def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
     """The function that computes a method. Raises TypeError for a fold."""
     source = source_of(method, alone=False)
-    names: dict[str, Any] = {name: _function(name) for name in source.functions}
+    names: dict[str, Any] = {name: getattr(support, name) for name in source.functions}
+    names["own"] = FUNCTIONS.get(method.kind)
     names |= {name: _constant(text, source.makers) for name, text in source.constants}
     for line in source.imports:
         exec(line, names)
@@ -128,7 +129,6 @@ def add_function(kind: str, function: Callable[[bytes], int]) -> None:
     """The function of a kind of methods that a program brings by itself."""
     FUNCTIONS[kind] = function
     function_of.cache_clear()
-    source_of.cache_clear()
 
 
 @cache
@@ -150,10 +150,10 @@ def _constant(text: str, makers: tuple[str, ...]) -> Any:
 
 
 @cache
-def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True) -> CheckSource:
+def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True, own: str = "own") -> CheckSource:
     """The source that computes a method over the variable `data`; `alone`: with nothing but the standard library.
 
-    Raises TypeError for a fold.
+    `own`: what the function of a kind that a program brings is called. Raises TypeError for a fold.
     """
     if method.kind == "fold":
         raise TypeError(f"the fold '{method.name}' is an expression of its own")
@@ -163,6 +163,8 @@ def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True) ->
             call = f"{library.alias}({data}){_plus('^', library.xor)}"
             return _finished(method, CheckSource(call, imports=(library.import_line,)), fits=True)
         return _finished(method, _crc(method, data), fits=True)
+    if method.kind in FUNCTIONS:
+        return _finished(method, CheckSource(f"{own}({data})"), fits=False)
     return _finished(method, *_simple(method, data))
 
 
@@ -184,9 +186,6 @@ def _simple(method: CheckMethod, data: str) -> tuple[CheckSource, bool]:
             return CheckSource(f"xor8({data}){_plus('^', start)}", ("xor8",)), fits
         case "or":
             return CheckSource(f"or8({data}){_plus('|', start)}", ("or8",)), method.width >= 8
-        case kind if kind in FUNCTIONS:
-            name = FUNCTIONS[kind].__name__
-            return CheckSource(f"{name}({data})", (name,)), False
     return CheckSource(f"multiply({data}, {start:#x}, {_ones(method):#x})", ("multiply",)), True
 
 
@@ -265,10 +264,3 @@ def _finished(method: CheckMethod, source: CheckSource, fits: bool) -> CheckSour
     else:
         return source
     return replace(source, expression=expression)
-
-
-def _function(name: str) -> Callable[..., Any]:
-    """A function that expressions of check codes call."""
-    brought = next((one for one in FUNCTIONS.values() if one.__name__ == name), None)
-    found: Callable[..., Any] = getattr(support, name) if brought is None else brought
-    return found

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from framekit.codec import checks
 from framekit.codec.python import forms
 from framekit.codec.python.module import add_helpers
-from framekit.definition.brought import bring, bring_word
+from framekit.definition.brought import bring, bring_word, module_of_function
 from framekit.definition.model.checks import CheckMethod, add_method
 from framekit.definition.schema import add_word
 from framekit.definition.wire_types import TYPE_KINDS, TYPES, FieldType, TypeKind
@@ -31,15 +31,15 @@ def add_type(
     `parse` makes the number of the bytes, `build` the bytes of a number and the size. Raises ValueError for a word that
     another module has.
     """
-    bring_word("type", word, parse.__module__, word in TYPES or word in TYPE_KINDS)
-    add_helpers(bring(parse.__module__))
-    add_helpers(bring(build.__module__))
-    reads, builds = parse.__name__, build.__name__
+    modules = [module_of_function(one) for one in (parse, build)]
+    bring_word("type", word, modules[0], word in TYPES or word in TYPE_KINDS)
+    for module in modules:
+        add_helpers(bring(module))
     TYPE_KINDS[word] = TypeKind("number", True, lambda type_, size: (least, most))
     TYPES[word] = lambda given: FieldType(word, size)
     forms.WIRE_FORMS[word] = forms.WireForm(
-        lambda functions, type_, raw: f"{functions.function(reads)}({raw})",
-        lambda functions, type_, wire, size: f"{functions.function(builds)}({wire}, {size})",
+        lambda functions, type_, raw: f"{functions.function(parse)}({raw})",
+        lambda functions, type_, wire, size: f"{functions.function(build)}({wire}, {size})",
     )
     add_word("common", "type_name", word)
 
@@ -50,6 +50,7 @@ def add_check(word: str, function: Callable[[bytes], int], *, width: int = 8) ->
     `function` makes the code of the bytes; complement and mask are put on what it gives. Raises ValueError for a word
     that another module has, and for a width that is not possible.
     """
-    add_method(CheckMethod(name=word, kind=word, width=width), function.__module__)
-    add_helpers(bring(function.__module__))
+    module = module_of_function(function)
+    add_method(CheckMethod(name=word, kind=word, width=width), module)
+    add_helpers(bring(module))
     checks.add_function(word, function)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from functools import cache
 from types import ModuleType
+from typing import Any
 
 ENTRY_POINTS = "framekit.extensions"
 
@@ -26,6 +28,15 @@ def bring(name: str) -> ModuleType:
     if module not in MODULES:
         MODULES.append(module)
     return module
+
+
+def module_of_function(function: Callable[..., Any]) -> str:
+    """The name of the module that a function stands in. Raises ValueError where it has no name of its own there."""
+    module = sys.modules.get(function.__module__)
+    if module is None or vars(module).get(function.__name__) is not function:
+        what = f"'{function.__qualname__}' is no function that the module '{function.__module__}' knows by that name"
+        raise ValueError(f"{what} – define it there, outside of functions and classes")
+    return module.__name__
 
 
 def bring_word(what: str, word: str, name: str, there: bool) -> None:

@@ -113,7 +113,13 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         place.clear()
         place.update(before)  # type: ignore[arg-type]
     generated._PASTED[:], brought.MODULES[:] = kept[2:]
-    for made in (schema._schemas, schema._validator, schema._known_keys, generated.pasted_names):
+    for made in (
+        schema._schemas,
+        schema._validator,
+        schema._known_keys,
+        generated.pasted_names,
+        generated._names_of_added,
+    ):
         made.cache_clear()
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -18,6 +18,7 @@ from framekit.codec.extend import add_check, add_type
 from framekit.codec.kinds import SegmentKind, register
 from framekit.codec.python import forms
 from framekit.codec.python import module as generated
+from framekit.codec.python.generate import generate_source
 from framekit.codec.python.registry import KINDS as CODES
 from framekit.definition import brought, schema, wire_types
 from framekit.definition.keys import IDENTIFIER, Form, key
@@ -58,7 +59,13 @@ def bring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bring]:
     for name in set(sys.modules) - modules:
         if not name.startswith("framekit"):
             del sys.modules[name]
-    for made in (schema._schemas, schema._validator, schema._known_keys, generated.pasted_names):
+    for made in (
+        schema._schemas,
+        schema._validator,
+        schema._known_keys,
+        generated.pasted_names,
+        generated._names_of_added,
+    ):
         made.cache_clear()
     for made in (methods.ready_methods, checks.function_of, checks.source_of):
         made.cache_clear()
@@ -244,3 +251,127 @@ def test_two_functions_of_steps_have_two_names(bring: Bring) -> None:
     bring("made_up", BRINGS_ALL)
     with pytest.raises(ValueError, match="the module 'made_up' has the function of steps 'count_made_up' already"):
         bring("other_made_up", BRINGS_ALL.replace('"made_up', '"other_made_up'))
+
+
+SAME_NAMES = """
+from framekit.codec.extend import add_check, add_type
+import zlib
+
+NEEDS = {"parse": ("changed",), "build": ("changed",), "xor8": ("sum",)}
+IMPORTS = {"xor8": ("import zlib",)}
+
+
+def changed(number, low=0):
+    return number ^ 0x11
+
+
+def parse(raw):
+    changes = [changed for low in raw]
+    return changes[0](raw[0])
+
+
+def build(number, size):  # a name that is bound inside is none of the module's
+    def inner(xor8):
+        return xor8
+    return bytes((inner(changed(number)),))
+
+
+def sum(data):
+    return data[0]
+
+
+def xor8(data):
+    return sum(data) + 0x11 + len(zlib.compress(data[:0])) * 0
+
+
+add_type("made_up", 1, parse, build, most=255)
+add_check("made_up", xor8)
+"""
+
+
+def test_functions_of_the_same_name_stay_apart(bring: Bring) -> None:
+    bring("made_up", SAME_NAMES)
+    bring("other_made_up", SAME_NAMES.replace("0x11", "0x22").replace('"made_up"', '"other"'))
+    protocol = load_protocol_text(
+        "protocol: own\nframes:\n"
+        "  one: {body: [{field: a, type: made_up}, {field: b, type: other}, {check: made_up}]}\n"
+        "  two: {body: [{field: a, type: other}, {check: other}, {check: xor8}, {check: sum8}]}\n"
+    )
+    wanted = {"one": ({"a": 0, "b": 0}, "112222"), "two": ({"a": 0}, "224466cc")}
+    codec = compile_protocol(protocol)
+    alone: dict[str, Any] = {"__name__": "alone"}
+    exec(generate_source(protocol), alone)
+    for name, (values, data) in wanted.items():
+        assert codec.encode(name, values, {}).hex() == alone["FRAMES"][name].encode(values).hex() == data
+        assert (
+            codec.decode(name, bytes.fromhex(data), {}) == alone["FRAMES"][name].decode(bytes.fromhex(data)) == values
+        )
+
+
+KIND = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from framekit.codec.kinds import SegmentKind, register
+from framekit.codec.python.places import between
+from framekit.definition.keys import IDENTIFIER, key
+from framekit.definition.kinds.base import Segment
+from framekit.definition.model.segments import exactly
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeUp(Segment):
+    KEY: ClassVar[str] = "made_up"
+    name: str = key("made_up", IDENTIFIER)
+
+    def sizes(self, of_frame):
+        return exactly(1)
+
+
+def swap(raw):
+    return raw[0] ^ 0x11
+
+
+class MadeUpKind(SegmentKind[MadeUp]):
+    model = MadeUp
+
+    def read(self, r, item, segment, after):
+        local = r.function.local(segment.name, item.scope)
+        first, last = r.take(item, "1")
+        r.function.add(f"{local} = {r.module.function(swap)}({between(r.buffer, first, last)})")
+        r.declare(item, segment.name, local, sized=False)
+
+    def bytes_text(self, w, segment, scope):
+        return "bytes(1)"
+
+    def diagnose(self, d, segment, scope, behind):
+        d.out.add(f"n.field({d.named(segment)}, 1, {d.module.function(swap)})")
+
+
+register(MadeUpKind)
+"""
+
+
+def test_two_kinds_may_have_helpers_of_the_same_name(bring: Bring) -> None:
+    bring("made_up", KIND)
+    bring("other_made_up", KIND.replace("0x11", "0x22").replace('"made_up"', '"other"'))
+    body = "[{made_up: a}, {other: b}, {data: c, size: 2, swap: 2}]"
+    codec = compile_protocol(load_protocol_text(f"protocol: own\nframes:\n  one: {{from: server, body: {body}}}\n"))
+    assert codec.decode("one", bytes(2) + b"ab", {}) == {"a": 0x11, "b": 0x22, "c": b"ba"}
+
+
+def test_a_function_without_a_name_of_its_own_is_refused() -> None:
+    what = "define it there, outside of functions and classes"
+    with pytest.raises(ValueError, match=what):
+        add_type("made_up", 1, lambda raw: 0, build, most=9)
+    with pytest.raises(ValueError, match=what):
+        add_check("made_up", lambda data: 0)
+
+
+def test_helpers_of_framekit_alone_are_asked_for_by_name() -> None:
+    module = generated.Module(load_protocol_text("protocol: own\nframes:\n  one: {body: [{const: 01}]}\n"))
+    assert module.function("swap") == "swap"
+    with pytest.raises(ValueError, match="framekit has no helper 'parse' – give the function itself, not its name"):
+        module.function("parse")
+    with pytest.raises(ValueError, match="nothing has brought the function 'parse' of"):
+        module.function(parse)

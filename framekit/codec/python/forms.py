@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.model.segments import Check, Count, Data, Field, FieldType, Length
@@ -23,7 +23,7 @@ class Functions(Protocol):
 
     imports: set[str]
 
-    def function(self, name: str) -> str: ...
+    def function(self, helper: str | Callable[..., Any]) -> str: ...
 
 
 def struct_code(type_: FieldType) -> tuple[str, str] | None:

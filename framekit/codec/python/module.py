@@ -7,19 +7,22 @@ segments.
 from __future__ import annotations
 
 import ast
+import builtins
 import inspect
 import re
+import sys
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from types import FunctionType
 from typing import Any
 
 from framekit.codec import support
-from framekit.codec.checks import source_of
+from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import doubled, examination, frame_choice, refusals, runtime
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
-from framekit.codec.python.source import Code, Identifiers, Source, literal, quoted, text_source
+from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import StaticSizes
@@ -94,22 +97,43 @@ OWN_HELPERS = len(_PASTED)
 
 def add_helpers(module: Any) -> None:
     """Functions of this module may be pasted too, as they stand there: `NEEDS` and `IMPORTS` as in `runtime`."""
-    if module not in _PASTED:
-        _PASTED.append(module)
-        pasted_names.cache_clear()
+    added = [one for one in _PASTED[OWN_HELPERS:] if one is module or one.__name__ != module.__name__]
+    _PASTED[OWN_HELPERS:] = added if module in added else [*added, module]
+    for made in (pasted_names, _names_of_added, _defined):
+        made.cache_clear()
 
 
 @cache
 def pasted_names() -> frozenset[str]:
     """Every name that pasted code may bring into a module."""
-    own, added = _PASTED[:OWN_HELPERS], _PASTED[OWN_HELPERS:]
-    names = [name for module in own for name in vars(module)] + [name for module in added for name in _defined(module)]
+    names = {name for module in _PASTED[:OWN_HELPERS] for name in vars(module)} | {*_names_of_added().values()}
     return frozenset(name for name in names if not name.startswith("_"))
 
 
+@cache
+def _names_of_added() -> Mapping[tuple[str, str], str]:
+    """What generated modules call the functions of added ones, by module and name: so two of one name stay apart."""
+    taken = {*dir(builtins), *OWN_WORDS, *(name for module in _PASTED[:OWN_HELPERS] for name in vars(module))}
+    added, found = _PASTED[OWN_HELPERS:], dict[tuple[str, str], str]()
+    lines = [line for module in added for lines in getattr(module, "IMPORTS", {}).values() for line in lines]
+    taken.update(re.findall(r"\w+", " ".join(lines)))
+    for module in added:
+        for name in sorted(name for name in _defined(module) if isinstance(vars(module)[name], FunctionType | type)):
+            own, number = name, 1
+            while own in taken:
+                number += 1
+                own = f"{name}_{number}"
+            found[module.__name__, name] = own
+            taken.add(own)
+    return found
+
+
 def _home_of(name: str) -> Any:
-    """The module a helper is defined in."""
-    return next(module for module in _PASTED if name in vars(module) and name in _defined(module))
+    """The module of framekit that a helper is defined in. Raises ValueError where there is none of that name."""
+    found = next((module for module in _PASTED[:OWN_HELPERS] if name in _defined(module)), None)
+    if found is None:
+        raise ValueError(f"framekit has no helper '{name}' – give the function itself, not its name")
+    return found
 
 
 @cache
@@ -117,6 +141,23 @@ def _defined(module: Any) -> frozenset[str]:
     return frozenset(
         name for name, value in vars(module).items() if getattr(value, "__module__", module.__name__) == module.__name__
     )
+
+
+def _renamed(text: str, names: Mapping[str, str]) -> str:
+    """The source of a function or class that calls itself and others by other names, as far as these mean them."""
+    (found,) = ast.parse(textwrap.dedent(text)).body
+    inside = [node for node in ast.walk(found) if node is not found]
+    bound = {node.arg for node in inside if isinstance(node, ast.arg)}
+    bound |= {node.id for node in inside if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+    bound |= {node.name for node in inside if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    bound |= {node.name for node in inside if isinstance(node, ast.ExceptHandler) and node.name is not None}
+    bound |= {node.asname or node.name for node in inside if isinstance(node, ast.alias)}
+    for node in inside:
+        if isinstance(node, ast.Name) and node.id not in bound:
+            node.id = names.get(node.id, node.id)
+    assert isinstance(found, ast.FunctionDef | ast.ClassDef)
+    found.name = names.get(found.name, found.name)
+    return ast.unparse(found)
 
 
 class Module:
@@ -128,6 +169,7 @@ class Module:
         self.shapes = StaticSizes(protocol.frames)
         self.names = Identifiers(pasted_names())
         self.functions: dict[str, None] = {}
+        self._added: dict[str, Callable[..., Any]] = {}
         self._under_way: set[str] = set()
         self.imports: set[str] = set()
         self.structs: dict[str, str] = {}
@@ -145,19 +187,43 @@ class Module:
 
     # ---- functions ----------------------------------------------------------------------------------------
 
-    def function(self, name: str) -> str:
-        """Has a helper pasted, with everything it needs; its name is its own."""
+    def function(self, helper: str | Callable[..., Any]) -> str:
+        """Has a helper pasted, with everything it needs: one of framekit by its name, or a function of an added module.
+
+        Gives the name that it has here. Raises ValueError for one that is not there.
+        """
+        name = helper if isinstance(helper, str) else self._name_of(helper)
         if name not in self.functions and name not in self._under_way:
             self._under_way.add(name)
-            module = _home_of(name)
-            for other in getattr(module, "NEEDS", {}).get(name, ()):
-                self.function(other)
-            self.imports.update(getattr(module, "IMPORTS", {}).get(name, ()))
+            if isinstance(helper, str):
+                module, known = _home_of(name), name
+            else:
+                module, known = sys.modules[helper.__module__], helper.__name__
+                self._added[name] = helper
+            for other in getattr(module, "NEEDS", {}).get(known, ()):
+                self.function(other if isinstance(helper, str) else getattr(module, other))
+            self.imports.update(getattr(module, "IMPORTS", {}).get(known, ()))
             self.functions[name] = None
+        return name
+
+    def _name_of(self, helper: Callable[..., Any]) -> str:
+        """What a function of an added module is called here."""
+        name = _names_of_added().get((helper.__module__, helper.__name__))
+        if name is None:
+            what = f"nothing has brought the function '{helper.__qualname__}' of '{helper.__module__}'"
+            raise ValueError(f"{what} – let it stand beside the kind that uses it, outside of functions and classes")
         return name
 
     def source_of(self, name: str, methods: set[str] | None = None) -> str:
         """The source text of a pasted helper; of a class with the methods that are used."""
+        if name in self._added:
+            added = self._added[name]
+            all_names = _names_of_added().items()
+            names = {known: own for (home, known), own in all_names if home == added.__module__ and known != own}
+            text = whole_source(added)
+            return (
+                _renamed(text, names) if any(re.search(rf"\b{re.escape(known)}\b", text) for known in names) else text
+            )
         found = getattr(_home_of(name), name)
         return whole_source(found) if methods is None else class_source(found, methods)
 
@@ -286,7 +352,9 @@ class Module:
             if method.name not in self.folds:
                 self.folds[method.name] = self.names.fresh(f"{method.name}_code"), method
             return f"{self.folds[method.name][0]}({data})"
-        source = source_of(method, data, alone=self.standalone)
+        added = FUNCTIONS.get(method.kind)
+        own = "" if added is None else self.function(added)
+        source = source_of(method, data, alone=self.standalone, own=own)
         for function in (*source.functions, *source.makers):
             self.function(function)
         self.imports.update(source.imports)
