@@ -121,7 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         from framekit.cli.common import status_of, told
 
-        print("\n".join(told(problem) for problem in error.problems), file=sys.stderr)
+        for problem in error.problems:
+            print(told(problem) if problem.at.line else f"framekit {parsed.verb}: {told(problem)}", file=sys.stderr)
         return status_of(error.problems)
 
 

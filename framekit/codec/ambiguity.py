@@ -375,9 +375,17 @@ class _Checker:
                 tried += 1
                 if (sample := self._taken(earlier, later)) is not None:
                     what = f"'{later.frame}' is always taken for '{earlier.frame}', which is tried first"
-                    yield Problem(later.at, f"{what}: {beginning(sample.data)} fits both", todo)
+                    at, todo_there = self._own_place(later, todo)
+                    yield Problem(at, f"{what}: {beginning(sample.data)} fits both", todo_there)
                     break
             before.add(later, self._constants(later.frame))
+
+    def _own_place(self, later: _Candidate, todo: str) -> tuple[Position, str]:
+        """Where to tell it and what to do: at the frame where that is the user's own, and the row another file's."""
+        own, frame = self.codec.protocol.at.file, self.codec.protocol.frames[later.frame].at
+        if later.at.file == own or frame.file != own:
+            return later.at, todo
+        return frame, "give one of the frames another constant, in its where: or in its body"
 
     def _constants(self, frame: str) -> tuple[tuple[int, int], ...]:
         """The first bytes of a frame that can have one value only: their places and values."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from framekit.codec.support import swap
-from framekit.definition.model.services import NUMBER_BITS
+from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS
 from framekit.definition.problems import did_you_mean
 from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, unit_bits
 
@@ -149,8 +149,9 @@ def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
     if type_ == "string":
         return TextView(swapped)
     if type_ not in _TYPES:
-        hint = did_you_mean(type_, VIEWS)
-        raise ValueError(f"'{type_}' is not a type – {hint or 'known: ' + ', '.join(VIEWS)}")
+        known = (*UNIT_BITS, *VIEWS)
+        hint = did_you_mean(type_, known)
+        raise ValueError(f"'{type_}' is not a type – {hint or 'known: ' + ', '.join(known)}")
     bits, kind = _TYPES[type_]
     return NumberView(type_, _UNITS[bits], kind, reversed_, swapped)
 

@@ -28,7 +28,7 @@ from framekit.run.model import (
     StationRules,
 )
 from framekit.runfile.fault_plans import read_fault_plan
-from framekit.transport.schemes import scheme_of
+from framekit.transport.schemes import is_known, no_port, scheme_of
 
 T = TypeVar("T")
 
@@ -130,6 +130,8 @@ class ChannelLoader:
         port = self.reader.text(node)
         if _HOST_AND_PORT.fullmatch(port) and not port.startswith("sim:"):
             raise self.reader.broken(node.at, f"'{port}' is no port", f"write tcp://{port} for a connection")
+        if port.strip() and not is_known(port):
+            raise self.reader.broken(node.at, *no_port(port))
         for name in port.removeprefix("sim:").split(",") if port.startswith("sim:") else ():
             if not name.strip():
                 raise self.reader.broken(node.at, "a simulated device has no name", "write sim:FILE")

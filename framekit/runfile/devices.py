@@ -440,8 +440,10 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
             grammar.check(address, max(1, len(values)))
         bits = address.unit_bits
         for item, value in zip(reader.items(entry.value), values, strict=True):
-            if not (-(1 << bits - 1) if bits > 1 else 0) <= value < 1 << bits:
-                raise reader.broken(item.at, f"{value} does not fit into a {address.unit}", "use a wider unit")
+            least = -(1 << bits - 1) if bits > 1 else 0
+            if not least <= value < 1 << bits:
+                what = f"{value} does not fit into a {address.unit}"
+                raise reader.broken(item.at, what, f"give {least} to {(1 << bits) - 1}")
         return OwnPlace(address=address, text=text), tuple(value & ((1 << bits) - 1) for value in values)
     return None
 

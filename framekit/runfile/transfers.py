@@ -22,7 +22,7 @@ from framekit.definition.model.services import COUNTED_STRING, Argument, Packing
 from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import Position, did_you_mean, is_nearly, listed, parted
+from framekit.definition.problems import Position, did_you_mean, is_nearly, listed, parted, plural
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
 from framekit.link.parameters import ParameterError, given_value
@@ -164,7 +164,11 @@ class TransferLoader:
             reader.note(given.at, "the block has values and an own place", "leave one of them out")
         elif values is not None and len(values) not in (1, max(targets, count)):
             wanted = max(targets, count)
-            reader.note(keys.at, f"{len(values)} values stand for {wanted} places", f"give one value, or {wanted}")
+            what = f"{len(values)} values stand for {plural(wanted, 'place')}"
+            todo = f"give one value, or {wanted}" if wanted > 1 else "give one value"
+            if targets == 1:
+                todo += f", or write count: {len(values)}" if keys.get("count") else f", or add count: {len(values)}"
+            reader.note(keys.at, what, todo)
         own = len(reader.items(node))
         if own and own != targets:
             what = f"{targets} addresses of the other side stand against {own} own ones"

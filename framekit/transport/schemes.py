@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
+from framekit.definition.problems import did_you_mean
 from framekit.definition.times import PLAIN, LineSettings
 
 if TYPE_CHECKING:
@@ -178,7 +179,7 @@ def open_port(
     """
     kind = scheme_of(url) if url.strip() else None
     if kind is None or kind.open is None or (kind.served and not serves) or not _is_written_so(url, kind):
-        raise ValueError(_unknown(url, serves))
+        raise ValueError(" – ".join(no_port(url)))
     clock = real(url, clock)
     if listen_only:
         wiring = replace(wiring, listen_only=True)
@@ -228,8 +229,20 @@ def _is_written_so(url: str, kind: Scheme) -> bool:
     return url == kind.form if kind.form.endswith(":") else "://" not in kind.form or "://" in url
 
 
-def _unknown(url: str, serves: bool) -> str:
+def is_known(url: str) -> bool:
+    """Whether a channel can have a port of that name: a simulated line, or a known kind written as its form is."""
+    kind = scheme_of(url)
+    return scheme_name(url) == SIMULATED or (kind is not None and not kind.served and _is_written_so(url, kind))
+
+
+def no_port(url: str) -> tuple[str, str]:
+    """That this is no port, and what to write: the scheme that may be meant, and the forms there are."""
     if re.fullmatch(r"[A-Za-z0-9.-]+:\d+", url):
-        return f"'{url}' is no port – write tcp://{url} for a connection to that host"
-    known = [SCHEMES[""].form, *forms(opened=True, served=serves)]
-    return f"'{url}' is no port – known are {', '.join(known)}"
+        return f"'{url}' is no port", f"write tcp://{url} for a connection to that host"
+    name, known = scheme_name(url), [name for name in SCHEMES if name]
+    if name == SIMULATED:
+        return f"'{url}' is no port here", "simulated lines are for runs and for clients"
+    near = did_you_mean(name, [*known, SIMULATED]) if name not in known else ""
+    ports = [SCHEMES[""].form, *forms(opened=True, listening=True), "sim:FILE"]
+    listed = f"known are {', '.join(ports)}; a server can open {', '.join(forms(served=True))} too"
+    return f"'{url}' is no port", near or listed

@@ -55,7 +55,7 @@ def test_encode_an_inner_frame_as_json(capsys: pytest.CaptureFixture[str]) -> No
 def test_encode_refuses_by_name(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:
     status, out, err = call(capsys, "encode", *words)
     assert (status, out) == (2, "")
-    assert message in err
+    assert err.startswith("framekit encode: ") and message in err
 
 
 @pytest.mark.parametrize(

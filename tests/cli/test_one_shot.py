@@ -226,7 +226,8 @@ def test_a_wrong_definition(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     ("words", "says"),
     [
         (["read", "ZZ"], "'ZZ' is not an address"),
-        (["read", "40001", "--type", "foo"], "'foo' is not a type"),
+        (["read", "40001", "--type", "foo"], "'foo' is not a type – known: bit, byte, word, dword, lword, int8"),
+        (["read", "40001", "--type", "wrod"], "'wrod' is not a type – did you mean 'word'"),
         (["read", "40001", "ZZ", "--every", "1s"], "'ZZ' is not an address"),
         (["write", "40001", "70000"], "70000 does not fit into a word"),
         (["write", "40001", "-1"], "-1 does not fit into a word: 0 to 65535 – for a number with sign"),
