@@ -133,6 +133,8 @@ def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
     if isinstance(error, RequestError):
         return 2
+    if isinstance(error, ExchangeError) and error.error_code is ErrorCode.NOT_ALLOWED:
+        return 2  # nothing was sent
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.FAILED:
         return 3  # a name that the protocol gives to an exchange without a good answer
     return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1

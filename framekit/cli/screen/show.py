@@ -10,7 +10,9 @@ from framekit.cli.common import VerbError
 if TYPE_CHECKING:
     from framekit.cli.screen.session import LiveSession
 
-MISSING = "the live display needs textual – install framekit with the extra 'screen'"
+MISSING = (
+    "the live display needs textual – install framekit with the extra 'screen': pip install '.[screen]' in its folder"
+)
 
 
 def show(session: LiveSession) -> int:

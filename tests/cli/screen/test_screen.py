@@ -285,7 +285,7 @@ def test_without_textual_it_says_what_is_missing(
     monkeypatch.delitem(sys.modules, "framekit.cli.screen.app", raising=False)
     monkeypatch.setitem(sys.modules, "textual.app", None)
     assert main(["run", str(PLC), "--virtual", "--screen"]) == 1
-    assert "install framekit with the extra 'screen'" in capsys.readouterr().err
+    assert "install framekit with the extra 'screen': pip install '.[screen]'" in capsys.readouterr().err
 
 
 def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
