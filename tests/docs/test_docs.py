@@ -18,6 +18,8 @@ from pathlib import Path
 import pytest
 
 from framekit.cli.main import main
+from framekit.transport import schemes
+from framekit.transport.schemes import SCHEMES
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
@@ -43,6 +45,7 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     folder = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", folder)
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(schemes, "SCHEMES", dict(SCHEMES))  # a page's own port is known on that page only
     for snippet in snippets(page):
         where = f"{page.name}:{snippet.line}"
         if snippet.kind == "console":

@@ -290,7 +290,8 @@ def test_without_textual_it_says_what_is_missing(
 
 def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "r.run.yaml").write_text(
-        "run: r\nmemory: masterlogic\nchannels:\n  1: {port: 'tcp://nowhere:99999', protocol: mldp, station: 1}\nblocks: {}\n"
+        "run: r\nmemory: masterlogic\nblocks: {}\n"
+        "channels:\n  1: {port: 'tcp://nowhere:99999', protocol: mldp, station: 1}\n"
     )
     assert main(["run", str(tmp_path / "r.run.yaml"), "--screen"]) == 1
     assert capsys.readouterr().err
