@@ -668,8 +668,12 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
     assert len(results) >= ROUNDS
 
 
+DEFINITIONS = int(os.environ.get("FRAMEKIT_DEFINITIONS", "3000"))
+"""How many the long tests try; the first 10,000 have been tried."""
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(0, 10000, 500))
+@pytest.mark.parametrize("first", range(0, DEFINITIONS, 500))
 def test_thousands_of_definitions_hold(first: int) -> None:
     """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
     results, failed = [], {}
@@ -683,7 +687,7 @@ def test_thousands_of_definitions_hold(first: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(0, 2000, 500))
+@pytest.mark.parametrize("first", range(0, DEFINITIONS // 5, 500))
 def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
     """Tried alone: `tried("m612", (), more=True)`."""
     results, failed = [], {}
