@@ -17,7 +17,7 @@ from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Break, CharacterFault, Command, LineFault, Monitor, Reopen, Seen, Send
-from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
+from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
 from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
@@ -240,7 +240,7 @@ class SideUnderTest:
     `monitor` is shown what happens; `troubles` collects what could not be worked out.
     """
 
-    server: Server | None = None
+    server: RequestHandler | None = None
     memory: MemoryAccess | None = None
     ask: Callable[[Engine], Ask] | None = None
     start: Callable[[Engine, Mapping[str, Any], Any, int, Asked], list[Command]] | None = None

@@ -19,7 +19,7 @@ from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.clock import DEFAULT_START, DeviceState
 from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command, LinkCounters, Monitor, Send
-from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
+from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes, Shutdown
 from framekit.link.output import Output
@@ -56,7 +56,7 @@ class Engine:
         params: Mapping[str, Any] | None = None,
         line: LineFormat | None = None,
         own: Any = None,
-        server: Server | None = None,
+        server: RequestHandler | None = None,
         now: int = 0,
         memory: MemoryAccess | None = None,
         ask: Ask | None = None,

@@ -68,7 +68,7 @@ class Served:
     trouble: str = ""
 
 
-class Server(Protocol):
+class RequestHandler(Protocol):
     """Does what requests ask for, on a device's memory."""
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served: ...

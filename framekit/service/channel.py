@@ -16,7 +16,7 @@ from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
 from framekit.link.events import Monitor, Seen
-from framekit.link.exchange import Asked, Server
+from framekit.link.exchange import Asked, RequestHandler
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.link.values import FrameValue
@@ -161,7 +161,7 @@ class ChannelService:
         for block in blocks:
             self.receiving.setdefault(block.frame or "", []).append(block)
 
-    def _server(self, codec: Codec, access: AddressedMemory) -> Server | None:
+    def _server(self, codec: Codec, access: AddressedMemory) -> RequestHandler | None:
         protocol = self.channel.protocol
         if not protocol.services:
             return None

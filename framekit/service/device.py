@@ -14,7 +14,7 @@ from framekit.definition.times import MOST_STATIONS, LineFormat
 from framekit.link.clock import DeviceState
 from framekit.link.engine import Engine
 from framekit.link.events import LinkCounters, Monitor, Seen
-from framekit.link.exchange import Server
+from framekit.link.exchange import RequestHandler
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
@@ -42,7 +42,7 @@ class DeviceStore:
 
     def __init__(
         self, device: Device, clock: Clock, of_line: FaultPlan | None = None, *, access: AddressedMemory | None = None,
-        server: Server | None = None, link: LinkCounters | None = None, load: LineLoad | None = None,
+        server: RequestHandler | None = None, link: LinkCounters | None = None, load: LineLoad | None = None,
         counters: ServiceCounters | None = None,
     ) -> None:  # fmt: skip
         self.device = device

@@ -16,7 +16,7 @@ from typing import Any
 
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.events import LinkCounters, Monitor, Seen
-from framekit.link.exchange import Server
+from framekit.link.exchange import RequestHandler
 from framekit.link.services.server import ServiceCounters
 from framekit.run.model import DEFAULT_LIMITS, Channel, ConnectionLimits
 from framekit.run.own_memory import AddressedMemory
@@ -248,7 +248,7 @@ class ListeningPort(Port):
         self.serving: Serving | None = None
 
     def answer(
-        self, access: AddressedMemory, server: Server | None, monitor: Monitor | None, counters: LinkCounters,
+        self, access: AddressedMemory, server: RequestHandler | None, monitor: Monitor | None, counters: LinkCounters,
         load: LineLoad, services: ServiceCounters,
     ) -> None:  # fmt: skip
         """From now on connections are answered from this memory by this server, and counted here."""

@@ -18,7 +18,7 @@ from framekit.definition.times import NEVER
 from framekit.link.clock import with_date
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import Break, Monitor, Seen, Send
-from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, Server
+from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
 from framekit.link.output import Output
@@ -100,7 +100,7 @@ class Machine:
         self.late = LateReplies(scope.protocol, scope)
         self.queues = Queues(scope.protocol)
         self.session = SessionState(None, scope)
-        self.server: Server | None = None
+        self.server: RequestHandler | None = None
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
