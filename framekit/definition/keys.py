@@ -56,9 +56,6 @@ class Form(NamedTuple):
     read: Callable[[KeyReading, Node], Any]
     kind: ValueKind | None = None
 
-    def with_schema(self, **more: Any) -> Form:
-        return self._replace(schema={**self.schema, **more})
-
 
 class Key(NamedTuple):
     """The keys behind one attribute: their schemas by name, and how the attribute follows from the mapping."""

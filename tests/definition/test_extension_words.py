@@ -109,13 +109,13 @@ class Both(Segment):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rubbish(Segment):
     KEY: ClassVar[str] = "made_up"
-    name: str = key("made_up", IDENTIFIER.with_schema(type="rubbish"))
+    name: str = key("made_up", IDENTIFIER._replace(schema={"type": "rubbish"}))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nowhere(Segment):
     KEY: ClassVar[str] = "made_up"
-    name: str = key("made_up", IDENTIFIER.with_schema(**{"$ref": "common.schema.json#/$defs/nowhere"}))
+    name: str = key("made_up", IDENTIFIER._replace(schema={"$ref": "common.schema.json#/$defs/nowhere"}))
 
 
 def kind_of(one: type[Segment]) -> type[SegmentKind[Segment]]:

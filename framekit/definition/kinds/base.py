@@ -189,10 +189,16 @@ class Segment:
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         """Bytes on the wire when it is there; `of_frame` gives the sizes of a frame by name."""
-        raise NotImplementedError
+        if self.number_type is None and self.takes_bytes:
+            raise NotImplementedError
+        return NOTHING if self.number_type is None else self.number_type.sizes
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
         """The bytes that may stand in it; every byte where that cannot be told."""
+        if not self.takes_bytes:
+            return frozenset()
+        if self.number_type is not None:
+            return self.number_type.contents
         inside = self.blocks if self.inner_record is None else (self.inner_record,)
         return contents_of((one for block in inside for one in block), of_frame) if inside else EVERY_BYTE
 
@@ -210,6 +216,12 @@ class Segment:
     def number_type(self) -> FieldType | None:
         """The type of what stands on the wire, if that is one value of a type."""
         return None
+
+    @property
+    def size_expression(self) -> Expression | None:
+        """The expression that gives its size, if one does."""
+        size = None if self.number_type is None else self.number_type.size
+        return size if isinstance(size, Expression) else None
 
     # ---- values -------------------------------------------------------------------------------------------
 
@@ -242,10 +254,13 @@ class Segment:
         """What must be known when it is read: what messages call it, and the expression."""
         if self.when is not None:
             yield "condition", self.when
+        if self.size_expression is not None:
+            yield "size", self.size_expression
 
     def given(self) -> Iterator[Given]:
         """Its expressions, with what each has to be."""
         yield self.when, "any", None
+        yield self.size_expression, "number", None
 
     def computed(self) -> Iterator[tuple[str, Expression]]:
         """The expressions that give values, by the name of the value."""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.keys import KeyReading, ValueKind, keys, ref
-from framekit.definition.kinds.base import Contents, Fixing, Given, Segment
+from framekit.definition.kinds.base import Fixing, Given, Segment
 from framekit.definition.kinds.numbers import VALUE_NAMES, constant_number, number_written
 from framekit.definition.load.reader import Reader
-from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Position, Problem
 from framekit.definition.wire_types import FieldType, type_keys
 
@@ -126,12 +125,6 @@ class Bits(Segment):
     def number_type(self) -> FieldType:
         return self.type
 
-    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
-        return self.type.sizes
-
-    def contents(self, of_frame: Contents) -> frozenset[int]:
-        return self.type.contents
-
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
         return ((part.name, "number" if part.values is None else "any") for part in self.parts)
 
@@ -145,11 +138,6 @@ class Bits(Segment):
     @property
     def lacks_default(self) -> bool:
         return any(part.is_ is None and part.build is None and part.constants is None for part in self.parts)
-
-    def needed(self) -> Iterator[tuple[str, Expression]]:
-        yield from Segment.needed(self)
-        if isinstance(self.type.size, Expression):
-            yield "size", self.type.size
 
     def given(self) -> Iterator[Given]:
         yield from Segment.given(self)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from framekit.definition.expression.syntax import Expression
 from framekit.definition.keys import FLAG, IDENTIFIER, LABEL, LABELS, NUMBER, RANGE, Form, KeyReading, ValueKind, key
-from framekit.definition.kinds.base import Contents, References, Segment
+from framekit.definition.kinds.base import References, Segment
 from framekit.definition.kinds.numbers import limits_that_do_not_fit, zero_with_a_sign
-from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.definition.tree import Node
 from framekit.definition.wire_types import FieldType, type_keys
@@ -59,19 +57,8 @@ class Counting(Segment):
     def number_type(self) -> FieldType:
         return self.type
 
-    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
-        return self.type.sizes
-
-    def contents(self, of_frame: Contents) -> frozenset[int]:
-        return self.type.contents
-
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
         yield self.name, "number"
-
-    def needed(self) -> Iterator[tuple[str, Expression]]:
-        yield from Segment.needed(self)
-        if isinstance(self.type.size, Expression):
-            yield "size", self.type.size
 
     def check(self) -> Iterator[Problem]:
         if not self.type.is_whole_number:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, words
-from framekit.definition.kinds.base import Contents, Given, Segment
+from framekit.definition.kinds.base import Contents, Segment
 from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.static_size import Sizes, exactly
 from framekit.definition.problems import Problem
@@ -101,14 +101,9 @@ class Data(Segment):
     def may_be_given(self) -> bool:
         return True
 
-    def needed(self) -> Iterator[tuple[str, Expression]]:
-        yield from Segment.needed(self)
-        if isinstance(self.size, Expression):
-            yield "size", self.size
-
-    def given(self) -> Iterator[Given]:
-        yield from Segment.given(self)
-        yield self.size if isinstance(self.size, Expression) else None, "number", None
+    @property
+    def size_expression(self) -> Expression | None:
+        return self.size if isinstance(self.size, Expression) else None
 
     def check(self) -> Iterator[Problem]:
         number = constant_number(self.size) if isinstance(self.size, Expression) else None

@@ -38,7 +38,7 @@ from framekit.definition.load.reader import Reader, literal_bytes
 from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Position, Problem
 from framekit.definition.tree import Node, Scalar
-from framekit.definition.wire_types import FieldType, type_keys
+from framekit.definition.wire_types import EVERY_BYTE, FieldType, type_keys
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +149,7 @@ class Field(Segment):
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
         if self.long is not None:
-            return Segment.contents(self, of_frame)
+            return EVERY_BYTE
         is_small = self.type.kind == "int" and self.type.size == 1 and self.zero_means is None and self.unit is None
         if not is_small or self.limits is None or self.limits[0] + self.plus < 0:
             return self.type.contents
@@ -180,13 +180,9 @@ class Field(Segment):
         yield from Segment.needed(self)
         if self.when is not None and self.default is not None:
             yield "default of what may be absent", self.default
-        if isinstance(self.type.size, Expression):
-            yield "size", self.type.size
 
     def given(self) -> Iterator[Given]:
         yield from Segment.given(self)
-        if isinstance(self.type.size, Expression):
-            yield self.type.size, "number", None
         for expression in (self.is_, self.build, self.default):
             yield expression, self.value_kind, self.values
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, key, ref
-from framekit.definition.kinds.base import Contents, Given, Segment, contents_of
+from framekit.definition.kinds.base import Contents, Segment, contents_of
 from framekit.definition.model.static_size import ANY, Sizes, either, exactly
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node
@@ -69,14 +69,9 @@ class Inner(Segment):
     def wanted_names(self) -> tuple[str, ...]:
         return (self.name,)
 
-    def needed(self) -> Iterator[tuple[str, Expression]]:
-        yield from Segment.needed(self)
-        if isinstance(self.size, Expression):
-            yield "size", self.size
-
-    def given(self) -> Iterator[Given]:
-        yield from Segment.given(self)
-        yield self.size if isinstance(self.size, Expression) else None, "number", None
+    @property
+    def size_expression(self) -> Expression | None:
+        return self.size if isinstance(self.size, Expression) else None
 
     def check(self) -> Iterator[Problem]:
         if not self.frames:

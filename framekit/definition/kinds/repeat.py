@@ -87,6 +87,11 @@ class Repeat(Segment):
     def takes_rest(self) -> bool:
         return self.times == "rest"
 
+    @property
+    def size_expression(self) -> Expression | None:
+        size = self.of.size if isinstance(self.of, FieldType) else None
+        return size if isinstance(size, Expression) else None
+
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
         yield self.name, "list"
 
@@ -98,8 +103,6 @@ class Repeat(Segment):
         yield from Segment.needed(self)
         if isinstance(self.times, Expression):
             yield "number of items", self.times
-        if isinstance(self.of, FieldType) and isinstance(self.of.size, Expression):
-            yield "size", self.of.size
 
     def given(self) -> Iterator[Given]:
         yield from Segment.given(self)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 from framekit.definition.expression.syntax import Expression
 from framekit.definition.keys import EXPRESSION, IDENTIFIER, key
-from framekit.definition.kinds.base import Contents, Given, Segment
-from framekit.definition.model.static_size import NOTHING, Sizes
+from framekit.definition.kinds.base import Given, Segment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,12 +32,6 @@ class Value(Segment):
     def follows(self) -> Expression | None:
         return self.read
 
-    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
-        return NOTHING
-
-    def contents(self, of_frame: Contents) -> frozenset[int]:
-        return frozenset()
-
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
         yield "value", self.read
@@ -57,12 +50,6 @@ class Require(Segment):
     takes_bytes: ClassVar[bool] = False
 
     condition: Expression = key("require", EXPRESSION, "What must hold.")
-
-    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
-        return NOTHING
-
-    def contents(self, of_frame: Contents) -> frozenset[int]:
-        return frozenset()
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
