@@ -5,6 +5,7 @@ The segments say themselves what they hold (`blocks`, `inner_record`, `value_nam
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
@@ -123,11 +124,16 @@ def parts_of(value: Any, kind: type[T]) -> Iterator[T]:
             left += reversed(value)
 
 
+_NO_PARTS = frozenset({"str", "int", "bool", "bytes", "float", "None", "Position", "tuple", "frozenset"})
+
+
 @cache
 def _names_of(kind: type) -> tuple[str, ...]:
-    """The fields of a class that may hold parts, the last one first."""
-    holds = is_dataclass(kind) and not issubclass(kind, (Expression, Position))
-    return tuple(field.name for field in fields(kind))[::-1] if holds else ()
+    """The fields of a class that may hold parts, the last one first: not those that say to be a number or a text."""
+    if not is_dataclass(kind) or issubclass(kind, (Expression, Position)):
+        return ()
+    kinds = [(field.name, set(re.findall(r"\w+", str(field.type)))) for field in reversed(fields(kind))]
+    return tuple(name for name, words in kinds if not words <= _NO_PARTS)
 
 
 def expressions_of(value: Any) -> Iterator[Expression]:
