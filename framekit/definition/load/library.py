@@ -26,7 +26,7 @@ class Loaded:
 
 
 MOST_KEPT = 32
-"""So many loaded definitions are kept in a process."""
+"""So many loaded definitions are kept in a process, those asked for last."""
 _kept: dict[tuple[str, Path], Loaded] = {}
 
 
@@ -48,7 +48,7 @@ def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
     key = str(path), path.resolve()
     kept = _kept.get(key)
     if kept is not None and kept.sources.still_hold():
-        return kept
+        return _keep(key, kept)
     keeper = current_keeper()
     before = None if keeper is None else keeper.loaded(path)
     loaded = _load(path) if before is None else Loaded(*before)
