@@ -434,7 +434,7 @@ class _SequenceChecker:
                 self._note(
                     row.at, f"this row is never reached: a row above takes every {names}", "move it up, or drop it"
                 )
-            if row.when is None:
+            if row.when is None and row.station is None:
                 taken |= set(row.frames)
 
     def _limits(self, step: Step) -> None:

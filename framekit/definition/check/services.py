@@ -341,7 +341,7 @@ def _stations(protocol: Protocol) -> Iterator[Problem]:
             if made is None or frame is None or _judges_itself(frame):
                 continue
             for field_name, value in made.fields.items():
-                named = isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "station"
+                named = isinstance(value, Expression) and "station" in names_in(value.root)
                 if (
                     not named
                     or field_name not in field_names(frame.segments)
@@ -353,8 +353,9 @@ def _stations(protocol: Protocol) -> Iterator[Problem]:
                 what = (
                     f"'{field_name}' of a request is not compared with the device's own station in '{name}', so every "
                 )
-                todo = " or ".join(f"'{one}'" for one in sorted(compared))
-                todo = f"call the field {todo}" if todo else f"add when: it.{field_name} == own where it is received"
+                plain = isinstance(value, Expression) and isinstance(value.root, Name)
+                todo = "station: own" if plain else f"when: it.{field_name} == …"
+                todo = f"add {todo} to the row that receives it"
                 yield Problem(value.at, what + "device answers every station", todo, warning=True)
 
 

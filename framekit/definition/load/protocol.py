@@ -23,11 +23,13 @@ from framekit.definition.load.sections import (
 )
 from framekit.definition.load.segments import SegmentLoader
 from framekit.definition.load.services import ServiceLoader, load_address_forms, load_area
+from framekit.definition.load.stations import Stations
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.frames import Frame, Layout
+from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
-from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal
-from framekit.definition.model.values import LayoutOf, ReadAs, Table
+from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
+from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
 from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Entry, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
@@ -60,6 +62,7 @@ class ProtocolLoader:
         sessions = self._each("sessions", lambda entry: procedure.session(entry, names))
         services = ServiceLoader(self.values)
         rows = {name: services.rows(owned.entry) for name, owned in self.space.section("services").items()}
+        sequences = self._compared(sequences, frames, rows)
         areas, forms = self._areas()
         errors = self._errors(services)
         refusals = self._refusals(services)
@@ -93,6 +96,19 @@ class ProtocolLoader:
             commands_file=self._text("commands"),
             warnings=(),
         )
+
+    def _compared(
+        self,
+        sequences: dict[str, Sequence],
+        frames: Mapping[str, Frame],
+        services: Mapping[str, tuple[ServiceRow, ...]],
+    ) -> dict[str, Sequence]:
+        """The sequences with their rows' `station:` carried out."""
+        requests = (row.request for rows in services.values() for row in rows if row.request is not None)
+        built = (*requests, *parts_of(sequences, FrameOf))
+        shared = (*self.space.section("params"), *self.space.section("tables"))
+        stations = Stations.derived(frames, built, shared)
+        return {name: stations.compared(self.reader, sequence) for name, sequence in sequences.items()}
 
     def _head(self) -> dict[str, Any]:
         """What a definition says of itself, and where it was read from."""

@@ -103,10 +103,16 @@ ARRIVALS: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row(Action):
-    """A row of a receive matrix. `frames`: in the order tried; `expected`: also the exchange's own replies."""
+    """A row of a receive matrix. `frames`: in the order tried; `expected`: also the exchange's own replies.
+
+    `station` is part of `when` already (`load/stations.py`); it tells that the row does not take all of its frames.
+    """
 
     frames: tuple[str, ...] = keys(ARRIVALS, lambda r: r.loader.arrivals(r.keys), default=())
     expected: bool = keys({}, lambda r: r.loader.expects(r.keys), default=False)
+    station: Expression | None = key(
+        "station", EXPRESSION, "Only frames whose station is this; those without one too.", default=None
+    )
     queue: str | None = key("queue", IDENTIFIER, "As soon as this queue has an item.", default=None)
     room: str | None = key("room", IDENTIFIER, "As soon as this queue is not full.", default=None)
 
