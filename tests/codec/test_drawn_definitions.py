@@ -339,6 +339,58 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"r": [{"i": {"word": {}}}]},
         "61 62 10 02 03",
     ),
+    "digits of fixed size in every item": (
+        "[{repeat: r, times: 2, of: [{wrap: hex, of: [{skip: 1}]}]}]",
+        {"r": [{}, {}]},
+        "30 30 30 30",
+    ),
+    "a rest before a record with a condition of its own": (
+        "[{field: k, type: u8}, {data: d, size: rest}, {include: ended, as: r}]",
+        {"k": 1, "d": b"ax", "r": {"k": 9}},
+        "01 61 78 61 62 09 00",
+    ),
+    "a rest before a record with a condition on what stands before it": (
+        "[{field: t, type: u8}, {data: d, size: rest}, {include: told, as: r}, {check: sum8}]",
+        {"t": 5, "d": b"a", "r": {}},
+        "05 61 61 62 00 29",
+    ),
+    "a field of a record has the name of one around it": (
+        "[{field: b, type: u8}, {include: named_alike, as: r}]",
+        {"b": 1, "r": {"b": 9}},
+        "01 0A 09",
+    ),
+    "nothing but what is skipped before a list of numbers": (
+        "[{skip: 1}, {repeat: r, times: rest, of: int, size: 2}, {const: 7E}]",
+        {"r": [8]},
+        "00 00 08 7E",
+    ),
+    "a default with a condition in it, of what may be absent": (
+        "[{repeat: values_before, times: 1, of: [{field: which, type: u8}, {field: value, type: u8,"
+        " default: 4 if sum(values_before.which) > 2 else 1, when: which % 2 == 0}]}]",
+        {"values_before": [{"which": 2}]},
+        "02 01",
+    ),
+    "a frame inside an item of which a value is asked for": (
+        "[{repeat: r, times: 1, of: [{field: a, type: u8}, {inner: i, of: [word], when: a > 1}]},"
+        " {data: d, size: sum(r.a)}]",
+        {"r": [{"a": 1}], "d": b"x"},
+        "01 78",
+    ),
+    "a size by what is in a wrap in a record": (
+        "[{field: k, type: u8}, {include: doubled, as: r}, {check: sum8}]",
+        {"k": 1, "r": {"n": 2, "d": b"ab"}},
+        "01 02 10 03 61 62 D9",
+    ),
+    "a size by what is in a wrap in an item": (
+        "[{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{include: doubled}]}, {check: sum8}]",
+        {"r": [{"n": 1, "d": b"a"}, {"n": 2, "d": b"aa"}]},
+        "02 01 10 03 61 02 10 03 61 61 4E",
+    ),
+    "a length that counts a number worked out from it": (
+        "[{field: a, type: u8, is: 7 - n}, {length: n, type: u8, of: [d, a]}, {data: d, size: rest}]",
+        {"d": b"ab"},
+        "04 03 61 62",
+    ),
 }
 """By what it shows: a body, values, their bytes."""
 DAMAGED: dict[str, tuple[str, str, str]] = {
@@ -358,6 +410,9 @@ DAMAGED: dict[str, tuple[str, str, str]] = {
     ),
     "text with the byte that ends the body": (
         "[{field: t, type: ascii, size: 3}], group: ended", "61 03 62 03", "short"
+    ),
+    "a frame inside that is none of those that may be there": (
+        "[{inner: i, of: [word, counted]}], size: 5, fill: 00", "78 79 00 00 00", "value"
     ),
     "text with the byte that ends the body behind a head of any size": (
         "[{field: t, type: ascii, size: 3}], group: behind_list", "36 61 03 62 03", "short"
@@ -393,6 +448,28 @@ UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 """By what it shows: a body, values, what is said about them."""
 REFUSED: dict[str, tuple[str, str]] = {
+    "a record that is read inside itself": (
+        "[{field: k, type: u8}, {include: itself, as: r}]",
+        "'r' is read inside 'r' itself – write the name of a field alone, without 'r'",
+    ),
+    "digits in an item of which only what they stand for tells the size": (
+        "[{field: k, type: u8}, {count: n, type: u8, of: r},"
+        " {repeat: r, times: n, of: [{wrap: hex, of: [{data: d, size: k}]}]}]",
+        "nothing shows where the wrap part ends in an item of a list",
+    ),
+    "digits of which only a wrap in them tells the size": (
+        "[{field: k, type: u8}, {wrap: hex, of: [{include: doubled, as: r}]}, {check: sum8}]",
+        "only 'n' in a wrap tells how many digits there are around it",
+    ),
+    "a range that ends inside a wrap under a condition": (
+        "[{field: k, type: u8}, {wrap: hex, of: [{field: a, type: u8}, {field: b, type: u8}], when: k},"
+        " {check: sum8, over: k..a}]",
+        "the range of a check ends in a part under a condition: 'a' – name the wrap part, or what stands beside it",
+    ),
+    "bits that depend on what is worked out from them": (
+        "[{field: k, type: u8, is: x + 1}, {optional: [{field: a, type: u8, when: k > 1}, {bits: {x: 0-3}, of: u8}]}]",
+        "'x' has no value where an expression reads it",
+    ),
     "a default of a record's field by itself": (
         "[{field: k, type: u8}, {include: circle, as: r}]",
         "'a' cannot be computed from itself – name another value",
@@ -520,6 +597,11 @@ def protocol_of(body: str) -> str:
         " circle: [{field: a, type: u8, default: r.a * 2, when: 3 > 3}],"
         " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
+        " ended: [{text: ab}, {field: k, type: u8}, {skip: 1, when: k > 4}],"
+        " told: [{text: ab}, {skip: 1, when: t > 3}],"
+        " named_alike: [{field: a, type: u8, is: b + 1}, {field: b, type: u8}],"
+        " itself: [{field: a, type: u8}, {field: b, type: u8, is: r.a + 1}],"
+        " doubled: [{wrap: {escape: DLE}, of: [{field: n, type: u8}]}, {const: 10 03}, {data: d, size: n}],"
         " wrapped: [{field: a, type: u8}, {wrap: hex, of: [{data: d, size: rest}]}]}"
     )
     groups = (
@@ -562,7 +644,7 @@ def test_what_could_not_be_read_again_is_not_sent(title: str) -> None:
 def test_what_cannot_round_trip_is_refused(title: str) -> None:
     body, what = REFUSED[title]
     with pytest.raises(DefinitionError) as caught:
-        load_protocol_text(protocol_of(body), "found")
+        compile_protocol(load_protocol_text(protocol_of(body), "found"))
     assert what in str(caught.value)
 
 

@@ -10,7 +10,7 @@ from construct import Container
 
 from construct_oracle.base import SegmentConstruct, ValueSegment
 from construct_oracle.faults import Place
-from construct_oracle.filling import MISSING, Absent, Filling
+from construct_oracle.filling import MISSING, Absent, Circular, Filling
 from construct_oracle.state import Reading
 from construct_oracle.values import DAMAGED, of_type, read_wire, write_wire
 from framekit.codec.evaluate import EVALUATION_ERRORS
@@ -132,7 +132,9 @@ class FieldConstruct(ValueSegment):
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         field, name = self.segment, self.name
-        value = filling[name]
+        value = measured_value(field, name, filling, stream, context)
+        if value is None:
+            return
         if field.constants is not None and value not in field.constants:
             raise filling.error(name, f"'{name}' is {' or '.join(map(repr, field.constants))}, not {value!r}")
         if field.only and field.values is not None and value not in field.values:
@@ -149,6 +151,19 @@ class FieldConstruct(ValueSegment):
             write_wire(field.long.type, wire, name, filling, stream, context)
         else:
             write_wire(field.type, wire, name, filling, stream, context)
+
+
+def measured_value(segment: Field | Bits, name: str, filling: Filling, stream: BytesIO, context: Container) -> Any:
+    """A value to be written; None where only its room is asked for, and the value is worked out from that room."""
+    try:
+        return filling[name]
+    except Circular:
+        size = segment.type.size
+        if not context._state.measuring or not isinstance(size, int) or getattr(segment, "long", None):
+            raise
+        stream.write(bytes(size))
+        context._state.leaf(bytes(size))
+        return None
 
 
 class BitsConstruct(SegmentConstruct):
@@ -213,7 +228,9 @@ class BitsConstruct(SegmentConstruct):
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         number = 0
         for part in self.segment.parts:
-            value = filling[part.name]
+            value = measured_value(self.segment, part.name, filling, stream, context)
+            if value is None:
+                return
             if part.constants is not None and value not in part.constants:
                 raise filling.error(part.name, f"'{part.name}' cannot be {value}")
             if value < 0 or value >> part.high - part.low + 1:

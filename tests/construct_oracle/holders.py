@@ -167,7 +167,8 @@ class RepeatConstruct(ValueSegment):
                 inner = self.fields.open(stream, context)
                 inner._item = self.name, len(items)
                 items.append(inner._values)
-                self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
+                with reading.within(Region(reading.region.end, exact=False)):  # another item may follow
+                    self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
                 if not isinstance(self.segment.times, int) and stream.tell() == before:
                     raise reading.stop(place, "length", "items that take room", "0 bytes")
 

@@ -112,10 +112,9 @@ class DataConstruct(ValueSegment):
             given = b"" if given is MISSING else given
         if not isinstance(given, (bytes, bytearray)):
             raise filling.error(name, f"'{name}' is bytes, not {given!r}")
-        data, size = bytes(given), self._size(filling)
-        if self.segment.pad is not None and size is not None and len(data) < size:
-            data = data.ljust(size, bytes((self.segment.pad,)))
-        return data
+        data = bytes(given)
+        size = None if self.segment.pad is None else self._size(filling)
+        return data if size is None else data.ljust(size, bytes((self.segment.pad or 0,)))
 
     def _size(self, filling: Filling) -> int | None:
         """Bytes in memory; None when that follows from the data themselves."""

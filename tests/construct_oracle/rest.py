@@ -9,6 +9,7 @@ from construct import Container
 from construct_oracle.base import SegmentConstruct
 from construct_oracle.faults import Place, Stop
 from construct_oracle.state import Reading
+from framekit.codec.python.shape import in_place_of_records
 from framekit.definition.model.segments import Const
 
 
@@ -20,8 +21,9 @@ def rest_size(construct: SegmentConstruct, stream: BytesIO, context: Container, 
     """
     reading: Reading = context._state
     room, start = reading.room(context), stream.tell()
-    if not room.exact and reading.following and isinstance(reading.following[0].segment, Const):
-        found = _first_fit(construct, reading.following[0].segment.data, stream, context)
+    first = next(in_place_of_records(tuple(one.segment for one in reading.following)), None)
+    if not room.exact and isinstance(first, Const):
+        found = _first_fit(construct, first.data, stream, context)
         if found is not None:
             return found - start
     if room.end < start:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression.syntax import Expression, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,
@@ -26,11 +26,13 @@ from framekit.definition.model.segments import (
     Repeat,
     Require,
     Segment,
+    Segments,
     Size,
     Skip,
     Value,
     Wrap,
 )
+from framekit.definition.model.walk import flat
 
 Evaluate = Callable[[Expression], Any]
 
@@ -97,7 +99,7 @@ class KnownSizes:
                 number = _number(size, evaluate)
                 return None if number is None else wire_size(segment, number)
             case Record(of=of):
-                return self.all(of, nothing_known)
+                return self.all(of, _from_outside(of, evaluate))
         return self._with_content(segment, evaluate)
 
     def _with_content(self, segment: Segment, evaluate: Evaluate) -> int | None:
@@ -119,6 +121,12 @@ class KnownSizes:
             case Inner(size=size):
                 return _number(size, evaluate)
         return None
+
+
+def _from_outside(of: Segments, evaluate: Evaluate) -> Evaluate:
+    """What is known outside a record of expressions inside that name nothing of the record itself."""
+    own = {name for segment in flat(of) for name in segment.value_names}
+    return lambda expression: None if names_in(expression.root) & own else evaluate(expression)
 
 
 def _number(size: Size | None, evaluate: Evaluate) -> int | None:

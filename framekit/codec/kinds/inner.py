@@ -84,17 +84,17 @@ class InnerKind(SegmentKind[Inner]):
     def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:
         choice = d.module.choice(segment.frames, "frames_of", segment.name)
         fixed = d.shapes.present(segment).fixed
-        known = not d.in_item and all(d.shapes.present(one).fixed is not None and d.is_told(one) for one, _ in behind)
         option = ""
         if isinstance(segment.size, Expression):
             size = d.ask(segment.size, scope)
         elif fixed is not None:
             size = str(fixed)
-        elif known or segment.size == "rest":
+        elif segment.size == "rest" or d.knows_behind(behind):
             size, option = "None", d.behind_option(True, behind)
         else:
             measure = d.module.function("measure_first")
             size = f"lambda n: {measure}({choice}, n.data, n.at, n.end, n.ctx, whole=True)"
+            option = ", found=True"
         d.out.add(f"n.inner({quoted(segment.name)}, {size}, {choice}{option})")
 
     def measure(self, m: MeasureWriter, segment: Inner, scope: Scope, after: Pairs) -> None:

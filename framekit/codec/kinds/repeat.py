@@ -298,7 +298,7 @@ def _count(r: BufferReader, item: Item, times: int | Expression | str) -> str:
 def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
     """A list of records."""
     function = r.function
-    inside = Scope(item.scope)
+    inside = Scope(item.scope, of)
     fields = Fields(function.names.fresh("item"))
     found = function.local(repeat.name, item.scope)
     least = r.shapes.all(of).least
@@ -363,7 +363,8 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         with m.out.block(f"if {times} > {m.most}:"):
             m.add("return LOST")
     m.settle()
-    inside = Scope(scope)
+    inside = Scope(scope, of)
+    m.paths[id(inside)] = f"{m.path_of(scope)}[{quoted(repeat.name)}][-1]"
     found = m.set_value(repeat.name, scope, "[]") if repeat.name in m.needed else None
     left = m.names.fresh("left")
     needed = m.needed

@@ -13,7 +13,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
 from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
-from framekit.codec.python.reader import BufferReader, Item, shown_name
+from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.definition.expression.emit import BIT_OR, OR
 from framekit.definition.model.segments import (
@@ -185,6 +185,9 @@ def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, f
     """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
     needed = m.needed & needed_names(tuple(segment for segment, _ in after))
     names = [name for one in flat(wrap.of) for name in one.value_names if name in needed]
+    if names and m.in_digits:
+        what = f"only '{names[0]}' in a wrap tells how many digits there are around it"
+        raise not_possible(wrap, what, "put a constant behind the digits that is none, or the wrap outside")
     if names:
         m.settle()
         m.may_fail = True
@@ -193,7 +196,7 @@ def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, f
         m.add(f"fields = examine_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
         for name in names:
             there = f"[{quoted(name)}]" if name in always else f".get({quoted(name)})"
-            m.set_value(name, scope, f"fields{there}")
+            m.set_value(name, scope, f"{m.path_of(scope)}{there}")
 
 
 def _measure_hex(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
@@ -216,7 +219,7 @@ def _measure_hex(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, 
         m.rest(wrap, after)
     front = Skip(at=wrap.at, size=1)  # so that content of no bytes differs from no content
     inside = type(m)(m.module, f"{m.identifier}_content", (front, *wrap.of), m.most)
-    inside.maybe_absent = m.maybe_absent
+    inside.maybe_absent, inside.in_digits = m.maybe_absent, True
     given: dict[str, str] = {}
     inside.write(None, _handed(inside.needed, scope, "", given))
     m.module.extra.append(inside.function(f"How long the content of the wrap in `{m.identifier}` is."))

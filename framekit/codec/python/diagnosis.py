@@ -6,7 +6,7 @@ write their own calls.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
@@ -93,6 +93,7 @@ class DiagnosisWriter:
         self.late_checks: list[str] = []
         self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.read_names: set[str] = set()
+        self.read_entries: set[int] = set()
         self.asked_by_name = names_asked_for(segments)
         self.asked_for = self._asked_for()
 
@@ -122,7 +123,7 @@ class DiagnosisWriter:
     def context(self, name: str) -> str:
         """Context values are fetched once, outside everything that takes errors for faults of the frame."""
         if name not in self.hoisted:
-            self.module.context.add(self.module.known(name, self.by_name))
+            self.module.context.add(self.module.known(name, self.segments))
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 
@@ -141,10 +142,11 @@ class DiagnosisWriter:
     def behind(self, after: Behind) -> str:
         """Text of the bytes behind a segment that reaches to the end; a `lambda` if some may be absent."""
         fixed, parts = 0, []
+        after = tuple(self._in_place_of_records(after))
+        if not self.knows_behind(after):
+            return self._constant_behind(after[0][0])
         for segment, scope in after:
-            size = self.shapes.present(segment).fixed
-            if size is None or self.in_item or not self.is_told(segment):
-                return self._constant_behind(after[0][0])
+            size = self.shapes.present(segment).fixed or 0
             if segment.when is None:
                 fixed += size
             elif size:
@@ -153,9 +155,26 @@ class DiagnosisWriter:
             return str(fixed)
         return "lambda n: " + " + ".join([*([str(fixed)] if fixed else []), *parts])
 
-    def is_told(self, segment: Segment) -> bool:
+    def knows_behind(self, after: Behind) -> bool:
+        """Whether the bytes that follow can be counted already."""
+        return not self.in_item and all(
+            self.shapes.present(segment).fixed is not None and self._is_told(segment, scope)
+            for segment, scope in self._in_place_of_records(after)
+        )
+
+    def _is_told(self, segment: Segment, scope: Scope) -> bool:
         """Whether it can be told already if the segment is there."""
-        return segment.when is None or not names_in(segment.when.root) & (self.field_names - self.read_names)
+        names = set() if segment.when is None else names_in(segment.when.root) & self.field_names
+        return all(id(scope.find(name)) in self.read_entries for name in names)
+
+    def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, Scope]]:
+        """The segments with those of records that are always there in place of these."""
+        for segment, scope in after:
+            if segment.is_record and segment.when is None:
+                inside = inside_of(scope, segment.value_names[0])
+                yield from self._in_place_of_records(tuple((one, inside) for one in segment.members))
+            else:
+                yield segment, scope
 
     def _constant_behind(self, segment: Segment) -> str:
         data = segment.data if isinstance(segment, Const) else b""
@@ -266,6 +285,7 @@ class DiagnosisWriter:
                 self._conditional(segment, scope, behind)
             else:
                 self._segment(segment, scope, behind)
+            self.read_entries.update(id(scope.entries[name]) for name in segment.value_names)
             self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
             self.passed.update(one.name for one in everything((segment,)) if one.name)
         if finish:

@@ -25,7 +25,7 @@ from framekit.codec.python.registry import kind_of, struct_order
 from framekit.codec.python.rules import RuleWriter
 from framekit.codec.python.shape import ending_constants, follows_its_length, in_place_of_records, named, names_read
 from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
-from framekit.definition.expression.emit import AND, OR, PRODUCT
+from framekit.definition.expression.emit import AND, BIT_OR, OR, PRODUCT
 from framekit.definition.expression.syntax import (
     Attribute,
     Call,
@@ -230,7 +230,7 @@ class EncodeWriter:
 
     def writer(self, scope: Scope) -> ExpressionWriter:
         return ExpressionWriter(
-            self.module, scope, lambda name: self.module.given(self.module.known(name, self.by_name))
+            self.module, scope, lambda name: self.module.given(self.module.known(name, self.segments))
         )
 
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
@@ -512,7 +512,7 @@ class EncodeWriter:
             for name in segment.value_names:
                 found.setdefault(name, []).append(text)
             if isinstance(segment, Field) and segment.default is not None:  # a reader gives the default then
-                default = default_text(self.text(segment.default, scope), segment)
+                default = default_text(self.text(segment.default, scope, BIT_OR), segment)
                 found[segment.name].append(f"{scope.entries[segment.name].text} == {default}")
         together: dict[str, list[str]] = {}
         for name, texts in found.items():
@@ -678,8 +678,8 @@ class EncodeWriter:
         order = next((argument.order for argument in arguments if argument.order), numbers[1])
         before = "".join(argument.code for argument in arguments)
         packs = self.packs(local, before, numbers[0], order)
-        texts = ", ".join(argument.text for argument in arguments if argument.text)
-        return f"{packs}[{self.count_of(local)}]({texts}, *{local})"
+        texts = [argument.text for argument in arguments if argument.text]
+        return f"{packs}[{self.count_of(local)}]({', '.join([*texts, f'*{local}'])})"
 
     def packs(self, local: str, before: str, code: str, order: str) -> str:
         """The module constant with what packs a list behind what is `before` it, by the number of its values."""

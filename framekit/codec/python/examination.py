@@ -527,18 +527,24 @@ class Examination:
         elif self.notes.check is None:
             self.notes.check = fault
 
-    def inner(self, name: str, size: int | Ask | None, choice: Any, behind: int | Ask = 0) -> None:
-        """A frame inside this one: the first candidate that fits, or that is to be refused."""
+    def inner(self, name: str, size: int | Ask | None, choice: Any, behind: int | Ask = 0, found: bool = False) -> None:
+        """A frame inside this one: the first candidate that fits, or that is to be refused.
+
+        `found`: its size is that of a candidate that fits, or tells that none does.
+        """
         start = self.begin(name)
-        raw = self.take(name, self.rest(behind, name) if size is None else self.ask(size, "length", name))
+        room = self.rest(behind, name) if size is None else self.ask(size, "length", name)
+        if found and room <= 0:
+            raise self.stop("value", name, "one of its frames", self.data[start : self.end].hex(" "))
+        raw = self.take(name, room)
         for frame in choice.frames(raw):
-            found: Examination = frame.examine(raw, self.ctx)
-            fault = found.fault
+            one: Examination = frame.examine(raw, self.ctx)
+            fault = one.fault
             if fault is None or fault.refuse is not None:
-                fields = found.fields if fault is None else found.error(frame.name).fields
+                fields = one.fields if fault is None else one.error(frame.name).fields
                 self.scopes[-1][name] = {frame.name: fields}
                 self.show(name, start, frame.name)
-                self.adopt(name, start, found)
+                self.adopt(name, start, one)
                 return
         self.scopes[-1][name] = {"unknown": {"data": raw}}
         self.show(name, start, raw)

@@ -6,7 +6,7 @@ context. The meaning of operators and functions is `expression.emit`'s, shared w
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Protocol
 
@@ -32,6 +32,7 @@ from framekit.definition.expression.syntax import (
     walk,
 )
 from framekit.definition.model.segments import Field, Segment
+from framekit.definition.model.walk import flat
 
 Kind = Literal["value", "list", "record", "inner"]
 _WIRE = "bytes on the wire of "
@@ -61,10 +62,11 @@ class NameEntry:
 
 
 class Scope:
-    """Fields by name, innermost first."""
+    """Fields by name, innermost first. `declared`: names of its fields, also of those not read yet."""
 
-    def __init__(self, parent: Scope | None = None) -> None:
+    def __init__(self, parent: Scope | None = None, declared: Iterable[Segment] = ()) -> None:
         self.parent = parent
+        self.declared = {name for segment in flat(declared) for name in segment.value_names}
         self.entries: dict[str, NameEntry] = {}
 
     def close(self) -> None:
@@ -79,7 +81,7 @@ class Scope:
         while scope is not None:
             if name in scope.entries:
                 return scope.entries[name]
-            scope = scope.parent
+            scope = None if name in scope.declared else scope.parent
         return None
 
 

@@ -73,7 +73,7 @@ class Function:
     def context(self, name: str) -> str:
         """The local that holds a context value; it is fetched once, before anything is read."""
         if name not in self.hoisted:
-            self.module.context.add(self.module.known(name, self.by_name))
+            self.module.context.add(self.module.known(name, self.segments))
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 

@@ -23,7 +23,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import leading
-from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal
+from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
 from framekit.definition.expression.emit import SUM
 from framekit.definition.expression.syntax import Attribute, Expression, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of
@@ -101,8 +101,11 @@ class MeasureWriter:
         self.sure = 0
         self.needed = needed_names(segments)
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.maybe_absent: set[str] = set()
+        self.paths: dict[int, str] = {}
         self.in_list = False
+        self.in_digits = False
         self.looks_for_end = False
 
     def add(self, text: str) -> None:
@@ -118,14 +121,18 @@ class MeasureWriter:
                 found.append((segment, scope))
         return tuple(found)
 
-    @staticmethod
-    def _inside(record: Segment, scope: Scope) -> Scope:
+    def _inside(self, record: Segment, scope: Scope) -> Scope:
         """The names of a record; two cases with a record of one name share them."""
         (name,) = record.value_names
         known = scope.entries.get(name)
-        inside = Scope(scope) if known is None or known.inside is None else known.inside
+        inside = Scope(scope, record.members) if known is None or known.inside is None else known.inside
         scope.entries[name] = NameEntry(name, "record", inside, direct=True)
+        self.paths[id(inside)] = f"{self.path_of(scope)}[{quoted(name)}]"
         return inside
+
+    def path_of(self, scope: Scope) -> str:
+        """Text of where the careful function puts the values of a scope."""
+        return self.paths.get(id(scope), "fields")
 
     def absent(self, segments: Iterable[Segment], scope: Scope) -> None:
         """Gives names that something else depends on no value, as long as nothing has been read that has them."""
@@ -143,7 +150,7 @@ class MeasureWriter:
     def context(self, name: str) -> str:
         """The local that holds a context value; it is fetched once, before anything is read."""
         if name not in self.hoisted:
-            self.module.context.add(self.module.known(name, self.by_name))
+            self.module.context.add(self.module.known(name, self.segments))
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 
@@ -366,11 +373,17 @@ class MeasureWriter:
         raise Finished
 
     def _constant(self, after: Pairs) -> int | None:
-        """The place of the constant that is looked for; None if there is none, or too little is of fixed size."""
-        if any(self.shapes.present(segment).fixed is None for segment, _ in after):
+        """The place of the constant that is looked for; None if there is none, or too little can be told beforehand."""
+        fixed = (self.shapes.present(segment).fixed is not None for segment, _ in after)
+        if not (all(fixed) and all(self._is_told(*one) for one in after)):
             return None
         found = (place for place, (one, _) in enumerate(after) if isinstance(one, Const) and one.when is None)
         return next(found, None)
+
+    def _is_told(self, segment: Segment, scope: Scope) -> bool:
+        """Whether it can be told already if the segment is there."""
+        names = set() if segment.when is None else names_in(segment.when.root) & self.field_names
+        return all(scope.find(name) is not None for name in names)
 
     def _size_of(self, after: Pairs) -> str:
         """Text of the bytes of segments that are of fixed size when they are there."""
@@ -524,6 +537,7 @@ class MeasureWriter:
         if segment.blocks or segment.is_record:
             self._else_absent(segment, scope)
             return
+        names = [name for name in names if name in scope.entries]  # of a frame inside, nothing is read here
         if not names:
             return
         with self.out.block("else:"):

@@ -27,7 +27,8 @@ from framekit.definition.expression.emit import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Const, Segment, Wrap
+from framekit.definition.model.segments import Const, Segments, Wrap
+from framekit.definition.model.walk import everything
 from framekit.definition.problems import DefinitionError, Problem
 
 _ALWAYS = ("fault", "error")
@@ -386,9 +387,10 @@ class Module:
         self.context.add(name)
         return f"ctx[{quoted(name)}]"
 
-    def known(self, name: str, segments: Mapping[str, Segment]) -> str:
+    def known(self, name: str, segments: Segments) -> str:
         """The name of a context value. Raises DefinitionError for that of a segment: nothing can read it there."""
-        protocol, segment = self.protocol, segments.get(name)
+        protocol = self.protocol
+        segment = next((one for one in everything(segments) if name in (one.name, *one.value_names)), None)
         if segment is not None and name not in protocol.params and name not in protocol.state and name not in BUILT_IN:
             what = f"'{name}' has no value where an expression reads it"
             raise DefinitionError([Problem(segment.at, what, "read a field that stands before, or a part of it")])

@@ -140,7 +140,7 @@ class BufferReader:
     def record_items(self, record: Segment, scope: Scope, fields: Fields) -> list[Item]:
         (name,) = record.value_names
         inner = Fields(self.function.local(name, scope), (fields, name))
-        inside = Scope(scope)
+        inside = Scope(scope, record.members)
         scope.entries[name] = NameEntry(inner.variable, "record", inside, direct=True, record=inner)
         return self.items(record.members, inside, inner)
 
@@ -214,6 +214,9 @@ class BufferReader:
 
     def take_rest(self, item: Item, after: tuple[Item, ...]) -> tuple[Place, Place]:
         """The places of a segment that takes everything what follows it leaves."""
+        if self.in_item and not after:
+            what = f"nothing shows where {item.segment.title} ends in an item of a list"
+            raise not_possible(item.segment, what, "give all in it a size of its own, or put a constant behind it")
         last = self.region_end(after)
         first = self.place
         if first.base == "" and last.base == "end":

@@ -79,6 +79,10 @@ class Source:
         return "\n".join(self.lines) + "\n"
 
 
+_LOGIC = re.compile(r"""(\s*)((?:lambda n: |return |\w+(?:: \w+)? [+|]?= |\w+=|"[^"]*": )?)(.*?)(,?)""", re.DOTALL)
+"""A line of an expression, perhaps with a name or a key before it: indent, that, the expression, a comma."""
+
+
 def broken(line: str) -> list[str]:
     """The line as it is, or with the contents of its last outermost brackets on lines of their own."""
     if len(line) <= WIDTH:
@@ -89,7 +93,7 @@ def broken(line: str) -> list[str]:
             first, *others = _split(start[3], word)
             inner = [f"{start[1]}{INDENT}{first}", *(f"{start[1]}{INDENT}{word.strip()} {part}" for part in others)]
             return [f"{start[1]}{start[2]} (", *inner, f"{start[1]}):"]
-    elif (logic := re.match(r"(\s*)((?:lambda n: |return |\w+ = )?)(.*?)(,?)$", line)) is not None:
+    elif (logic := _LOGIC.fullmatch(line)) is not None:
         word = _weakest(logic[3])
         if word is not None:
             first, *others = _split(logic[3], word)

@@ -23,7 +23,7 @@ from framekit.definition.model.segments import (
     Skip,
     Wrap,
 )
-from framekit.definition.model.walk import everything, field_names, flat, parts_of
+from framekit.definition.model.walk import everything, expressions_of, field_names, flat, leaves, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 
@@ -120,17 +120,31 @@ def _spans(frame: Frame) -> Iterator[Problem]:
 
 
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
-    """A check outside a case or an optional part covers the whole of it."""
+    """A check outside a case, or a part that may be absent, covers the whole of it."""
     covered = set(check.span or check.over or ())
+    whole = _covered_leaves(frame, check)
     for holder in parts_of(frame.segments, Segment):
-        blocks = [{one.name for one in flat(block) if one.name} for block in holder.blocks if holder.has_cases]
+        in_part = holder.when is not None and not all(id(leaf) in whole for leaf in leaves(holder.usual_block))
+        parts = holder.blocks if holder.has_cases or in_part else ()
+        blocks = [{one.name for one in flat(block) if one.name} for block in parts]
         here = next((names for names in blocks if check.name in names), set())
         names = {name for block in blocks for name in block & covered} - here
         if names:
             what = "the range of a check ends in" if check.span else "a check covers what stands in"
-            called = "an optional part" if holder.chooses_by is None else "a case"
+            called = {"choose": "a case", "optional": "an optional part"}.get(holder.KEY, "a part under a condition")
             todo = f"name the {holder.KEY} part, or what stands beside it"
             yield Problem(check.at, f"{what} {called}: '{', '.join(sorted(names))}'", todo)
+
+
+def _covered_leaves(frame: Frame, check: Check) -> set[int]:
+    """By identity: what takes bytes in the range of a check."""
+    if check.span is None:
+        return {id(leaf) for leaf in leaves(one for one in flat(frame.segments) if one.name in (check.over or ()))}
+    inside = list(flat(frame.segments))
+    places = {one.name: place for place, one in enumerate(inside)}
+    first, last = (places.get(check.name if name == "here" else name, -1) for name in check.span)
+    between = (one for one in inside[first:last] if not one.blocks)
+    return {id(leaf) for leaf in leaves((*between, *inside[last : last + 1]))}
 
 
 def _between(order: list[str | None], first: str, last: str) -> list[str | None]:
@@ -146,7 +160,19 @@ def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
         yield from segment.check()
         if isinstance(segment, Data) and isinstance(segment.size, Expression):
             yield from _computed(segment, segments)
+        if segment.is_record:
+            yield from _read_in_itself(segment)
         yield from _level(segment.inner_record or ())
+
+
+def _read_in_itself(record: Segment) -> Iterator[Problem]:
+    """What stands in a record has its names there, not that of the record, which is not complete yet."""
+    if record.name in {name for one in everything(record.members) for name in one.value_names}:
+        return
+    for expression in expressions_of(record.members):
+        if record.name in names_in(expression.root):
+            what = f"'{record.name}' is read inside '{record.name}' itself"
+            yield Problem(expression.at, what, f"write the name of a field alone, without '{record.name}'")
 
 
 def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict[str, Position]:
