@@ -9,6 +9,32 @@ from random import Random
 from framekit.transport.simulated_line import Transmission, hits
 
 
+def lose(transmission: Transmission, index: int) -> None:
+    """A character is not heard; the others keep their times."""
+    _shift(transmission, index + 1, -1)
+    del transmission.data[index]
+    if index < len(transmission.data):
+        transmission.pause(index, transmission.step)
+    else:
+        transmission._pauses.pop(index, None)
+
+
+def insert(transmission: Transmission, index: int, data: bytes) -> None:
+    """Adds characters before `index` (`len(data)`: behind the last); what follows comes later."""
+    _shift(transmission, index, len(data))
+    transmission.data[index:index] = data
+
+
+def _shift(one: Transmission, start: int, by: int) -> None:
+    """What stands at `start` and behind moves by `by` characters; of what is moved over, only pauses remain."""
+    gone = range(start + by, start)
+    one.faults = {i + by * (i >= start): fault for i, fault in one.faults.items() if i not in gone}
+    one.flips = {i + by * (i >= start): flips for i, flips in one.flips.items() if i not in gone}
+    pauses, one._pauses = one._pauses, {}
+    for index, duration in pauses.items():
+        one.pause(index + by * (index >= start), duration)
+
+
 @dataclass(slots=True)
 class Faults:
     """A fault for `SimulatedLine.fault`. Rates are probabilities from 0 to 1.
@@ -34,7 +60,7 @@ class Faults:
     def __call__(self, transmission: Transmission) -> None:
         transmission.echo = transmission.echo or self.echo
         if self._happens("drop", self.drop):
-            transmission.drop()
+            transmission.truncate(0)
             return
         if self._happens("truncate", self.truncate):
             transmission.truncate(self._of("truncate").randrange(len(transmission.data) or 1))
@@ -44,7 +70,7 @@ class Faults:
             self._damage_bytes(transmission)
         if self._happens("extra", self.extra):
             noise = self._of("extra").randbytes(self._of("extra").randint(1, max(1, self.longest_extra)))
-            transmission.insert(len(transmission.data), noise)
+            insert(transmission, len(transmission.data), noise)
         if self.delay > 0:
             self.injected["delay"] += 1
             transmission.pause(0, self._of("delay").randint(0, self.delay))

@@ -96,7 +96,7 @@ class CommandMemory:
 
     def content(self) -> dict[str, bytes]:
         """The memory as it is now."""
-        return {area.name: area.read_bytes(0, area.size_bytes) for area in self.memory}
+        return self.memory.snapshot()
 
     def meaning(self, data: bytes) -> tuple[Meaning, Span]:
         """What a command means, and the place of its status word. Raises CommandFaultError."""

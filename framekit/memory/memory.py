@@ -1,4 +1,4 @@
-"""Device memory: areas of bytes under their names, little-endian, with watches that tell of changes, and snapshots.
+"""Device memory: areas of bytes under their names, little-endian, with watches that tell of changes.
 
 An area is seen as bits, bytes, words, double words or long words. Every view counts from 0 in its own unit over the
 whole area: byte 3 is the high byte of word 1, bit 17 is bit 1 of word 1, dword 2 is words 4 and 5. Memory knows no
@@ -8,16 +8,11 @@ addresses and no clock; it is used by one thread.
 from __future__ import annotations
 
 import itertools
-import json
-import os
-import secrets
 import struct
-import zlib
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial, reduce
 from operator import or_
-from pathlib import Path
 from typing import Literal
 
 from framekit.definition.model.services import UNIT_BITS
@@ -42,10 +37,6 @@ class AccessError(DeviceMemoryError):
 
 class MemoryValueError(DeviceMemoryError, ValueError):
     """A value that does not fit its place."""
-
-
-class SnapshotError(DeviceMemoryError, ValueError):
-    """A snapshot of another shape, or a damaged one."""
 
 
 UNSIGNED_CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
@@ -247,7 +238,8 @@ class Area:
     def write_bits(self, start: int, count: int, data: bytes, *, force: bool = False) -> None:
         """Puts the first `count` bits of `data`, packed as `read_bits` gives them; no fewer may be there."""
         self._within("bit", 1, start, count)
-        self._allow(force)
+        if self.access == "read" and not force:
+            raise self._read_only()
         if len(data) * 8 < count:
             raise MemoryValueError(f"{len(data)} bytes do not hold {count} bits")
         self._put_bits(start, count, data)
@@ -323,10 +315,6 @@ class Area:
         self._store(first, new.to_bytes(stop - first, "little"))
 
     # --- refusals
-
-    def _allow(self, force: bool) -> None:
-        if self.access == "read" and not force:
-            raise self._read_only()
 
     def _read_only(self) -> AccessError:
         return AccessError(f"area {self.name} can only be read")
@@ -491,99 +479,13 @@ class DeviceMemory:
 
     @property
     def shape(self) -> Shape:
-        """Name, unit and size of every area; snapshots fit memories of the same shape."""
+        """Name, unit and size of every area."""
         return tuple((area.name, area.unit, area.size) for area in self)
 
     def snapshot(self) -> dict[str, bytes]:
         """The bytes of every area."""
         return {area.name: area.read_bytes(0, area.size_bytes) for area in self}
 
-    def restore(self, snapshot: Mapping[str, bytes]) -> None:
-        """Puts a snapshot back, read-only areas too; watches are called.
-
-        Raises SnapshotError, having changed nothing, if it is of another shape.
-        """
-        here = {area.name: area.size_bytes for area in self}
-        there = {name: len(data) for name, data in snapshot.items()}
-        if here != there:
-            differ = sorted(name for name in here.keys() | there.keys() if here.get(name) != there.get(name))
-            raise SnapshotError(f"the snapshot is of another memory: it differs in {', '.join(differ)}")
-        for area in self:
-            area.write_bytes(0, snapshot[area.name], force=True)
-
-    def reset(self) -> None:
-        """All areas to 0, read-only ones too; watches are called."""
-        for area in self:
-            area.write_bytes(0, bytes(area.size_bytes), force=True)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a snapshot file, which is the old or the new one and never half of it. Raises OSError."""
-        write_snapshot(Path(path), self.shape, self.snapshot())
-
-    def load(self, path: str | os.PathLike[str]) -> None:
-        """Restores a snapshot file. Raises SnapshotError when it is damaged or of another shape, OSError."""
-        self.restore(read_snapshot(Path(path), self.shape))
-
 
 Shape = tuple[tuple[str, str, int], ...]
 """Name, unit and size of every area."""
-
-_TITLE = b"framekit memory 1\n"
-
-
-def write_snapshot(path: Path, shape: Shape, contents: Mapping[str, bytes]) -> None:
-    """Writes beside `path`, then puts it in place in one step. Raises OSError."""
-    whole = b"".join(contents[name] for name, _, _ in shape)
-    header = json.dumps(shape, ensure_ascii=True, separators=(",", ":")).encode("ascii") + b"\n"
-    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
-        with open(beside, "xb") as file:
-            file.write(_TITLE + header + zlib.compress(whole))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def read_snapshot(path: Path, shape: Shape) -> dict[str, bytes]:
-    """Bytes of every area. Raises SnapshotError for another kind of file or shape, or damage; OSError."""
-    with open(path, "rb") as file:
-        if file.read(len(_TITLE)) != _TITLE:
-            raise SnapshotError(f"{path} is no memory snapshot of this version")
-        header = json.dumps(shape, ensure_ascii=True, separators=(",", ":")).encode("ascii") + b"\n"
-        line = file.readline(max(len(header), 1 << 20))
-        if line != header:
-            raise SnapshotError(f"{path} is of another memory: {_difference(line, shape)}")
-        sizes = [(size * unit_bits(unit) + 7) // 8 for _, unit, size in shape]
-        # zlib may store incompressible data with a few bytes more than it has
-        packed = file.read(sum(sizes) + sum(sizes) // 1000 + 1024)
-    whole = _unpack(packed, sum(sizes), path)
-    contents, at = {}, 0
-    for (name, _, _), size in zip(shape, sizes, strict=True):
-        contents[name] = whole[at : at + size]
-        at += size
-    return contents
-
-
-def _unpack(packed: bytes, size: int, path: Path) -> bytes:
-    unpacker = zlib.decompressobj()
-    try:
-        whole = unpacker.decompress(packed, size + 1)
-    except zlib.error as problem:
-        raise SnapshotError(f"{path} is damaged") from problem
-    if len(whole) != size or not unpacker.eof or unpacker.unused_data:
-        raise SnapshotError(f"{path} is damaged")
-    return whole
-
-
-def _difference(line: bytes, shape: Shape) -> str:
-    try:
-        there = {str(name): f"{size} × {unit}" for name, unit, size in json.loads(line)}
-    except (ValueError, TypeError, RecursionError):
-        return "its list of areas is damaged"
-    here = {name: f"{size} × {unit}" for name, unit, size in shape}
-    for name in [*here, *there]:
-        if here.get(name) != there.get(name):
-            return f"area {name} is {there.get(name, 'not')} there and {here.get(name, 'not')} here"
-    return "its areas stand in another order"

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from framekit.definition.check.services import check_forms
 from framekit.definition.load.documents import Documents, merged
@@ -189,13 +189,7 @@ PLAIN = AddressForm(
 
 _ACCESS: dict[str, Literal["rw", "read"]] = {"rw": "rw", "read": "read"}
 _AREA_KEYS = ("unit", "size", "access", "aliases", "retained", "about")
-_KINDS: dict[str, FixedKind] = {
-    "on": "on",
-    "off": "off",
-    "first_scan": "first_scan",
-    "after_first_scan": "after_first_scan",
-    "every_scan": "every_scan",
-}
+_KINDS: dict[str, FixedKind] = {kind: kind for kind in get_args(FixedKind)}
 
 
 def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> MemoryProfile:

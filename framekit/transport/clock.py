@@ -187,11 +187,6 @@ class _CallHeap:
             self._cancelled -= 1
         return calls[0][0] if calls else None
 
-    @property
-    def pending(self) -> int:
-        """How many calls are to come."""
-        return len(self._calls) - self._cancelled
-
     # ---- those who lag behind -----------------------------------------------------------------------------
 
     def lag(self, source: Lagging) -> None:
@@ -259,14 +254,6 @@ class VirtualClock(_CallHeap):
     def run_for(self, duration: int) -> None:
         """`run_until` so much later."""
         self.run_until(self._now + duration)
-
-    def run_until_idle(self, limit: int) -> bool:
-        """Makes calls until none is left, and stands at the last; False, standing at `limit`, if some are left then."""
-        while self._step(limit):
-            pass
-        if self._calls:
-            self._now = max(self._now, limit)
-        return not self._calls
 
     def advance(self) -> bool:
         """Goes to the next call and makes all that are due at that time; False if there is none."""

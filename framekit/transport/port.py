@@ -84,9 +84,6 @@ class Port(ABC):
     def set_rts(self, on: bool) -> None:  # noqa: B027 - a port without the line has nothing to do
         """Switches request-to-send at once, where there is one."""
 
-    def flush_input(self) -> None:  # noqa: B027 - a port that keeps nothing back has nothing to do
-        """Drops what has come and has not been told yet."""
-
     def release(self) -> None:  # noqa: B027 - most hold nothing while they are closed
         """It will not be opened any more: gives back what it holds even while it is closed."""
 
@@ -163,9 +160,6 @@ class PassingPort(Port):
 
     def set_rts(self, on: bool) -> None:
         self.inner.set_rts(on)
-
-    def flush_input(self) -> None:
-        self.inner.flush_input()
 
     def release(self) -> None:
         self.inner.release()
@@ -312,9 +306,6 @@ class UserPort(Port):
 
     def set_rts(self, on: bool) -> None:
         self.shared.port.set_rts(on)
-
-    def flush_input(self) -> None:
-        self.shared.port.flush_input()
 
 
 LineEventKind = Literal["data", "break", "control", "open", "closed"]

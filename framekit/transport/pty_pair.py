@@ -1,4 +1,4 @@
-"""Pseudo-terminals, for tests, demos and real peers: two wired to each other, or one whose other end is a file.
+"""Pseudo-terminals, for tests, demos and real peers: two wired to each other.
 
 A pseudo-terminal has no baud rate, no parity and no break.
 """
@@ -6,7 +6,6 @@ A pseudo-terminal has no baud rate, no parity and no break.
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import pty
 import select
@@ -19,23 +18,6 @@ from framekit.transport.port import PassingPort
 from framekit.transport.serial_port import SerialPort
 
 READ_SIZE = 4096
-
-
-class PtyMaster(io.FileIO):
-    """The end of a pseudo-terminal that a test or an example holds: read and written without a buffer.
-
-    Programs may open the other end, `path`, and close it again; closing this end pulls it out.
-    """
-
-    def __init__(self) -> None:
-        master, self._slave = _raw_pty()
-        self.path = os.ttyname(self._slave)
-        super().__init__(master, "r+")
-
-    def close(self) -> None:
-        if not self.closed:
-            os.close(self._slave)
-        super().close()
 
 
 class PtyPair:

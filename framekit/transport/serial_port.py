@@ -24,7 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from queue import SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.events import CharacterFault, LineFault
@@ -56,18 +56,6 @@ _REASONS = {
 }
 
 
-class SerialEvents(Protocol):
-    """What an open device tells; always in calls of the loop."""
-
-    def opened(self) -> None: ...
-
-    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None: ...
-
-    def line_break(self, now: int) -> None: ...
-
-    def lost(self, reason: str) -> None: ...
-
-
 class SerialConnection(ABC):
     """A device from opening to closing. `has_bit_times`: bytes take their time on a line (they do not on a pty)."""
 
@@ -90,10 +78,6 @@ class SerialConnection(ABC):
     @abstractmethod
     def set_line(self, name: str, on: bool) -> None:
         """Sets a pyserial attribute (`rts`, `break_condition`), where the device has it."""
-
-    @abstractmethod
-    def flush_input(self) -> None:
-        """Drops what has come and has not been read."""
 
     @abstractmethod
     def drop_output(self) -> None:
@@ -179,7 +163,7 @@ class ThreadConnection(SerialConnection):
         url: str,
         settings: LineFormat | None,
         clock: AsyncioClock,
-        events: SerialEvents,
+        events: _SerialUse,
         previous: ThreadConnection | None = None,
         wiring: LineSettings = PLAIN,
     ) -> None:
@@ -285,13 +269,6 @@ class ThreadConnection(SerialConnection):
     def drop_output(self) -> None:
         """Nothing: a thread of its own closes the device, and nobody waits for it."""
 
-    def flush_input(self) -> None:
-        def order(device: Any) -> None:
-            with contextlib.suppress(*SERIAL_ERRORS):
-                device.reset_input_buffer()
-
-        self._orders.put(order)
-
 
 SHORTEST_LOOK = 500_000
 """Between two looks at a driver's queue that is not empty yet, at least (ns)."""
@@ -351,10 +328,6 @@ class SerialPort(Port):
     def set_rts(self, on: bool) -> None:
         if self._use is not None:
             self._use.set_line("rts", on)
-
-    def flush_input(self) -> None:
-        if self._use is not None and self._use.is_open and self._use.connection is not None:
-            self._use.connection.flush_input()
 
 
 class _SerialUse:
@@ -514,10 +487,6 @@ class Marks:
             place += size
         return bytes(found), marked
 
-    def clear(self) -> None:
-        """The input has been dropped."""
-        self._rest = b""
-
 
 @dataclass(frozen=True, slots=True)
 class DamageCounts:
@@ -573,7 +542,7 @@ class DescriptorConnection(SerialConnection):
         name: str,
         settings: LineFormat | None,
         clock: AsyncioClock,
-        events: SerialEvents,
+        events: _SerialUse,
         wiring: LineSettings = PLAIN,
     ) -> None:
         self.clock = clock
@@ -658,12 +627,6 @@ class DescriptorConnection(SerialConnection):
         """The damage counted since the last time; None where nobody counts."""
         before, self._counts = self._counts, damage_counts(self._descriptor)
         return None if before is None or self._counts is None else self._counts.since(before)
-
-    def flush_input(self) -> None:
-        with contextlib.suppress(OSError, termios.error):
-            termios.tcflush(self._descriptor, termios.TCIFLUSH)
-        if self._marks is not None:
-            self._marks.clear()
 
     def drop_output(self) -> None:
         with contextlib.suppress(OSError, termios.error):

@@ -3,16 +3,12 @@
 Each character takes its bit times behind the one before it. On a stream (`settings` None) bytes only take `latency`,
 and ports are connected as by TCP.
 
-Coalescing, `cut_through=True` (the default): bytes are not told one by one. What is complete of a transmission is
-told, at the time of its last character, before anything else on the clock happens and wherever a virtual clock stops;
-when nothing happens meanwhile, that is once, at the end of the transmission. So no timer can run out that a character
-should have stopped, and `received` always stands for characters without a pause between them. The one difference to
-an event a character: what follows from the bytes themselves (an answer to a frame with noise behind it in the same
-transmission) follows when they are told. `granularity` bounds how many characters that may be; with 1 there is no
-difference. Of two who talk at once on a full-duplex line a third one hears pieces, not single characters.
-
-`cut_through=False`: a transmission is told when it is complete (or every `granularity`
-characters); time limits for the begin of a frame have to last until its end. The cheapest for many lines at once.
+Bytes are not told one by one. What is complete of a transmission is told, at the time of its last character, before
+anything else on the clock happens and wherever a virtual clock stops; when nothing happens meanwhile, that is once, at
+the end of the transmission. So no timer can run out that a character should have stopped, and `received` always stands
+for characters without a pause between them. The one difference to an event a character: what follows from the bytes
+themselves (an answer to a frame with noise behind it in the same transmission) follows when they are told. Of two who
+talk at once on a full-duplex line a third one hears pieces, not single characters.
 """
 
 from __future__ import annotations
@@ -151,10 +147,6 @@ class Transmission:
             return LineFault.PARITY if (flips & ((1 << checked) - 1)).bit_count() & 1 else None
         return LineFault.PARITY if parity != "N" and flips >> data_bits & 1 else None
 
-    def drop(self) -> None:
-        """Nobody hears it."""
-        self.truncate(0)
-
     def truncate(self, count: int) -> None:
         """Only the first `count` characters are heard."""
         del self.data[count:]
@@ -168,29 +160,6 @@ class Transmission:
             self.start += duration
         elif duration > 0:
             self._pauses[index] = self._pauses.get(index, 0) + duration
-
-    def lose(self, index: int) -> None:
-        """A character is not heard; the others keep their times."""
-        self._shift(index + 1, -1)
-        del self.data[index]
-        if index < len(self.data):
-            self.pause(index, self.step)
-        else:
-            self._pauses.pop(index, None)
-
-    def insert(self, index: int, data: bytes) -> None:
-        """Adds characters before `index` (`len(data)`: behind the last); what follows comes later."""
-        self._shift(index, len(data))
-        self.data[index:index] = data
-
-    def _shift(self, start: int, by: int) -> None:
-        """What stands at `start` and behind moves by `by` characters; of what is moved over, only pauses remain."""
-        gone = range(start + by, start)
-        self.faults = {i + by * (i >= start): fault for i, fault in self.faults.items() if i not in gone}
-        self.flips = {i + by * (i >= start): flips for i, flips in self.flips.items() if i not in gone}
-        pauses, self._pauses = self._pauses, {}
-        for index, duration in pauses.items():
-            self.pause(index + by * (index >= start), duration)
 
 
 Fault = Callable[[Transmission], None]
@@ -346,10 +315,6 @@ class SimulatedPort(Port):
 
     # ---- in -----------------------------------------------------------------------------------------------
 
-    def flush_input(self) -> None:
-        """Drops characters that are complete by now and have not been told; one on its way is heard."""
-        self._deaf_until = max(self._deaf_until, self._clock.now() - self.line.character_time + 1)
-
     def hear(self, data: bytes, now: int, faults: tuple[CharacterFault, ...], begin: int) -> None:
         """Characters without a pause between them, the first of which begins at `begin`."""
         if self._events is None or not self.is_open:
@@ -388,8 +353,6 @@ class SimulatedLine:
         settings: LineFormat | None,
         *,
         full_duplex: bool = True,
-        cut_through: bool = True,
-        granularity: int = 0,
         latency: int = 0,
         fault: Fault | None = None,
         echo: bool = False,
@@ -398,7 +361,6 @@ class SimulatedLine:
         self.clock = clock
         self.settings = settings
         self.full_duplex = full_duplex or settings is None
-        self.granularity = granularity
         self.latency = latency
         self.fault = fault
         self.echo = echo
@@ -408,7 +370,6 @@ class SimulatedLine:
         self.bytes_carried = 0
         self.connection = 0
         self._under_way: list[tuple[SimulatedPort, Transmission]] = []
-        self._lag_on = clock if cut_through else None
         self._break: tuple[SimulatedPort | None, int, int] = (None, 0, 0)
         self._random = Random(seed)
         bits = 8 if settings is None else settings.data_bits
@@ -445,16 +406,15 @@ class SimulatedLine:
         return start + len(data) * self.character_time
 
     def _put(self, sender: SimulatedPort, transmission: Transmission) -> None:
-        if self._lag_on is not None and not self._under_way:
-            self._lag_on.lag(self)
+        if not self._under_way:
+            self.clock.lag(self)
         self._under_way.append((sender, transmission))
         for count in self._stops(transmission):
             self.clock.call_at(transmission.complete_at(count), partial(self._reached, sender, transmission, count))
 
     def _stops(self, transmission: Transmission) -> list[int]:
         """After how many characters it is told at the latest."""
-        runs, step = transmission.runs(), self.granularity
-        return runs if not step else sorted({*runs, *range(step, len(transmission.data), step)})
+        return transmission.runs()
 
     def _collide(self, sender: SimulatedPort, new: Transmission) -> None:
         breaking, begin, end = self._break
@@ -502,8 +462,8 @@ class SimulatedLine:
     def _over(self, sender: SimulatedPort, transmission: Transmission) -> None:
         if (sender, transmission) in self._under_way:
             self._under_way.remove((sender, transmission))
-        if self._lag_on is not None and not self._under_way:
-            self._lag_on.end_lag(self)
+        if not self._under_way:
+            self.clock.end_lag(self)
 
     def _tell(self, sender: SimulatedPort, transmission: Transmission, count: int) -> None:
         """Tells the others of the first `count` characters, as far as they do not know of them."""

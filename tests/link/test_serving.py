@@ -607,7 +607,8 @@ def there_and_back(name: str, area: str, unit: str, data: st.DataObject) -> None
     count = data.draw(st.integers(1, min(there, 90)))
     start = data.draw(st.integers(0, there - count).filter(lambda start: (name, start) != ("rack.yaml", 13)))
     values = data.draw(st.lists(st.integers(0, (1 << bits) - 1), min_size=count, max_size=count))
-    loop.memory.reset()
+    for place in loop.memory:
+        place.write_bytes(0, bytes(place.size_bytes), force=True)
     written = loop.do("write", Address(area, unit, start), values)
     assert written.ok, written
     result = loop.do("read", Address(area, unit, start), count=count)

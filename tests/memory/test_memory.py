@@ -1,13 +1,10 @@
 from __future__ import annotations
 
-import zlib
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.memory.memory import Area, DeviceMemory, MemoryRangeError, SnapshotError, UnknownAreaError
+from framekit.memory.memory import Area, DeviceMemory, MemoryRangeError, UnknownAreaError
 
 WORDS = 16
 
@@ -137,112 +134,3 @@ def test_watches_on_half_words_and_beyond_the_end() -> None:
     for first, count in ((WORDS, 1), (0, WORDS + 1), (-1, 1), (0, 0)):
         with pytest.raises(MemoryRangeError):
             memory.watch("M", first, count, lambda *_: None)
-
-
-# --- snapshots
-
-contents = st.fixed_dictionaries(
-    {
-        "M": st.binary(min_size=2 * WORDS, max_size=2 * WORDS),
-        "Q": st.integers(0, (1 << 13) - 1).map(lambda bits: bits.to_bytes(2, "little")),
-        "F": st.binary(min_size=8, max_size=8),
-    }
-)
-
-
-@given(contents)
-def test_a_saved_memory_comes_back(tmp_path_factory: pytest.TempPathFactory, content: dict[str, bytes]) -> None:
-    path = tmp_path_factory.mktemp("memory") / "state"
-    memory = small_memory()
-    memory.restore(content)
-    assert memory.snapshot() == content
-    memory.save(path)
-    other = small_memory()
-    other.write("M", "word", 0, [0xFFFF])
-    other.load(path)
-    assert other.snapshot() == content
-    assert [entry.name for entry in path.parent.iterdir()] == ["state"]
-
-
-def test_restoring_and_resetting_call_watches() -> None:
-    memory = small_memory()
-    memory.write("M", "word", 3, [9])
-    memory.write("F", "word", 0, [1], force=True)
-    full = memory.snapshot()
-    heard: list[tuple[str, int, int]] = []
-    memory.watch("M", 0, WORDS, lambda area, word, count: heard.append((area.name, word, count)))
-    memory.reset()
-    assert not any(any(data) for data in memory.snapshot().values())
-    memory.restore(full)
-    memory.restore(full)
-    assert heard == [("M", 3, 1), ("M", 3, 1)]
-
-
-def test_a_snapshot_of_another_shape_changes_nothing(tmp_path: Path) -> None:
-    memory = small_memory()
-    memory.write("M", "word", 0, [1])
-    before = memory.snapshot()
-    with pytest.raises(SnapshotError, match="differs in F, M"):
-        memory.restore({"M": b"", "Q": bytes(2)})
-    others = {
-        "area M is 8 × word there and 16 × word here": [Area("M", size=8)],
-        "area M is 32 × byte there and 16 × word here": [Area("M", size=32, unit="byte")],
-        "area Q is not there and 13 × bit here": [Area("M", size=WORDS)],
-        "area X is 1 × word there and not here": [*small_memory(), Area("X", size=1)],
-        "another order": [*reversed(list(small_memory()))],
-    }
-    for message, areas in others.items():
-        DeviceMemory(areas).save(tmp_path / "other")
-        with pytest.raises(SnapshotError, match=message):
-            memory.load(tmp_path / "other")
-    assert memory.snapshot() == before
-
-
-@given(st.data())
-def test_a_damaged_file_is_refused_or_read_right(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
-    path = tmp_path_factory.mktemp("memory") / "state"
-    memory = small_memory()
-    memory.write("M", "word", 0, list(range(WORDS)))
-    memory.save(path)
-    good, before = path.read_bytes(), memory.snapshot()
-    at = data.draw(st.integers(0, len(good) - 1))
-    damaged = data.draw(
-        st.sampled_from([good[:at], good + b"x", good[:at] + bytes([good[at] ^ 0x10]) + good[at + 1 :]])
-    )
-    path.write_bytes(damaged)
-    other = small_memory()
-    try:
-        other.load(path)
-    except SnapshotError:
-        assert other.snapshot() == small_memory().snapshot()
-    else:
-        assert other.snapshot() == before
-
-
-def test_a_file_unpacks_to_no_more_than_the_memory(tmp_path: Path) -> None:
-    path = tmp_path / "state"
-    memory = small_memory()
-    memory.save(path)
-    head = b"\n".join(path.read_bytes().split(b"\n")[:2]) + b"\n"
-    path.write_bytes(head + zlib.compress(bytes(10_000_000)))
-    with pytest.raises(SnapshotError, match="damaged"):
-        memory.load(path)
-    path.write_bytes(head.split(b"\n")[0] + b"\n" + b"[" * 100_000)
-    with pytest.raises(SnapshotError, match="damaged"):
-        memory.load(path)
-
-
-def test_saving_replaces_the_old_file_or_leaves_it(tmp_path: Path) -> None:
-    path = tmp_path / "state"
-    memory = small_memory()
-    memory.save(path)
-    memory.write("M", "word", 0, [4])
-    memory.save(path)
-    other = small_memory()
-    other.load(path)
-    assert other.read("M", "word", 0) == [4]
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    with pytest.raises(OSError):
-        memory.save(folder)  # a folder cannot be replaced by a file
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["folder", "state"]

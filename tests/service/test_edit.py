@@ -201,7 +201,7 @@ def test_receiving_blocks_change(tmp_path: Path) -> None:
     service.start()
     clock.run_for(3 * SECOND + 500 * MS)
     path.write_text(path.read_text(encoding="utf-8").replace("payload: M100", "payload: D100"), encoding="utf-8")
-    service.memory.reset()
+    service.memory.write("M", "word", 100, [0, 0, 0])
     service.edit(load_run(path))
     clock.run_for(3 * SECOND)
     assert service.memory.read("M", "word", 100, 3) == [0, 0, 0]

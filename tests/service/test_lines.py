@@ -354,7 +354,7 @@ def test_an_accepted_connection_is_not_opened_again() -> None:
         service.start()
         client.close()
         await over.wait()
-        assert clock.pending == 0, "nothing is to come any more"
+        assert clock.next_call is None, "nothing is to come any more"
         assert states[0] == "open" and len(states) == 2
         listener.stop()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from line_faults import lose
 
 from framekit.api.monitor import Loopback, LoopbackResult, pattern_of
 from framekit.definition.times import LineFormat
@@ -45,8 +46,8 @@ def test_every_character_is_sent() -> None:
 
 
 def lose_two(transmission: Transmission) -> None:
-    transmission.lose(200)
-    transmission.lose(9)
+    lose(transmission, 200)
+    lose(transmission, 9)
 
 
 def change(transmission: Transmission) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from framekit.definition.times import LineFormat, parse_format
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import VirtualClock
-from framekit.transport.simulated_line import SimulatedLine, SimulatedPort
+from framekit.transport.simulated_line import SimulatedLine, SimulatedPort, Transmission
 
 SECOND = 1_000_000_000
 
@@ -59,13 +60,27 @@ class Listener:
         ]
 
 
+class SlowLine(SimulatedLine):
+    """Tells of every transmission again after so many characters, not only when something else happens."""
+
+    def __init__(self, *arguments: Any, granularity: int, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.granularity = granularity
+
+    def _stops(self, transmission: Transmission) -> list[int]:
+        return sorted(
+            {*super()._stops(transmission), *range(self.granularity, len(transmission.data), self.granularity)}
+        )
+
+
 class World:
     """A line with open ports, on a virtual clock that begins at 0."""
 
-    def __init__(self, ports: int = 2, text: str | None = "8N1", speed: int = 9600, **options: object) -> None:
+    def __init__(self, ports: int = 2, text: str | None = "8N1", speed: int = 9600, **options: Any) -> None:
         self.clock = VirtualClock()
         self.settings: LineFormat | None = None if text is None else parse_format(text, speed)
-        self.line = SimulatedLine(self.clock, self.settings, **options)  # type: ignore[arg-type]
+        line = SlowLine if "granularity" in options else SimulatedLine
+        self.line = line(self.clock, self.settings, **options)
         self.ports = [self.line.port(f"port {number}") for number in range(ports)]
         self.listeners = [Listener(port) for port in self.ports]
         for port, listener in zip(self.ports, self.listeners, strict=True):

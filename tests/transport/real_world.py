@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import io
+import os
+import pty
+import tty
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
@@ -13,12 +17,30 @@ from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.network import TcpListener
 from framekit.transport.port import AcceptedPort, Port
-from framekit.transport.pty_pair import PtyMaster, PtyPair
+from framekit.transport.pty_pair import PtyPair
 from framekit.transport.schemes import open_port
 from framekit.transport.simulated_line import SimulatedLine
 
 LONGEST = 180
 """Seconds after which a test that waits for an event is broken off."""
+
+
+class PtyMaster(io.FileIO):
+    """The end of a pseudo-terminal that a test holds: read and written without a buffer.
+
+    Programs may open the other end, `path`, and close it again; closing this end pulls it out.
+    """
+
+    def __init__(self) -> None:
+        master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+        super().__init__(master, "r+")
+
+    def close(self) -> None:
+        if not self.closed:
+            os.close(self._slave)
+        super().close()
 
 
 def open_pty() -> tuple[str, PtyMaster]:

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from line_faults import Faults
+from line_faults import Faults, insert, lose
 from transport.line_world import SECOND, World
 
 from framekit.definition.times import parse_format
@@ -60,11 +60,11 @@ def test_pauses_hold_up_what_follows() -> None:
 def test_a_lost_character_leaves_its_time() -> None:
     holed = transmission()
     holed.flip(3, 1)
-    holed.lose(1)
+    lose(holed, 1)
     assert holed.data == b"\x00\x02\x02\x04" and holed.faults == {2: LineFault.PARITY}
     assert [holed.complete_at(count) for count in range(1, 5)] == [110, 130, 140, 150]
-    holed.lose(0)
-    holed.lose(2)
+    lose(holed, 0)
+    lose(holed, 2)
     assert [holed.complete_at(count) for count in range(1, 3)] == [130, 140]
     assert (holed.runs(), holed.end) == ([2], 140)
 
@@ -74,19 +74,19 @@ def test_inserted_characters_move_those_behind() -> None:
     longer.flip(0, 1)
     longer.flip(2, 1)
     longer.pause(2, 5)
-    longer.insert(1, b"ab")
+    insert(longer, 1, b"ab")
     assert longer.data == b"\x01ab\x01\x03\x03\x04" and set(longer.faults) == {0, 4}
     assert longer.runs() == [4, 7]
 
 
-def test_truncated_and_dropped() -> None:
+def test_truncated() -> None:
     short = transmission()
     short.flip(1, 1)
     short.flip(4, 1)
     short.pause(3, 5)
     short.truncate(3)
     assert (short.data, set(short.faults), short.end) == (b"\x00\x00\x02", {1}, 130)
-    short.drop()
+    short.truncate(0)
     assert (short.data, short.faults) == (b"", {})
 
 
@@ -169,7 +169,7 @@ def test_a_seed_repeats_and_kinds_of_faults_do_not_disturb_each_other() -> None:
 
 
 def test_faults_can_be_put_in_order() -> None:
-    world = World(2, fault=in_order(lambda it: it.insert(0, b">"), lambda it: it.insert(len(it.data), b"<")))
+    world = World(2, fault=in_order(lambda it: insert(it, 0, b">"), lambda it: insert(it, len(it.data), b"<")))
     world.ports[0].write(b"a")
     world.clock.run_for(SECOND)
     assert world.listeners[1].bytes == b">a<"

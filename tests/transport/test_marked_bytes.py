@@ -43,13 +43,6 @@ def test_marks_come_out_wherever_the_stream_is_cut(characters: list[tuple[int, b
     assert places == [index for index, (_, damaged) in enumerate(characters) if damaged]
 
 
-def test_dropped_input_takes_an_unfinished_mark_with_it() -> None:
-    marks = Marks()
-    assert marks.take_out(b"a\xff") == (b"a", [])
-    marks.clear()
-    assert marks.take_out(b"\x00b") == (b"\x00b", [])
-
-
 def test_a_terminal_marks_when_it_is_asked_to() -> None:
     path, master = open_pty()
     with master:

@@ -60,7 +60,6 @@ def test_nothing_is_told_from_inside_of_a_call(kind: str) -> None:
         pair.left.write(b"")
         pair.left.send_break(1000)
         pair.left.set_rts(True)
-        pair.left.flush_input()
         assert (len(pair.here.seen), len(pair.there.seen)) == before
         await pair.here.until("sent")
         assert await pair.there.bytes(1) == b"x"
@@ -116,7 +115,6 @@ def test_who_closes_is_told_nothing_more_and_may_go_on_calling(kind: str) -> Non
             pair.left.write(b"into the void")
             pair.left.send_break(1000)
             pair.left.set_rts(True)
-            pair.left.flush_input()
             pair.left.close()
         await pair.again()
         pair.left.write(b"again")

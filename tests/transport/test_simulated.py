@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from line_faults import Faults
+from line_faults import Faults, lose
 from transport.line_world import SECOND, World
 
 from framekit.link.events import LineFault
@@ -18,8 +18,8 @@ from framekit.transport.simulated_line import Transmission
     ("text", "speed", "character"),
     [("8N1", 9600, 1_041_667), ("8E1", 19200, 572_917), ("7E2", 300, 36_666_667), ("5N1.5", 50, 150_000_000)],
 )
-@pytest.mark.parametrize("options", [{}, {"granularity": 1}, {"granularity": 2}, {"cut_through": False}])
-def test_characters_take_their_bit_times(text: str, speed: int, character: int, options: dict[str, bool]) -> None:
+@pytest.mark.parametrize("options", [{}, {"granularity": 1}, {"granularity": 2}])
+def test_characters_take_their_bit_times(text: str, speed: int, character: int, options: dict[str, int]) -> None:
     world = World(2, text, speed, **options)
     world.ports[0].write(b"\x01\x02\x03")
     world.ports[0].write(b"\x04")
@@ -133,16 +133,6 @@ def test_a_gap_timer_set_anew_by_each_character_never_runs_out() -> None:
     assert len(listener.data) > 10, "from the first look on, it was told character by character"
 
 
-def test_store_and_forward_tells_only_at_the_end() -> None:
-    world = World(cut_through=False)
-    found: list[int] = []
-    world.clock.call_at(10 * world.character, lambda: found.append(len(world.listeners[1].bytes)))
-    world.ports[0].write(bytes(25))
-    world.clock.run_for(SECOND)
-    assert found == [0]
-    assert world.listeners[1].data == [(25 * world.character, bytes(25))]
-
-
 Writes = st.lists(
     st.tuples(st.integers(0, 2), st.integers(0, 30), st.binary(min_size=1, max_size=12)), min_size=1, max_size=8
 )
@@ -162,7 +152,7 @@ def hold_up(transmission: Transmission) -> None:
     """Pauses in the middle, and a lost character."""
     if len(transmission.data) > 4 and transmission.number % 2:
         transmission.pause(2, 3_000_000)
-        transmission.lose(3)
+        lose(transmission, 3)
 
 
 @settings(max_examples=60, deadline=None)
@@ -170,7 +160,7 @@ def hold_up(transmission: Transmission) -> None:
     Writes,
     SomeFaults,
     st.booleans(),
-    st.sampled_from([{}, {"granularity": 3}, {"cut_through": False}]),
+    st.sampled_from([{}, {"granularity": 3}]),
     st.lists(st.integers(0, 60_000_000), max_size=5),
 )
 def test_however_it_is_told_the_characters_and_times_are_the_same(
@@ -194,7 +184,7 @@ def test_however_it_is_told_the_characters_and_times_are_the_same(
         for when in looks:
             world.clock.call_at(when, lambda: None)
         world.clock.run_for(SECOND)
-        assert world.clock.pending == 0
+        assert world.clock.next_call is None
         return [
             found
             for listener in world.listeners
@@ -312,7 +302,7 @@ def test_who_closes_in_the_middle_has_sent_only_what_was_complete() -> None:
     world.clock.run_for(SECOND)
     assert world.listeners[1].bytes == bytes(range(3))
     assert world.listeners[0].sent_at == []
-    assert world.clock.pending == 0
+    assert world.clock.next_call is None
 
 
 def test_who_opens_in_the_middle_hears_what_begins_behind() -> None:
@@ -323,15 +313,6 @@ def test_who_opens_in_the_middle_hears_what_begins_behind() -> None:
     world.ports[1].open(world.listeners[1])
     world.clock.run_for(SECOND)
     assert world.listeners[1].characters() == [((index + 1) * world.character, index) for index in range(4, 10)]
-
-
-def test_flushed_input_is_not_told() -> None:
-    world = World(cut_through=False)
-    world.ports[0].write(bytes(range(10)))
-    world.clock.run_until(3 * world.character + 1)
-    world.ports[1].flush_input()
-    world.clock.run_for(SECOND)
-    assert world.listeners[1].bytes == bytes(range(3, 10)), "the one on its way is heard"
 
 
 def test_a_pulled_port_says_so_and_comes_back_when_it_is_there() -> None:
@@ -371,13 +352,6 @@ def test_a_stream_has_latency_and_no_bit_times() -> None:
     assert world.listeners[0].sent_at == []
     world.clock.run_for(SECOND)
     assert len(world.listeners[0].sent_at) == 1
-
-
-def test_a_stream_can_come_in_pieces() -> None:
-    world = World(2, None, granularity=2, cut_through=False)
-    world.ports[0].write(b"hello")
-    world.clock.run_for(0)
-    assert world.listeners[1].data == [(0, b"he"), (0, b"ll"), (0, b"o")]
 
 
 def test_a_stream_keeps_its_order_whatever_the_delay() -> None:

@@ -118,7 +118,7 @@ def test_faults_of_the_answer_stay_at_their_places() -> None:
         if transmission.sender == "far":
             transmission.flip(1, 1)
 
-    bench, port = echoing(echo=True, fault=damage, cut_through=False)
+    bench, port = echoing(echo=True, fault=damage)
     port.write(b"as")
     bench.far.write(b"")
     bench.clock.run_for(20 * MS)
