@@ -20,7 +20,8 @@ from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.samples import Sample, Sampler, beginning
 from framekit.definition.model.frames import Frame, StaticSizes, bytes_of
 from framekit.definition.model.procedure import Row
-from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Inner, Segment
 from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Mapping as MappingOf
 from dataclasses import MISSING, field, fields
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 from typing import Protocol as Interface
 
 from framekit.definition.load.reader import Broken, Reader
@@ -18,6 +18,7 @@ from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.values import Table
 from framekit.definition.tree import Mapping, Node, Sequence
 
+T = TypeVar("T")
 Schema = MappingOf[str, Any]
 ValueKind = Literal["number", "time", "text", "bytes", "list", "frame", "table", "any"]
 """What a value is, for expressions."""
@@ -43,8 +44,8 @@ class KeyReading:
 
     def __init__(self, loader: Any, keys: Mapping) -> None:
         self.loader = loader
-        self.space: Meanings = loader.space
-        self.reader: Reader = loader.space.reader
+        self.space: Meanings = getattr(loader, "space", None)  # type: ignore[assignment]  # where names mean nothing
+        self.reader: Reader = loader.reader
         self.keys = keys
         self.found: dict[str, Any] = {}
 
@@ -66,10 +67,14 @@ class Key(NamedTuple):
     kind: ValueKind | None = None
 
 
-def key(name: str, form: Form, doc: str = "", *, default: Any = MISSING) -> Any:
-    """An attribute that one key gives; without `default` the key has to be there."""
-
-    return field(default=default, metadata={"key": key_of(name, form, doc, default)})
+def key(
+    name: str, form: Form, doc: str = "", *, default: Any = MISSING, factory: Callable[[], Any] | None = None
+) -> Any:
+    """An attribute that one key gives; without `default` or `factory` the key has to be there."""
+    if factory is None:
+        return field(default=default, metadata={"key": key_of(name, form, doc, default)})
+    read = key_of(name, form, doc, None).read
+    return keys({name: form.schema}, lambda r: factory() if name not in r.keys else read(r), factory=factory)
 
 
 def key_of(name: str, form: Form, doc: str = "", default: Any = MISSING) -> Key:
@@ -115,12 +120,15 @@ def required_of(part: type) -> Iterator[str]:
     return (next(iter(one.schemas)) for one in table_of(part).values() if one.required)
 
 
-def read_keys(part: type, loader: Any, mapping: Mapping, broken: Callable[[], None] | None = None) -> dict[str, Any]:
-    """The attributes that the keys of a mapping give, in the order of the table. Raises Broken.
+def read_keys(
+    part: type, loader: Any, mapping: Mapping, broken: Callable[[], None] | None = None, **known: Any
+) -> dict[str, Any]:
+    """The attributes that the keys of a mapping give, in the order of the table; those `known` before. Raises Broken.
 
     `broken`: called for a key that is broken; its attribute is left out then, if it may be, and the others are read.
     """
     reading = KeyReading(loader, mapping)
+    reading.found |= known
     for attribute, one in table_of(part).items():
         try:
             reading.found[attribute] = one.read(reading)
@@ -129,6 +137,24 @@ def read_keys(part: type, loader: Any, mapping: Mapping, broken: Callable[[], No
                 raise
             broken()
     return reading.found
+
+
+def read_part(part: type[T], loader: Any, node: Node | None, **known: Any) -> T:
+    """What a mapping says by the table of its class; its attributes `known` before among them. Raises Broken."""
+    mapping = loader.reader.mapping(node)
+    if "at" in part.__dataclass_fields__:  # type: ignore[attr-defined]
+        known.setdefault("at", mapping.at)
+    return part(**read_keys(part, loader, mapping, **known))
+
+
+def mapping_of(part: type, schema: Schema) -> Form:
+    """A mapping that is read into a class."""
+    return Form(schema, lambda r, node: read_part(part, r.loader, node))
+
+
+def list_of(part: type, schema: Schema) -> Form:
+    """Mappings that are read into a class; a single one stands for a list of one."""
+    return Form(schema, lambda r, node: tuple(read_part(part, r.loader, item) for item in r.reader.items(node)))
 
 
 def expressions_with_kinds(part: Any) -> Iterator[tuple[Any, ValueKind]]:

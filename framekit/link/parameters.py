@@ -11,7 +11,7 @@ from typing import Any
 from framekit.definition.expression.parse import parse_expression
 from framekit.definition.expression.syntax import Call, Expression, LineTime, names_in, walk
 from framekit.definition.load.reader import parse_bytes, parse_constant, parse_flag, parse_number
-from framekit.definition.model.protocol import Parameter
+from framekit.definition.model.sections import Parameter
 from framekit.definition.problems import NOWHERE, plural
 from framekit.definition.times import NEVER, format_time, parse_time
 

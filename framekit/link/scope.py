@@ -12,7 +12,8 @@ from typing import Any
 from weakref import ref
 
 from framekit.definition.expression.syntax import Call, Expression, names_in, walk
-from framekit.definition.model.protocol import Protocol, StateVariable
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.clock import DEFAULT_START, DeviceClock, DeviceState
 from framekit.link.evaluate import Formula, Names, compile_expression

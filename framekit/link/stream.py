@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 
 from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.protocol import Receiver as Rules
+from framekit.definition.model.sections import Receiver as Rules
 from framekit.link.arrivals import Noise, new_tuple
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.events import CharacterFault, LineFault

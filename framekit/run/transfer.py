@@ -13,7 +13,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Index, List, Name, Node, Number
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.protocol import Protocol, StationType
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import StationType
 from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Repeat, Segment
 from framekit.definition.model.services import Packing, ServiceRow
 from framekit.definition.model.values import LayoutOf, ReadAs, RecordOf, Value

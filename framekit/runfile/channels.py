@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 from framekit.definition.expression.syntax import names_in
 from framekit.definition.load.library import load_protocol
 from framekit.definition.load.reader import Broken, Reader, parse_bytes, parse_number
-from framekit.definition.model.protocol import WITHOUT_NUMBER, Parameter, Protocol, StationType
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import WITHOUT_NUMBER, Parameter, StationType
 from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean, parted, plural

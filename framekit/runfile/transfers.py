@@ -17,8 +17,9 @@ from framekit.definition.expression.syntax import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Field
-from framekit.definition.model.services import COUNTED_STRING, Argument, Packing, ServiceRow
+from framekit.definition.model.services import COUNTED_STRING, Packing, ServiceRow
 from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode

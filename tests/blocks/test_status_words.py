@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from framekit.definition.model.protocol import StationType
+from framekit.definition.model.sections import StationType
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.memory.memory import Area, DeviceMemory

@@ -40,7 +40,8 @@ from framekit.definition.expression.syntax import (
     walk,
 )
 from framekit.definition.model.frames import Frame, Layout
-from framekit.definition.model.protocol import Protocol, StateVariable
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import StateVariable
 from framekit.definition.model.segments import Check, Choose, Length, Repeat, Segment
 from framekit.definition.model.walk import everything
 

@@ -15,7 +15,8 @@ from framekit.definition.expression.syntax import Bytes, Expression, List, Name,
 from framekit.definition.kinds.numbers import constant_number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Sequence
-from framekit.definition.model.protocol import Parameter, Protocol, Queue, StateVariable
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.model.walk import parts_of

@@ -32,8 +32,9 @@ from framekit.definition.expression.syntax import (
 from framekit.definition.keys import ValueKind, expressions_with_kinds
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.procedure import Action, Parts, Row, Sequence, Serve, Step
-from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.model.procedure import Action, Row, Sequence, Step
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf
 from framekit.definition.model.walk import expressions_of, flat, parts_of
@@ -400,15 +401,10 @@ class _Kinds:
             self._checker().wants(variable.initial, kind_of_variable(variable.type))
 
     def _line(self) -> None:
-        line, receiver = self.protocol.line, self.protocol.receiver
-        checker = self._checker()
-        for time in (line.turnaround, line.key_delay, line.late, receiver.gap, receiver.quiet):
-            checker.wants(time, "time")
-        for session in self.protocol.sessions.values():
-            checker.wants(session.keep_alive_after, "time")
-        for role in self.protocol.roles.values():
-            for lane in role.lanes:
-                checker.wants(lane.at_once, "number")
+        protocol, checker = self.protocol, self._checker()
+        lanes = [lane for role in protocol.roles.values() for lane in role.lanes]
+        for part in (protocol.line, protocol.receiver, *protocol.sessions.values(), *lanes):
+            self._keys(checker, part)
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -471,7 +467,7 @@ class _Kinds:
         for actions in step.handlers.values():
             self._actions(checker, actions)
 
-    def _keys(self, checker: KindChecker, part: Step | Parts | Serve | Action | None) -> None:
+    def _keys(self, checker: KindChecker, part: Any) -> None:
         """The expressions of keys that have to come to something certain."""
         for expression, kind in () if part is None else expressions_with_kinds(part):
             checker.wants(expression, kind)
@@ -540,8 +536,7 @@ class _Kinds:
         checker = self._checker(local)
         for argument in row.takes:
             checker.wants(argument.default, kind_of_variable(argument.type) if argument.type != "list" else "any")
-        checker.wants(row.limit.count, "number")
-        checker.wants(row.limit.bytes, "number")
+        self._keys(checker, row.limit)
         self._made(checker, [row.request, row.buffer])
         let: dict[str, Kind] = {} if row.serve is None else dict.fromkeys(row.serve.let, "any")
         answering = self._checker({**local, "data": "bytes", "bytes": "number", "element_bytes": "number", **let})

@@ -20,8 +20,8 @@ from framekit.definition.keys import (
     KeyReading,
     ValueKind,
     key,
+    mapping_of,
     mapping_schema,
-    read_keys,
     ref,
     words,
 )
@@ -78,9 +78,9 @@ UNIT_OF_TIME = Form(
     },
     lambda r, node: r.reader.time(node),
 )
-LONG = Form(
+LONG = mapping_of(
+    Long,
     mapping_schema(Long, "long form", description="Values from the mark on are sent as the mark and a longer number."),
-    lambda r, node: Long(**read_keys(Long, r.loader, r.reader.mapping(node))),
 )
 
 

@@ -120,6 +120,7 @@ class Namespace:
 
     def __init__(self, reader: Reader, source: SourceText) -> None:
         self.reader = reader
+        self.space = self  # tables of keys are read by it too
         self.source = source
         self.uses = {name: Namespace(reader, used) for name, used in self._used()}
         self.circles: set[frozenset[str]] = set()

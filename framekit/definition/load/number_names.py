@@ -15,7 +15,7 @@ from framekit.definition.kinds.base import Segment
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Row, Sequence
-from framekit.definition.model.protocol import StateVariable
+from framekit.definition.model.sections import StateVariable
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.walk import flat
 from framekit.definition.problems import did_you_mean

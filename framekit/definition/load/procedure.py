@@ -1,4 +1,4 @@
-"""Sequences, steps, rows and actions, roles and sessions."""
+"""Sequences: steps, rows and actions."""
 
 from __future__ import annotations
 
@@ -13,23 +13,20 @@ from framekit.definition.model.procedure import (
     HANDLERS,
     Action,
     CallOf,
-    Lane,
-    Role,
     Row,
     Sequence,
-    Session,
     Step,
+    places_of,
 )
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import Position, did_you_mean
 
 T = TypeVar("T")
 P = TypeVar("P", Action, Row, Step)
 
 
 class ProcedureLoader:
-    """Reads the sections `sequences`, `roles` and `sessions`. `partly`: sequences of which something is missing."""
+    """Reads the section `sequences`. `partly`: sequences of which something is missing."""
 
     def __init__(self, values: ValueLoader) -> None:
         self.values = values
@@ -145,63 +142,3 @@ class ProcedureLoader:
             handlers=handlers,
             steps=tuple(steps),
         )
-
-    # ---- roles and sessions -------------------------------------------------------------------------------
-
-    def role(self, entry: Entry, sequences: set[str]) -> Role:
-        """Raises Broken."""
-        reader, keys = self.reader, self.reader.mapping(entry.value)
-        lanes = tuple(self._lane(lane, sequences) for lane in reader.entries(keys.get("lanes")))
-        session = reader.maybe(reader.text, keys.get("session"))
-        other = reader.maybe(reader.text, keys.get("other_side"))
-        return Role(name=entry.key.text, session=session, lanes=lanes, at=entry.key.at, other_side=other)
-
-    def _lane(self, entry: Entry, sequences: set[str]) -> Lane:
-        reader, keys = self.reader, self.reader.mapping(entry.value)
-        exchange = tuple(self.named_sequence(node, sequences) for node in reader.items(keys.get("exchange")))
-        listen = keys.get("listen")
-        return Lane(
-            name=entry.key.text,
-            exchange=exchange,
-            listen=None if listen is None else self.named_sequence(listen, sequences),
-            at_once=reader.maybe(reader.expression, keys.get("at_once")),
-            at=entry.key.at,
-            places=places_of(keys),
-        )
-
-    def named_sequence(self, node: Node, sequences: set[str]) -> str:
-        name = self.reader.text(node)
-        if name not in sequences:
-            self.reader.note(node.at, f"there is no sequence '{name}'", did_you_mean(name, sequences))
-        return name
-
-    def session(self, entry: Entry, sequences: set[str]) -> Session:
-        """Raises Broken."""
-        reader, keys = self.reader, self.reader.mapping(entry.value)
-        keep_alive = reader.mapping(node) if (node := keys.get("keep_alive")) is not None else None
-        lost_by = keys.get("lost_by")
-        run = None if keep_alive is None else keep_alive.get("run")
-        return Session(
-            name=entry.key.text,
-            open=tuple(self.named_sequence(node, sequences) for node in reader.items(keys.get("open"))),
-            close=tuple(self.named_sequence(node, sequences) for node in reader.items(keys.get("close"))),
-            one_station=self._flag_expression(keys.get("one_station")),
-            keep_alive_after=None if keep_alive is None else reader.expression(keep_alive.get("after")),
-            keep_alive_run=None if run is None else self.named_sequence(run, sequences),
-            lost_by=None if lost_by is None or reader.texts(lost_by) == ("any",) else reader.texts(lost_by),
-            reconnect=reader.flag(keys.get("reconnect")),
-            at=entry.key.at,
-        )
-
-    def _flag_expression(self, node: Node | None) -> Expression | None:
-        """`yes`, `no` or an expression."""
-        if node is None:
-            return None
-        scalar = self.reader.scalar(node)
-        text = {"yes": "true", "no": "false"}.get(scalar.text, scalar.text)
-        return self.reader.expression_text(text, scalar.at)
-
-
-def places_of(keys: Mapping) -> dict[str, Position]:
-    """Where the value of every key stands."""
-    return {entry.key.text: entry.value.at for entry in keys.entries}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from framekit.definition.kinds.numbers import value_names
+from framekit.definition.keys import read_part
 from framekit.definition.load.documents import Documents, SourceText, scalar_of
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.namespace import Namespace, Owned, names_mentioned, used_entries
@@ -13,21 +13,14 @@ from framekit.definition.load.number_names import NumberNames
 from framekit.definition.load.procedure import ProcedureLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.load.references import resolve_references
-from framekit.definition.load.sections import (
-    load_line,
-    load_parameter,
-    load_queue,
-    load_receiver,
-    load_state,
-    load_station,
-)
 from framekit.definition.load.segments import SegmentLoader
-from framekit.definition.load.services import ServiceLoader, load_address_forms, load_area
+from framekit.definition.load.services import ServiceLoader, load_address_forms
 from framekit.definition.load.stations import Stations
 from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.frames import Frame, Layout
-from framekit.definition.model.procedure import Sequence
-from framekit.definition.model.protocol import Parameter, Protocol, StateVariable
+from framekit.definition.model.procedure import Role, Sequence, Session
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
 from framekit.definition.model.walk import parts_of
@@ -57,9 +50,8 @@ class ProtocolLoader:
         groups = self.frames.load_groups()
         procedure = self.procedure
         sequences = self._each("sequences", procedure.sequence)
-        names = set(self.space.section("sequences"))
-        roles = self._each("roles", lambda entry: procedure.role(entry, names))
-        sessions = self._each("sessions", lambda entry: procedure.session(entry, names))
+        roles = self._each("roles", lambda one: self._named(Role, one))
+        sessions = self._each("sessions", lambda one: self._named(Session, one))
         services = ServiceLoader(self.values)
         rows = {name: services.rows(owned.entry) for name, owned in self.space.section("services").items()}
         sequences = self._compared(sequences, frames, rows)
@@ -69,7 +61,7 @@ class ProtocolLoader:
         commands = self._commands(services)
         parts = [frames, sequences, roles, sessions, rows, forms, errors, refusals, commands]
         layouts = self._layouts(parts, areas)
-        line, receiver = self._line(), self._receiver()
+        line, receiver = self._section(Line, "line"), self._section(Receiver, "receiver")
         parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
         resolve = NumberNames(self.reader, frames, state)
         return Protocol(
@@ -77,7 +69,7 @@ class ProtocolLoader:
             line=line,
             params=parameters,
             state=state,
-            queues=self._each("queues", lambda entry: load_queue(self.reader, entry)),
+            queues=self._each("queues", lambda one: self._named(Queue, one)),
             tables=tables,
             checks=self._each("checks", lambda entry: self.space.check(entry.key)),
             layouts=resolve.plainly(layouts),
@@ -121,7 +113,7 @@ class ProtocolLoader:
             "kind": "application" if root.get("protocol") is None else "protocol",
             "profile": self._text("profile") or None,
             "order": "little" if self._text("order") == "little" else "big",
-            "station": load_station(self.reader, self._own("station")),
+            "station": self._section(StationType, "station"),
             "sources": source.files + (source.application.files if source.application else ()),
             "at": source.at,
             "profile_at": source.at if profile is None else profile.at,
@@ -157,15 +149,16 @@ class ProtocolLoader:
                 found[name] = load(owned.entry)
         return found
 
-    def _line(self) -> Any:
+    def _section(self, part: type[T], key: str) -> T:
+        """A section that is one mapping; what it usually says where it is missing or broken."""
+        node = self._own(key)
         with self.reader.going_on():
-            return load_line(self.reader, self._own("line"))
-        return load_line(self.reader, None)
+            return part() if node is None else read_part(part, self, node)
+        return part()
 
-    def _receiver(self) -> Any:
-        with self.reader.going_on():
-            return load_receiver(self.reader, self._own("receiver"))
-        return load_receiver(self.reader, None)
+    def _named(self, part: type[T], entry: Entry, **known: Any) -> T:
+        """What stands under a name that the file's author chooses. Raises Broken."""
+        return read_part(part, self, entry.value, name=entry.key.text, at=entry.key.at, **known)
 
     def _elsewhere(self, key: str) -> Namespace:
         """The namespace of `areas: FILE` or `addresses: FILE`; this one when the section stands here."""
@@ -183,7 +176,7 @@ class ProtocolLoader:
         areas = {}
         for name, owned in self._elsewhere("areas").section("areas").items():
             with self.reader.going_on():
-                areas[name] = load_area(self.reader, owned.entry)
+                areas[name] = self._named(Area, owned.entry)
         space = self._elsewhere("addresses")
         node = space.source.root.get("addresses")
         if node is None and space.source.application is not None:
@@ -203,7 +196,7 @@ class ProtocolLoader:
         node = self.source.root.get("commands")
         if isinstance(node, MappingNode):
             with self.reader.going_on():
-                return services.commands.rules(node)
+                return services.rules(node)
         return None
 
     def _refusals(self, services: ServiceLoader) -> tuple[Refusal, ...]:
@@ -211,7 +204,7 @@ class ProtocolLoader:
         found = []
         for item in self.reader.items(node.get("refuse") if isinstance(node, MappingNode) else None):
             with self.reader.going_on():
-                found.append(services.refusal(item))
+                found.append(read_part(Refusal, services, item))
         return tuple(found)
 
     def _layouts(self, parts: list[Any], areas: Mapping[str, Area]) -> dict[str, Layout]:
@@ -256,15 +249,15 @@ class ProtocolLoader:
                     if (table := space.table(name)) is not None:
                         result[section][name] = table
                 elif section == "params":
-                    result[section][name] = load_parameter(self.reader, owned.entry)
+                    result[section][name] = self._named(Parameter, owned.entry)
                 else:
                     keys = self.reader.mapping(owned.entry.value)
                     for key in ("list", "record"):
                         if "table" not in keys and (node := keys.value(key)) is not None:
                             space.layout(node)
-                    named = keys.get("values")
-                    values = None if named is None else value_names(space, named)
-                    result[section][name] = load_state(self.reader, owned.entry, values, name in announced)
+                    result[section][name] = read_part(
+                        StateVariable, space, keys, name=name, at=owned.entry.key.at, announced=name in announced
+                    )
 
         for section in result:
             for name, owned in self._joined(section).items():

@@ -14,20 +14,25 @@ from framekit.definition.keys import (
     FLAG,
     IDENTIFIER,
     LABEL,
+    LABELS,
     OCTETS,
     TIME,
     Form,
     Key,
+    KeyReading,
     here,
     key,
     keys,
+    mapping_of,
     mapping_schema,
-    read_keys,
+    read_part,
     ref,
     words,
 )
 from framekit.definition.model.values import FrameOf, Value
-from framekit.definition.problems import Position
+from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node
 
 HANDLERS = {
     "on_timeout": "When a time limit has run out; default: fail.",
@@ -165,13 +170,13 @@ CALLS: dict[str, Any] = {
 }
 _SESSION_WORDS = "new opens the session, end closes it; session variables return to their start values."
 _URGENT = "The other side waits for the step's frame: it goes out although late replies may still come."
-PARTS = Form(
+PARTS = mapping_of(
+    Parts,
     mapping_schema(Parts, "the parts", description="Does the rest of the step once for each piece of some bytes."),
-    lambda r, node: Parts(**read_keys(Parts, r.loader, r.reader.mapping(node))),
 )
-SERVE = Form(
+SERVE = mapping_of(
+    Serve,
     mapping_schema(Serve, "the serve section", description="Lets the server do what a request asks for."),
-    lambda r, node: Serve(**read_keys(Serve, r.loader, r.reader.mapping(node))),
 )
 
 
@@ -243,16 +248,44 @@ class Sequence:
     steps: tuple[Step, ...]
 
 
+# ---- roles and sessions -------------------------------------------------------------------------------------
+
+
+def _sequence(reading: KeyReading, node: Node) -> str:
+    """The name of a sequence, which is noted if there is none of that name."""
+    name, known = reading.reader.text(node), reading.space.section("sequences")
+    if name not in known:
+        reading.reader.note(node.at, f"there is no sequence '{name}'", did_you_mean(name, known))
+    return name
+
+
+SEQUENCE = Form(LABEL.schema, _sequence)
+SEQUENCES = Form(LABELS.schema, lambda r, node: tuple(_sequence(r, item) for item in r.reader.items(node)))
+
+
+def places_of(keys_: Keys) -> dict[str, Position]:
+    """Where the value of every key stands."""
+    return {entry.key.text: entry.value.at for entry in keys_.entries}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lane:
     """One of the things a role does side by side: exchanges (up to `at_once`), and what runs when none does."""
 
     name: str
-    exchange: tuple[str, ...]
-    listen: str | None
-    at_once: Expression | None
     at: Position
     places: Mapping[str, Position] = field(default_factory=dict, compare=False)
+    exchange: tuple[str, ...] = key("exchange", SEQUENCES, default=())
+    listen: str | None = key("listen", SEQUENCE, default=None)
+    at_once: Expression | None = key("at_once", COUNT, default=None)
+
+
+def _lanes(reading: KeyReading, node: Node) -> tuple[Lane, ...]:
+    mapped = [(entry.key, reading.reader.mapping(entry.value)) for entry in reading.reader.entries(node)]
+    return tuple(
+        read_part(Lane, reading.loader, keys_, name=name.text, at=name.at, places=places_of(keys_))
+        for name, keys_ in mapped
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,10 +293,10 @@ class Role:
     """A side of the line: its lanes in the order frames are offered to them. `other_side`: the role that answers it."""
 
     name: str
-    session: str | None
-    lanes: tuple[Lane, ...]
     at: Position
-    other_side: str | None = None
+    lanes: tuple[Lane, ...] = key("lanes", Form({}, _lanes), default=())
+    session: str | None = key("session", LABEL, default=None)
+    other_side: str | None = key("other_side", LABEL, default=None)
 
     @property
     def exchanges(self) -> bool:
@@ -276,6 +309,27 @@ class Role:
         return tuple(lane.listen for lane in self.lanes if lane.listen is not None)
 
 
+def _flag(reading: KeyReading, node: Node) -> Expression:
+    """`yes`, `no` or an expression."""
+    scalar = reading.reader.scalar(node)
+    return reading.reader.expression_text({"yes": "true", "no": "false"}.get(scalar.text, scalar.text), scalar.at)
+
+
+def _keep_alive_after(reading: KeyReading, node: Node) -> Expression:
+    return reading.reader.expression(reading.reader.mapping(node).get("after"))
+
+
+def _keep_alive_run(reading: KeyReading) -> str | None:
+    node = reading.keys.get("keep_alive")
+    run = None if node is None else reading.reader.mapping(node).get("run")
+    return None if run is None else _sequence(reading, run)
+
+
+def _lost_by(reading: KeyReading, node: Node) -> tuple[str, ...] | None:
+    outcomes = reading.reader.texts(node)
+    return None if outcomes == ("any",) else outcomes
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """What has to be open before an exchange runs. `lost_by` is None for any failure, else the outcomes that end it.
@@ -284,11 +338,11 @@ class Session:
     """
 
     name: str
-    open: tuple[str, ...]
-    close: tuple[str, ...]
-    one_station: Expression | None
-    keep_alive_after: Expression | None
-    keep_alive_run: str | None
-    lost_by: tuple[str, ...] | None
-    reconnect: bool
     at: Position
+    open: tuple[str, ...] = key("open", SEQUENCES, default=())
+    close: tuple[str, ...] = key("close", SEQUENCES, default=())
+    one_station: Expression | None = key("one_station", Form(EXPRESSION.schema, _flag), default=None)
+    keep_alive_after: Expression | None = key("keep_alive", Form({}, _keep_alive_after, "time"), default=None)
+    keep_alive_run: str | None = keys({}, _keep_alive_run, default=None)
+    lost_by: tuple[str, ...] | None = key("lost_by", Form(LABELS.schema, _lost_by), default=None)
+    reconnect: bool = key("reconnect", FLAG, default=False)

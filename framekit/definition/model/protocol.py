@@ -2,120 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression.syntax import Expression
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Frame, Group, Layout
 from framekit.definition.model.procedure import Role, Sequence, Session
+from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
-
-WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
-"""A connection to a host, or a listener there, whose port number is not given."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
-    """What the protocol says about its line. Speeds in bits a second; `tcp`: the port number of `tcp://HOST`.
-
-    `late`: how long after its time limit a reply may still come; None: as long again.
-    """
-
-    kind: Literal["serial", "stream"] = "serial"
-    speed: int = 9600
-    speeds: tuple[int, ...] = ()
-    format: str = "8N1"
-    formats: tuple[str, ...] = ()
-    turnaround: Expression | None = None
-    key_delay: Expression | None = None
-    late: Expression | None = None
-    tcp: int | None = None
-    at: Position = NOWHERE
-
-    def port_of(self, url: str) -> str:
-        """A port as users name it: `tcp://HOST` gets the protocol's own port number."""
-        if self.tcp is None or not WITHOUT_NUMBER.fullmatch(url):
-            return url
-        return f"{url.rstrip('/')}:{self.tcp}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """A named setting. `is_` is a formula that nobody sets. `items`: what a list holds, None for anything.
-
-    `limits` of a list are those of each item; `size`: bytes are that many, no others.
-    """
-
-    name: str
-    type: Literal["time", "number", "flag", "choice", "text", "bytes", "list"]
-    default: Expression | None
-    is_: Expression | None
-    limits: tuple[int, int] | None
-    choices: tuple[str, ...]
-    doc: str
-    at: Position
-    items: Literal["time", "number", "flag", "text", "bytes"] | None = None
-    size: int | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StateVariable:
-    """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
-
-    `type` is one of u8…u64, i8…i64, flag, text, bytes, time, list, record, frame; `size`: that many bytes, no others.
-    """
-
-    name: str
-    scope: Literal["line", "session", "device"]
-    type: str
-    initial: Expression | None
-    keys: tuple[int, int] | None
-    layout: str | None
-    most: int | None
-    size: int | None
-    publish: bool
-    values: Mapping[int, str] | None
-    announced: bool
-    at: Position
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Queue:
-    """A queue between lanes: fields of an item (name → type) and how many fit."""
-
-    name: str
-    holds: Mapping[str, str]
-    size: int
-    at: Position
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Receiver:
-    """How frames are found. `symbols`: an escape byte and its follower are skipped together."""
-
-    gap: Expression | None = None
-    quiet: Expression | None = None
-    symbols: int | None = None
-    resync: Literal["next_start", "after_frame", "after_quiet", "never"] = "next_start"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StationType:
-    """What names the other side.
-
-    `pad`: bytes of a known `size` may be given as text too, which this byte fills up.
-    """
-
-    type: Literal["number", "text", "bytes", "none"] = "number"
-    limits: tuple[int, int] | None = None
-    size: int | None = None
-    pad: int | None = None
-    default: Expression | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

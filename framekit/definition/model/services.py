@@ -3,26 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression.syntax import Expression
-from framekit.definition.model.procedure import Target
+from framekit.definition.expression.syntax import Expression, Text
+from framekit.definition.keys import (
+    CONDITION,
+    COUNT,
+    EXPRESSION,
+    FLAG,
+    LABEL,
+    LABELS,
+    NUMBER,
+    TEXT,
+    Form,
+    KeyReading,
+    here,
+    key,
+    keys,
+    list_of,
+    mapping_of,
+    properties_of,
+    read_part,
+    ref,
+)
+from framekit.definition.load.reader import MOST_ELEMENTS
+from framekit.definition.model.procedure import SETTINGS, Target
+from framekit.definition.model.sections import Argument
 from framekit.definition.model.values import Constant, FrameOf, Value
-from framekit.definition.problems import Position
+from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node, Scalar
+from framekit.definition.wire_types import given_order
 
 PlaceOf = Mapping[str, Value]
 """A place of memory, by the words area, memory, code, text, unit, start, count; data for what goes there."""
+
+# ---- forms of values: `r.loader` is what reads services -----------------------------------------------------
+
+VALUE = Form(ref("expression"), lambda r, node: r.loader.values.value(node))
+VALUES = Form(here("values"), lambda r, node: r.loader.values.fields(node))
+EXPRESSIONS = Form(ref("expressions"), lambda r, node: r.loader.values.expressions(node))
+CONSTRUCTOR = Form(here("constructor"), lambda r, node: r.loader.values.frame_of(node))
+PLACE = Form(here("block_place"), lambda r, node: r.loader.place(node))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class After:
     """One row of what is done when an exchange has ended: variables to set, bytes to store."""
 
-    when: Expression | None
-    set: tuple[tuple[Target, Value], ...]
-    store: PlaceOf | None
     at: Position
+    when: Expression | None = key("when", CONDITION, default=None)
+    set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
+    store: PlaceOf | None = key("store", PLACE, default=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,12 +77,47 @@ class JobWork:
 
     kind: str
     slot: Value
-    report: PlaceOf | None = None
-    host: Value | None = None
-    every: Value | None = None
-    late: Value | None = None
-    times: Value | None = None
     at: Position
+    report: PlaceOf | None = key("report", PLACE, default=None)
+    host: Value | None = key("host", VALUE, default=None)
+    every: Value | None = key("every", VALUE, default=None)
+    late: Value | None = key("late", VALUE, default=None)
+    times: Value | None = key("times", VALUE, default=None)
+
+
+SESSION_WORDS = ("new", "end")
+JOBS = ("job", "abort", "inspect")
+
+
+def word(scalar: Scalar) -> Expression:
+    """A bare word, as an expression that gives it."""
+    return Expression(scalar.text, Text(scalar.at, scalar.text))
+
+
+def _session(reading: KeyReading, node: Node) -> Expression:
+    """A bare word, or an expression that gives one."""
+    scalar = reading.reader.scalar(node)
+    return word(scalar) if scalar.text in SESSION_WORDS else reading.reader.expression(node)
+
+
+def _calls(reading: KeyReading, node: Node) -> tuple[CommandCall, ...]:
+    entries = [entry for item in reading.reader.items(node) for entry in reading.reader.entries(item)]
+    values = reading.loader.values
+    return tuple(
+        CommandCall(service=one.key.text, arguments=values.fields(one.value), at=one.key.at) for one in entries
+    )
+
+
+def _job(reading: KeyReading) -> JobWork | None:
+    """The command to the run's jobs, if it is one."""
+    keys_ = reading.keys
+    kind = next((name for name in JOBS if name in keys_), None)
+    if kind is None:
+        return None
+    if kind == "job" and not {"read", "write", "report"} & {*keys_.keys()}:
+        reading.reader.note(keys_.at, "a job moves nothing", "add read:, write: or report:")
+    slot = reading.loader.values.value(keys_.get(kind))
+    return read_part(JobWork, reading.loader, keys_, kind=kind, slot=slot)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,17 +129,17 @@ class BlockWork:
     own memory. With `job` it is a command to the run's jobs.
     """
 
-    station: Value | None = None
-    params: Mapping[str, Value] = field(default_factory=dict)
-    session: Expression | None = None
-    read: PlaceOf | None = None
-    write: PlaceOf | None = None
-    into: PlaceOf | None = None
-    source: PlaceOf | None = None
-    calls: tuple[CommandCall, ...] = ()
-    then: tuple[After, ...] = ()
-    job: JobWork | None = None
     at: Position
+    station: Value | None = key("station", VALUE, default=None)
+    params: Mapping[str, Value] = key("params", VALUES, factory=dict)
+    session: Expression | None = key("session", Form(ref("expression"), _session), default=None)
+    read: PlaceOf | None = key("read", PLACE, default=None)
+    write: PlaceOf | None = key("write", PLACE, default=None)
+    into: PlaceOf | None = key("into", PLACE, default=None)
+    source: PlaceOf | None = key("from", PLACE, default=None)
+    calls: tuple[CommandCall, ...] = key("call", Form({}, _calls), default=())
+    then: tuple[After, ...] = key("then", list_of(After, here("afterwards")), default=())
+    job: JobWork | None = keys({name: {} for name in JOBS}, _job, default=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,16 +150,16 @@ class CommandRules:
     `failed` give the status word, `meaning` its name. `waits`: how long (ns) a block may take before it is a fault.
     """
 
-    frame: str
-    request: str
-    most: int
-    status: PlaceOf
-    done: Expression | None
-    failed: Expression
-    meaning: Expression | None
-    waits: Expression | None
-    then: tuple[After, ...]
     at: Position
+    frame: str = key("frame", LABEL)
+    request: str = key("request", LABEL)
+    most: int = key("most", NUMBER, default=512)
+    status: PlaceOf = key("status", PLACE)
+    done: Expression | None = key("done", EXPRESSION, default=None)
+    failed: Expression = key("failed", EXPRESSION)
+    meaning: Expression | None = key("meaning", EXPRESSION, default=None)
+    waits: Expression | None = key("waits", EXPRESSION, default=None)
+    then: tuple[After, ...] = key("then", list_of(After, here("afterwards")), default=())
 
 
 UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
@@ -104,6 +172,48 @@ COUNTED_STRING = "counted_string"
 """The type of an element that is the number of characters in a word, and then these."""
 
 
+def _text(reading: KeyReading, name: str) -> str | None:
+    return reading.reader.maybe(reading.reader.text, reading.keys.get(name))
+
+
+def _codes(reading: KeyReading, node: Node) -> dict[str, Constant]:
+    """Names on the wire by unit; one for all of an area stands under the unit of the area."""
+    if isinstance(node, Keys):
+        return {entry.key.text: reading.reader.cell(entry.value) for entry in node.read_all()}
+    return {_text(reading, "unit") or "": reading.reader.cell(node)}
+
+
+def _unit(reading: KeyReading) -> str:
+    unit = _text(reading, "unit") or next(iter(reading.found["codes"]), "")
+    if not unit:
+        what = f"area '{reading.found['name']}' has no unit"
+        raise reading.reader.broken(reading.found["at"], what, "add unit: bit, byte, word, dword or lword")
+    return unit
+
+
+def _element_bits(reading: KeyReading) -> int:
+    """Width of a unit: a word of the language, or `6 bytes`."""
+    unit, node = reading.found["unit"], reading.keys.get("unit")
+    count, _, rest = unit.partition(" ")
+    if unit in UNIT_BITS:
+        return UNIT_BITS[unit]
+    if count.isdigit() and rest in ("bytes", "byte"):
+        return int(count) * 8
+    at = reading.found["at"] if node is None else node.at
+    raise reading.reader.broken(at, f"'{unit}' is not a unit", did_you_mean(unit, [*UNIT_BITS, "6 bytes"]))
+
+
+def _elements(reading: KeyReading, node: Node) -> int:
+    return reading.reader.count(node, MOST_ELEMENTS, f"elements of area '{reading.found['name']}'")
+
+
+def _columns(reading: KeyReading) -> dict[str, Constant]:
+    """The other keys of an area."""
+    own = {*properties_of(Area), "about"}
+    columns = [entry for entry in reading.keys.read_all() if entry.key.text not in own]
+    return {column.key.text: reading.reader.cell(column.value) for column in columns}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area:
     """A memory area of a device. `codes`: unit → name on the wire, the first unit is the default one.
@@ -113,16 +223,18 @@ class Area:
     """
 
     name: str
-    unit: str
-    element_bits: int
-    size: int
-    access: Literal["rw", "read"]
-    codes: Mapping[str, Constant]
-    memory: str
-    layout: str | None
-    columns: Mapping[str, Constant]
     at: Position
-    type: str | None = None
+    codes: Mapping[str, Constant] = key("code", Form({}, _codes), factory=dict)
+    unit: str = keys({"unit": ref("unit")}, _unit)
+    element_bits: int = keys({}, _element_bits)
+    size: int = key("size", Form(NUMBER.schema, _elements), default=0x10000)
+    memory: str = keys({"memory": LABEL.schema}, lambda r: _text(r, "memory") or r.found["name"])
+    access: Literal["rw", "read"] = keys(
+        {"access": ref("access")}, lambda r: "read" if _text(r, "access") == "read" else "rw", default="rw"
+    )
+    layout: str | None = key("layout", LABEL, default=None)
+    columns: Mapping[str, Constant] = keys({}, _columns, factory=dict)
+    type: str | None = key("type", TEXT, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,16 +289,18 @@ class AddressForm:
 class Limit:
     """The most one request can carry."""
 
-    count: Expression | None = None
-    bytes: Expression | None = None
+    count: Expression | None = key("count", COUNT, default=None)
+    bytes: Expression | None = key("bytes", COUNT, default=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
     """How elements stand in the data bytes: byte order of one unit (as of fields), and the form of bits."""
 
-    order: Literal["big", "little", "BADC", "CDAB"] = "little"
-    bits: Literal["packed", "aligned", "byte_each"] = "packed"
+    order: Literal["big", "little", "BADC", "CDAB"] = keys(
+        {"order": here("number_order")}, lambda r: given_order(r.reader, r.keys) or "little", default="little"
+    )
+    bits: Literal["packed", "aligned", "byte_each"] = key("bits", TEXT, default="packed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,9 +317,9 @@ class ReplyRow:
 class Refusal:
     """`{when, code}`: a server answers `code` when `when` holds."""
 
-    when: Expression
-    code: Expression
     at: Position
+    when: Expression = key("when", EXPRESSION)
+    code: Expression = key("code", EXPRESSION)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,29 +329,69 @@ class ServeWork:
     `block` is an exchange with the other side that follows; `each`/`each_as` repeat span or read over a list.
     """
 
-    let: Mapping[str, Value] = field(default_factory=dict)
-    write: Mapping[str, Value] | None = None
-    span: Mapping[str, Value] | None = None
-    update: Expression | None = None
-    set: tuple[tuple[Target, Value], ...] = ()
-    drop: Mapping[str, Value] | None = None
-    read: Mapping[str, Value] | Expression | None = None
-    each: Expression | None = None
-    each_as: str | None = None
-    block: BlockWork | None = None
     at: Position
+    let: Mapping[str, Value] = key("let", VALUES, factory=dict)
+    write: Mapping[str, Value] | None = key("write", PLACE, default=None)
+    span: Mapping[str, Value] | None = key("span", PLACE, default=None)
+    update: Expression | None = key("update", EXPRESSION, default=None)
+    set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
+    drop: Mapping[str, Value] | None = key("drop", PLACE, default=None)
+    read: Mapping[str, Value] | Expression | None = key(
+        "read",
+        Form({}, lambda r, node: (EXPRESSION if isinstance(node, Scalar) else PLACE).read(r, node)),
+        default=None,
+    )
+    each: Expression | None = key("each", EXPRESSION, default=None)
+    each_as: str | None = key("as", TEXT, default=None)
+    block: BlockWork | None = key("block", Form(here("block"), lambda r, node: r.loader.block(node)), default=None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Argument:
-    """An argument that a service other than read and write takes; also a parameter of a protocol (see `Parameter`)."""
+def _most_variables(reading: KeyReading, node: Node) -> int:
+    most = reading.reader.mapping(node).get("max")
+    return 1 if most is None else reading.reader.number(most)
 
-    name: str
-    type: str
-    default: Expression | None
-    limits: tuple[int, int] | None
-    choices: tuple[str, ...] = ()
-    items: str | None = None
+
+def _same(reading: KeyReading) -> str | None:
+    node = reading.keys.get("variables")
+    return None if node is None else reading.reader.maybe(reading.reader.text, reading.reader.mapping(node).get("same"))
+
+
+def _arguments(reading: KeyReading) -> tuple[Argument, ...]:
+    entries = reading.reader.entries(reading.keys.get("takes"))
+    return tuple(read_part(Argument, reading.loader, one.value, name=one.key.text, at=one.key.at) for one in entries)
+
+
+def _replies(reading: KeyReading, node: Node) -> tuple[ReplyRow, ...]:
+    return tuple(_reply(reading, reading.reader.mapping(item)) for item in reading.reader.items(node))
+
+
+def _reply(reading: KeyReading, keys_: Keys) -> ReplyRow:
+    """A row with one frame, beside `buffer` and `when`."""
+    reader, values = reading.reader, reading.loader.values
+    frames = [entry for entry in keys_.read_all() if entry.key.text not in ("buffer", "when")]
+    if len(frames) > 1:
+        raise reader.broken(keys_.at, "a reply row has one frame", "write a list with one row a frame")
+    return ReplyRow(
+        frame=values.frame_of(Keys(tuple(frames), keys_.at)) if frames else None,
+        buffer=reader.maybe(values.value, keys_.get("buffer")),
+        when=reader.maybe(reader.expression, keys_.get("when")),
+        at=keys_.at,
+    )
+
+
+def _run(reading: KeyReading, node: Node) -> Expression:
+    """The sequence to run: its bare name, or an expression that gives it."""
+    if isinstance(node, Scalar) and node.text in reading.space.section("sequences"):
+        return word(node)
+    return reading.reader.expression(node)
+
+
+def _back_each(reading: KeyReading) -> dict[str, Expression]:
+    """What is read of each item of a list."""
+    node = reading.keys.get("back")
+    each = None if node is None else reading.reader.mapping(node).get("each")
+    found: dict[str, Expression] = reading.loader.values.expressions(each)
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,29 +399,33 @@ class ServiceRow:
     """One row of a service. Empty `areas` and `units` mean: any. `back_each` reads the items of a request's list."""
 
     service: str
-    name: str
     at: Position
-    areas: tuple[str, ...]
-    units: tuple[str, ...]
-    when: Expression | None
-    limit: Limit
-    align_bits: int
-    most_variables: int
-    same: str | None
-    takes: tuple[Argument, ...]
-    request: FrameOf | None
-    buffer: Value | None
-    reply: tuple[ReplyRow, ...]
-    packing: Packing
-    gives: Mapping[str, Value]
-    run: Expression | None
-    back: Mapping[str, Expression]
-    back_each: Mapping[str, Expression]
-    refuse: tuple[Refusal, ...]
-    serve: ServeWork | None
-    client_only: bool
-    server_only: bool
-    outside_session: bool
+    name: str = keys({"name": LABEL.schema}, lambda r: _text(r, "name") or r.found["name"])
+    areas: tuple[str, ...] = key("areas", LABELS, default=())
+    units: tuple[str, ...] = key("units", LABELS, default=())
+    when: Expression | None = key("when", CONDITION, default=None)
+    limit: Limit = key("limit", mapping_of(Limit, {}), default=Limit())
+    align_bits: int = key(
+        "align", Form({}, lambda r, node: r.reader.number(r.reader.mapping(node).get("bits"))), default=1
+    )
+    most_variables: int = key("variables", Form({}, _most_variables), default=0)
+    same: str | None = keys({}, _same, default=None)
+    takes: tuple[Argument, ...] = keys({"takes": {}}, _arguments, default=())
+    request: FrameOf | None = key("request", CONSTRUCTOR, default=None)
+    buffer: Value | None = key("buffer", VALUE, default=None)
+    reply: tuple[ReplyRow, ...] = key("reply", Form({}, _replies), default=())
+    packing: Packing = key("packing", mapping_of(Packing, {}), default=Packing())
+    gives: Mapping[str, Value] = key("gives", VALUES, factory=dict)
+    run: Expression | None = key("run", Form(EXPRESSION.schema, _run), default=None)
+    back: Mapping[str, Expression] = key(
+        "back", Form({}, lambda r, node: r.loader.values.expressions(node, besides="each")), factory=dict
+    )
+    back_each: Mapping[str, Expression] = keys({}, _back_each, factory=dict)
+    refuse: tuple[Refusal, ...] = key("refuse", list_of(Refusal, here("refusals")), default=())
+    serve: ServeWork | None = key("serve", mapping_of(ServeWork, here("work")), default=None)
+    client_only: bool = key("client_only", FLAG, default=False)
+    server_only: bool = key("server_only", FLAG, default=False)
+    outside_session: bool = key("outside_session", FLAG, default=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,19 +436,31 @@ class NameTable:
     when: Expression | None = None
 
 
+def _name_tables(reading: KeyReading, node: Node) -> tuple[NameTable, ...]:
+    """Names of tables, or `{table, when}`."""
+    reader = reading.reader
+    given = [item if isinstance(item, Scalar) else reader.mapping(item) for item in reader.items(node)]
+    return tuple(
+        NameTable(one.text)
+        if isinstance(one, Scalar)
+        else NameTable(reader.text(one.get("table")), reader.expression(one.get("when")))
+        for one in given
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
     """How a device says no, by any of `frames` (or groups). `memory`: unknown, range, access, no_service → code.
 
-    `answer` builds the error frame. Where `unanswered` holds it says that nobody answered.
+    `answer` builds the error frame. Where `unanswered` holds it says that there was no answer.
     """
 
-    frames: tuple[str, ...]
-    when: Expression | None
-    code: Expression | None
-    names: tuple[NameTable, ...]
-    detail: Expression | None
-    unanswered: Expression | None
-    answer: FrameOf | None
-    memory: Mapping[str, Expression]
     at: Position
+    frames: tuple[str, ...] = key("frame", LABELS, default=())
+    when: Expression | None = key("when", CONDITION, default=None)
+    code: Expression | None = key("code", EXPRESSION, default=None)
+    names: tuple[NameTable, ...] = key("names", Form({}, _name_tables), default=())
+    detail: Expression | None = key("detail", EXPRESSION, default=None)
+    unanswered: Expression | None = key("unanswered", EXPRESSION, default=None)
+    answer: FrameOf | None = key("answer", CONSTRUCTOR, default=None)
+    memory: Mapping[str, Expression] = key("memory", EXPRESSIONS, factory=dict)

@@ -8,16 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.definition.expression.syntax import Expression, names_in
-from framekit.definition.model.protocol import Parameter, Protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment
-from framekit.definition.model.services import Area, Argument, ServiceRow
+from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.model.walk import everything, expressions_of, parts_of
-from framekit.definition.problems import NOWHERE, did_you_mean, listed
+from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
@@ -438,18 +439,4 @@ def _value(service: str, argument: Argument, given: Mapping[str, Any], names: Na
 
 def checked(argument: Argument, value: Any) -> Any:
     """The value as the argument takes it. Raises ParameterError."""
-    return given_value(_as_parameter(argument), value) if argument.type in TYPES else value
-
-
-def _as_parameter(argument: Argument) -> Parameter:
-    return Parameter(
-        name=argument.name,
-        type=cast(Any, argument.type),
-        default=None,
-        is_=None,
-        limits=argument.limits,
-        choices=argument.choices,
-        doc="",
-        at=NOWHERE,
-        items=cast(Any, argument.items),
-    )
+    return given_value(argument, value) if argument.type in TYPES else value

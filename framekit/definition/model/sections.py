@@ -1,0 +1,303 @@
+"""The small sections: line, station, receiver, params, state, queues. Each class is the table of its keys."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from framekit.definition.expression.syntax import Bytes, Expression, List, Number, Text
+from framekit.definition.keys import (
+    BYTE,
+    EXPRESSION,
+    FLAG,
+    NUMBER,
+    RANGE,
+    TEXT,
+    TIME,
+    Form,
+    KeyReading,
+    key,
+    keys,
+    ref,
+    words,
+)
+from framekit.definition.kinds.numbers import VALUE_NAMES
+from framekit.definition.load.reader import FLAGS, Reader, inside, literal_bytes
+from framekit.definition.problems import NOWHERE, Position, parted
+from framekit.definition.times import parse_format
+from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node, Scalar, Sequence
+
+WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
+"""A connection to a host, or a listener there, whose port number is not given."""
+ITEM_TYPES = ("time", "number", "flag", "text", "bytes")
+PARAMETER_TYPES = ("time", "number", "flag", "choice", "text", "bytes", "list")
+
+# ---- defaults and initial values ----------------------------------------------------------------------------
+
+
+def _given(reading: KeyReading, node: Node) -> Expression:
+    found = reading.found
+    return _literal(reading.reader, node, found["type"], found.get("choices", ()), found.get("items"))
+
+
+def _literal(
+    reader: Reader, node: Node, type_: str, choices: tuple[str, ...] = (), items_type: str | None = None
+) -> Expression:
+    """A default: literal where the type allows one to be told from an expression, else an expression. Raises Broken."""
+    if isinstance(node, Sequence):
+        items = tuple(_literal(reader, item, items_type or "number").root for item in node.items)
+        return Expression("[…]", List(node.at, items))
+    scalar = reader.scalar(node)
+    text = scalar.text.strip()
+    if type_ == "flag" and text.lower() in FLAGS:
+        return Expression(text, Number(scalar.at, FLAGS[text.lower()]))
+    if (type_ == "choice" and text in choices) or (type_ in ("text", "choice") and not text):
+        return Expression(text, Text(scalar.at, text))
+    if type_ == "bytes":
+        try:
+            return literal_bytes(scalar) if text else Expression("", Bytes(scalar.at, b""))
+        except ValueError:
+            return reader.expression(node)
+    return reader.expression_text(scalar.text, inside(scalar))
+
+
+GIVEN = Form(ref("plain_value"), _given)
+
+
+def _size_in_bytes(thing: str) -> Form:
+    """The number of bytes of a variable or parameter; only bytes have one."""
+
+    def read(reading: KeyReading, node: Node) -> int:
+        if (type_ := reading.found["type"]) != "bytes":
+            what = f"a {thing} of type {type_} has no size"
+            raise reading.reader.broken(node.at, what, "remove it, or write type: bytes")
+        return reading.reader.number(node)
+
+    return Form(NUMBER.schema, read)
+
+
+# ---- line and receiver --------------------------------------------------------------------------------------
+
+
+def _one_or_choices(reading: KeyReading, name: str) -> tuple[Scalar | None, list[Scalar]]:
+    """A single value, or `{default, choices}`."""
+    reader, node = reading.reader, reading.keys.get(name)
+    if isinstance(node, Keys):
+        choices = [reader.scalar(item) for item in reader.items(node.get("choices"))]
+        return reader.maybe(reader.scalar, node.get("default")), choices
+    return reader.maybe(reader.scalar, node), []
+
+
+def _speed(reading: KeyReading) -> int:
+    speed, _ = _one_or_choices(reading, "speed")
+    return 9600 if speed is None else reading.reader.number(speed)
+
+
+def _formats(reading: KeyReading) -> tuple[str, ...]:
+    default, formats = _one_or_choices(reading, "format")
+    for scalar in formats or ([default] if default else []):
+        try:
+            parse_format(scalar.text, 9600)
+        except ValueError as error:
+            reading.reader.note(scalar.at, *parted(error))
+    return tuple(scalar.text for scalar in formats)
+
+
+def _format(reading: KeyReading) -> str:
+    default, _ = _one_or_choices(reading, "format")
+    return "8N1" if default is None else default.text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """What the protocol says about its line. Speeds in bits a second; `tcp`: the port number of `tcp://HOST`.
+
+    `late`: how long after its time limit a reply may still come; None: as long again.
+    """
+
+    kind: Literal["serial", "stream"] = key(
+        "kind", TEXT._replace(schema=words("a kind of line", "serial", "stream")), default="serial"
+    )
+    speeds: tuple[int, ...] = keys(
+        {}, lambda r: tuple(r.reader.number(item) for item in _one_or_choices(r, "speed")[1]), default=()
+    )
+    speed: int = keys({"speed": {}}, _speed, default=9600)
+    formats: tuple[str, ...] = keys({}, _formats, default=())
+    format: str = keys({"format": {}}, _format, default="8N1")
+    turnaround: Expression | None = key("turnaround", TIME, default=None)
+    key_delay: Expression | None = key("key_delay", TIME, default=None)
+    late: Expression | None = key("late", TIME, default=None)
+    tcp: int | None = key("tcp", NUMBER, default=None)
+    at: Position = NOWHERE
+
+    def port_of(self, url: str) -> str:
+        """A port as users name it: `tcp://HOST` gets the protocol's own port number."""
+        if self.tcp is None or not WITHOUT_NUMBER.fullmatch(url):
+            return url
+        return f"{url.rstrip('/')}:{self.tcp}"
+
+
+_WAYS_ON = ("next_start", "after_frame", "after_quiet", "never")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Receiver:
+    """How frames are found. `symbols`: an escape byte and its follower are skipped together."""
+
+    gap: Expression | None = key("gap", TIME, default=None)
+    quiet: Expression | None = key("quiet", TIME, default=None)
+    symbols: int | None = key("symbols", BYTE, default=None)
+    resync: Literal["next_start", "after_frame", "after_quiet", "never"] = key(
+        "resync", TEXT._replace(schema=words("a way to go on", *_WAYS_ON)), default="next_start"
+    )
+
+
+# ---- the station --------------------------------------------------------------------------------------------
+
+
+def _pad(reading: KeyReading, node: Node) -> int:
+    if reading.found["type"] != "bytes" or "size" not in reading.keys:
+        reading.reader.note(node.at, "pad fills texts for stations of type bytes with a size", "leave pad out")
+    return reading.reader.byte(node)
+
+
+def _if_type(name: str, form: Form, *types: str) -> Any:
+    """An attribute that a key gives only with these types; with others it has no effect."""
+
+    def read(reading: KeyReading) -> Any:
+        node = reading.keys.get(name) if reading.found["type"] in types else None
+        return None if node is None else form.read(reading, node)
+
+    return keys({name: form.schema}, read, default=None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationType:
+    """What names the other side.
+
+    `pad`: bytes of a known `size` may be given as text too, which this byte fills up.
+    """
+
+    type: Literal["number", "text", "bytes", "none"] = key(
+        "type", TEXT._replace(schema=words("a type of station", "number", "text", "bytes", "none")), default="number"
+    )
+    limits: tuple[int, int] | None = _if_type("range", RANGE, "number")
+    size: int | None = _if_type("size", NUMBER, "text", "bytes")
+    pad: int | None = key("pad", Form(BYTE.schema, _pad), default=None)
+    default: Expression | None = key("default", GIVEN, default=None)
+
+
+# ---- parameters, variables, queues --------------------------------------------------------------------------
+
+
+def _parameter_type(reading: KeyReading) -> str:
+    reader, node = reading.reader, reading.keys.get("type")
+    if node is None:
+        what = f"parameter '{reading.found['name']}' has no type"
+        todo = "add type: time, number, flag, choice, text, bytes or list"
+        raise reader.broken(reading.found["at"], what, todo)
+    return reader.one_of(node, {name: name for name in PARAMETER_TYPES}, "a type of parameter")
+
+
+def _items(reading: KeyReading) -> str | None:
+    """What the items of a list are, `of:` says it."""
+    reader, node = reading.reader, reading.keys.get("of") if reading.found["type"] == "list" else None
+    return None if node is None else reader.one_of(node, {name: name for name in ITEM_TYPES}, "a type of items")
+
+
+def _formula(reading: KeyReading) -> Expression | None:
+    found, formula = reading.found, reading.keys.get("is")
+    if found["default"] is None and formula is None and found["type"] != "list":
+        what = f"parameter '{found['name']}' has no default"
+        reading.reader.warn(found["at"], what, "every run will have to give it")
+    return reading.reader.maybe(reading.reader.expression, formula)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A named setting. `is_` is a formula that always gives its value. `items`: what a list holds, None for anything.
+
+    `type` is one of `PARAMETER_TYPES`. `limits` of a list are those of each item; `size`: bytes are that many.
+    """
+
+    name: str
+    at: Position
+    type: str = keys({"type": {}}, _parameter_type)
+    choices: tuple[str, ...] = keys(
+        {"of": {}},
+        lambda r: r.reader.texts(r.keys.get("of")) if r.found["type"] == "choice" else (),
+        default=(),
+    )
+    items: str | None = keys({}, _items, default=None)
+    default: Expression | None = key("default", GIVEN, default=None)
+    is_: Expression | None = keys({"is": EXPRESSION.schema}, _formula, default=None)
+    limits: tuple[int, int] | None = key("range", RANGE, default=None)
+    doc: str = key("doc", TEXT, default="")
+    size: int | None = key("size", _size_in_bytes("parameter"), default=None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Argument(Parameter):
+    """What a service other than read and write takes; also a record or a frame."""
+
+    type: str = key("type", TEXT, default="number")
+    is_: Expression | None = None
+    size: int | None = None
+
+
+def _variable_type(reading: KeyReading) -> str:
+    keys, is_table = reading.keys, "table" in reading.keys
+    for name in () if is_table else ("list", "record"):
+        if name in keys:
+            return name
+    node = (keys.get("holds") if is_table else None) or keys.get("type")
+    if node is None:
+        todo = "add holds:" if is_table else "add type:, list: or record:"
+        raise reading.reader.broken(reading.found["at"], f"variable '{reading.found['name']}' has no type", todo)
+    return reading.reader.text(node)
+
+
+def _layout(reading: KeyReading) -> str | None:
+    """The layout of the records of a variable that is no table."""
+    if "table" in reading.keys or reading.found["type"] not in ("list", "record"):
+        return None
+    return reading.reader.maybe(reading.reader.text, reading.keys.get(reading.found["type"]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateVariable:
+    """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
+
+    `type` is one of u8…u64, i8…i64, flag, text, bytes, time, list, record, frame; `size`: that many bytes, no others.
+    `announced`: some frame announces it.
+    """
+
+    name: str
+    at: Position
+    announced: bool
+    values: Mapping[int, str] | None = key("values", VALUE_NAMES, default=None)
+    type: str = keys({"type": {}, "list": {}, "record": {}, "holds": {}}, _variable_type)
+    layout: str | None = keys({}, _layout, default=None)
+    initial: Expression | None = key("initial", GIVEN, default=None)
+    scope: Literal["line", "session", "device"] = key("scope", TEXT, default="line")
+    keys: tuple[int, int] | None = key("table", RANGE, default=None)
+    most: int | None = _if_type("max", NUMBER, "list")
+    size: int | None = key("size", _size_in_bytes("variable"), default=None)
+    publish: bool = key("publish", FLAG, default=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Queue:
+    """A queue between lanes: fields of an item (name → type) and how many fit."""
+
+    name: str
+    at: Position
+    holds: Mapping[str, str] = keys(
+        {"holds": {}},
+        lambda r: {item.key.text: r.reader.text(item.value) for item in r.reader.entries(r.keys.get("holds"))},
+        factory=dict,
+    )
+    size: int = key("size", NUMBER, default=8)
