@@ -77,7 +77,7 @@ class CommandWorld:
         self.fire(list(words), wait=wait, longest=longest, length=length)
         for _ in range(120):
             self.clock.run_for(SECOND // 2)
-            if not self.service.states[0].counters.running:
+            if not self.service.states[0].running:
                 break
         return self.own("R", STATUS)[0]
 

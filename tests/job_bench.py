@@ -61,7 +61,7 @@ class Bench:
 
     def counts(self, number: int) -> tuple[int, int, int]:
         """Started, done, failed of a block."""
-        counters = self.service.states[number].counters
+        counters = self.service.states[number]
         return counters.started, counters.done, counters.failed
 
 

@@ -66,7 +66,7 @@ def writes(run: RunService, clock: VirtualClock, word: int) -> Callable[[], floa
         clock.call_at(clock.now() + EVERY, write)
         clock.run_for((WRITES + 1) * EVERY)
         used = time.process_time() - begin
-        assert not left and not any(state.counters.started for state in run.states.values())
+        assert not left and not any(state.started for state in run.states.values())
         return used / WRITES
 
     return measure

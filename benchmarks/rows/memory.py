@@ -54,15 +54,15 @@ def simulate(hours: int) -> Row:
         run = service(Path(folder), clock)
     run.start()
     for state in run.states.values():
-        state.counters.started = state.counters.done = BEGUN
+        state.started = state.done = BEGUN
     held, resident = [], []
     for _ in range(hours):
         clock.run_for(HOUR)
         gc.collect()
         held.append(sys.getallocatedblocks())
         resident.append(_resident())
-    done = sum(state.counters.done - BEGUN for state in run.states.values())
-    assert not any(state.counters.failed for state in run.states.values())
+    done = sum(state.done - BEGUN for state in run.states.values())
+    assert not any(state.failed for state in run.states.values())
     run.stop()
     details = {
         "exchanges": done,

@@ -95,8 +95,8 @@ class ReadingBlocks:
 
     def _count(self) -> int:
         """How many reads have ended, all well."""
-        assert not any(state.counters.failed for state in self.service.states.values())
-        return sum(state.counters.done for state in self.service.states.values())
+        assert not any(state.failed for state in self.service.states.values())
+        return sum(state.done for state in self.service.states.values())
 
     async def polls(self) -> int:
         """Lets them read for a while; how many polls that was."""

@@ -128,8 +128,8 @@ async def read_by_blocks(service: RunService) -> None:
     """Lets the blocks read until they have done as many as the others."""
 
     def count() -> int:
-        assert not any(state.counters.failed for state in service.states.values())
-        return sum(state.counters.done for state in service.states.values())
+        assert not any(state.failed for state in service.states.values())
+        return sum(state.done for state in service.states.values())
 
     before = count()
     service.enable(2)

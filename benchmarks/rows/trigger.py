@@ -128,7 +128,7 @@ async def _measure(loop: asyncio.AbstractEventLoop, rounds: int) -> list[Row]:
     rounds = max(rounds, ROUNDS)
     functions = {"framekit": of(port, clear_bit, set_bit), "bare asyncio": of(bare, nothing, call_soon)}
     times = await asyncio.to_thread(interleave, functions, rounds)
-    started = sum(state.counters.started for state in service.states.values())
+    started = sum(state.started for state in service.states.values())
     assert started == rounds * SAMPLES, started
     service.stop()
     found = [1e6 * seconds for seconds in times["framekit"].rounds]

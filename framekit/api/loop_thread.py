@@ -11,7 +11,6 @@ import inspect
 import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import CancelledError, Future
-from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
 T = TypeVar("T")
@@ -135,6 +134,25 @@ def _copy(task: asyncio.Task[T], done: Future[T]) -> None:
         done.set_result(task.result())
 
 
+class Stopping:
+    """Something that `with` starts and stops."""
+
+    def start(self) -> None:
+        """Begins."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """Ends it."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+
 class Closing:
     """Something that `with` closes."""
 
@@ -145,9 +163,7 @@ class Closing:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 

@@ -8,11 +8,10 @@ import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from framekit.api.errors import NoReplyError, RequestError
-from framekit.api.loop_thread import LoopStoppedError, LoopThread
+from framekit.api.loop_thread import LoopStoppedError, LoopThread, Stopping
 from framekit.api.memory import Do, Memory
 from framekit.api.monitor import USER_DEFINED, LineOf
 from framekit.codec.shown import explain
@@ -140,8 +139,8 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         mode="run" if service.running else "stop",
         state=at_work.state,
         blocks=len(states),
-        services=removed.done + sum(state.counters.done for state in states) + at_work.counters.services,
-        errors=removed.failed + sum(state.counters.failed for state in states) + beside.total(),
+        services=removed.done + sum(state.done for state in states) + at_work.counters.services,
+        errors=removed.failed + sum(state.failed for state in states) + beside.total(),
         reasons=dict(reasons),
         frames_in=counters.received,
         bad=counters.bad,
@@ -161,7 +160,7 @@ def stored_words(service: RunService) -> list[tuple[str, str]]:
     """The places that blocks have put something into, and the words that stand there, as many as are easily read."""
     found = []
     for state in service.states.values():
-        for place, bits in _stored_by(service, state) if state.counters.done else ():
+        for place, bits in _stored_by(service, state) if state.done else ():
             area = service.memory.area(place.address.area)
             first = place.address.first_bit // 16
             there = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
@@ -198,54 +197,26 @@ _BLOCK = re.compile(r"(fire|enable|disable)\s+(?:block\s+)?(?:([0-9]+)\.)?([0-9]
 _WHOLE = re.compile(r"(enable|disable)\s+(set|channel)\s+([0-9]+)")
 
 
-class ControlError(ValueError):
-    """A line that cannot be carried out; a sentence with what to do."""
-
-
 def carry_out(service: RunService, line: str) -> None:
-    """Carries one line out; empty ones and those that begin with # do nothing. Raises ControlError."""
+    """Carries one line out; empty ones and those that begin with # do nothing. Raises ValueError with a sentence."""
     words = line.split("#")[0].strip().lower()
-    if not words:
-        return
-    if words == "reset":
-        service.reset()
-        return
-    whole = _WHOLE.fullmatch(words)
-    if whole is not None:
-        _switch(service, whole[2], int(whole[3]), whole[1] == "enable")
-        return
-    match = _BLOCK.fullmatch(words)
-    if match is None:
-        raise ControlError(f"'{words}' is no command – write {COMMANDS}")
-    verb, set_number, block = match[1], int("1" if match[2] is None else match[2]), int(match[3])
-    number = BLOCKS_IN_SET * (set_number - 1) + block
-    if block >= BLOCKS_IN_SET or number not in service.states:
-        known = ", ".join(_name(one) for one in sorted(service.states))
-        raise ControlError(f"there is no block {words.split()[-1]} – known: {known}")
-    if verb == "fire":
-        try:
+    if whole := _WHOLE.fullmatch(words):
+        switch = service.enable_set if whole[2] == "set" else service.enable_channel
+        switch(int(whole[3]), whole[1] == "enable")
+    elif match := _BLOCK.fullmatch(words):
+        verb, set_number, block = match[1], int(match[2] or 1), int(match[3])
+        number = BLOCKS_IN_SET * (set_number - 1) + block
+        if block >= BLOCKS_IN_SET or number not in service.states:
+            known = ", ".join(state.block.label for _, state in sorted(service.states.items()))
+            raise ValueError(f"there is no block {words.split()[-1]} – known: {known}")
+        if verb == "fire":
             service.fire(number)
-        except ValueError as error:
-            raise ControlError(str(error)) from None
-    else:
-        service.enable(number, verb == "enable")
-
-
-def _switch(service: RunService, what: str, number: int, on: bool) -> None:
-    """A set or a channel on or off. Raises ControlError for one there is not."""
-    known = service.run.sets if what == "set" else service.channels
-    if number not in known:
-        raise ControlError(f"there is no {what} {number} – known: {', '.join(map(str, sorted(known)))}")
-    if what == "set":
-        service.enable_set(number, on)
-    else:
-        service.enable_channel(number, on)
-
-
-def _name(number: int) -> str:
-    """A block as lines name it."""
-    set_number, block = divmod(number, BLOCKS_IN_SET)
-    return f"{set_number + 1}.{block}" if set_number else str(block)
+        else:
+            service.enable(number, verb == "enable")
+    elif words == "reset":
+        service.reset()
+    elif words:
+        raise ValueError(f"'{words}' is no command – write {COMMANDS}")
 
 
 INTERVAL = 1.0
@@ -401,12 +372,6 @@ class RunCalls:
                 self._capture.close()
                 self.lost = [*self._capture.troubles, *self.lost]
 
-    async def _leave(self) -> None:
-        """As `_finish`, in good order: open sessions are closed first."""
-        if self.running:
-            await leave(self._service)
-        self._finish()
-
     # ---- from outside -------------------------------------------------------------------------------------
 
     def status(self) -> RunStatus:
@@ -436,9 +401,13 @@ class RunCalls:
 
     def control(self, line: str) -> None:
         """Carries out a line such as `fire 3` or `disable set 2`. Raises RequestError."""
+        self._ask(lambda: carry_out(self._service, line))
+
+    def _ask(self, action: Callable[[], object]) -> None:
+        """Does what the run may refuse. Raises RequestError."""
         try:
-            self._do(lambda: carry_out(self._service, line))
-        except ControlError as error:
+            self._do(action)
+        except ValueError as error:
             raise RequestError(str(error)) from None
 
     def edit(self, run: RunModel, applied: Callable[[Edit], None] = lambda edit: None) -> None:
@@ -490,13 +459,11 @@ class RunCalls:
 
     def fire(self, number: int) -> None:
         """Makes a block due by hand, as a trigger would. Raises RequestError."""
-        self._comes_due(number)
-        self._do(lambda: self._service.fire(number))
+        self._ask(lambda: self._service.fire(number))
 
     def enable(self, number: int, on: bool = True) -> None:
         """Switches a block on, or with `on=False` off; what runs ends as it does. Raises RequestError."""
-        self._known(number)
-        self._do(lambda: self._service.enable(number, on))
+        self._ask(lambda: self._service.enable(number, on))
 
     def disable(self, number: int) -> None:
         """Switches a block off: its triggers do nothing. Raises RequestError."""
@@ -504,15 +471,11 @@ class RunCalls:
 
     def enable_set(self, number: int, on: bool = True) -> None:
         """Switches a parameter set on – its time triggers count from now – or off. Raises RequestError."""
-        if number not in self.run.sets:
-            raise RequestError(f"there is no set {number} – known: {', '.join(map(str, self.run.sets))}")
-        self._do(lambda: self._service.enable_set(number, on))
+        self._ask(lambda: self._service.enable_set(number, on))
 
     def enable_channel(self, number: int, on: bool = True) -> None:
         """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises RequestError."""
-        if number not in self.run.channels:
-            raise RequestError(f"there is no channel {number} – known: {', '.join(map(str, self.run.channels))}")
-        self._do(lambda: self._service.enable_channel(number, on))
+        self._ask(lambda: self._service.enable_channel(number, on))
 
     def reset(self) -> None:
         """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
@@ -551,15 +514,10 @@ class RunCalls:
             raise RequestError("the run has not been started, or was stopped")
         if not self.block(number).enabled:
             raise RequestError(f"block {number} is switched off")
-        self._comes_due(number)
-
-    def _comes_due(self, number: int) -> None:
-        """Raises RequestError for a block that nobody can make due."""
-        if self.block(number).instruction == "receive":
-            raise RequestError(f"block {number} receives: nothing but its frame makes it due")
+        self._ask(lambda: self._service.check_fired(number))
 
     def _known(self, number: int) -> None:
-        known = [block.id for block in self.run.blocks]
+        known = sorted(self._service.states)
         if number not in known:
             raise RequestError(f"there is no block {number} – known: {', '.join(map(str, known))}")
 
@@ -611,7 +569,7 @@ def nanoseconds(time: str | float) -> int:
     return found
 
 
-class Run(RunCalls):
+class Run(RunCalls, Stopping):
     """A run file at work in real time; `with` starts and stops it. Threads may share it.
 
     Its memory may be used before the start and after the end. `on_end(status, ok)` and `on_seen(channel, seen)` are
@@ -641,15 +599,6 @@ class Run(RunCalls):
     def stop(self) -> None:
         """No block starts any more; open sessions are closed, for 5 s at most, then the ports. Twice does nothing."""
         self._end()
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     def next_end(self, number: int | None = None, *, timeout: float | None = None) -> BlockStatus:
         """The status at the next completion of a block, or of any; `timeout` in seconds. Raises NoReplyError."""
@@ -681,7 +630,7 @@ def _end(thread: LoopThread, service: RunService) -> None:
     thread.stop()
 
 
-class VirtualRun(RunCalls):
+class VirtualRun(RunCalls, Stopping):
     """A run file on simulated time, for tests: its channels have `sim:` ports, and an hour passes in a moment.
 
     Nothing happens by itself: `run_for` lets time pass. `with` starts and stops it. What a callback raises comes out of
@@ -733,15 +682,6 @@ class VirtualRun(RunCalls):
             raise NoReplyError(f"block {number} has not ended within {within}", "timeout")
         return ended[0]
 
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
-
 
 class AsyncRun(RunCalls):
     """A run file at work in the loop in which it is made; `async with` starts and stops it.
@@ -767,15 +707,15 @@ class AsyncRun(RunCalls):
 
     async def finish(self) -> None:
         """No block starts any more; open sessions are closed, for 5 s at most, then the ports. `async with` does so."""
-        await self._leave()
+        if self.running:
+            await leave(self._service)
+        self._finish()
 
     async def __aenter__(self) -> Self:
         self.start()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *error: object) -> None:
         await self.finish()
         await asyncio.sleep(0)
 

@@ -14,7 +14,7 @@ from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
+from typing import TypeAlias
 
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
@@ -176,30 +176,10 @@ class BlockStatus:
         return None if self.last_failure is None else self.last_failure.device_code
 
 
-class Countable(Protocol):
-    """What words show of a block: of a status, or of a block at work."""
+Shown: TypeAlias = "BlockStatus | BlockState"
+"""What the words of a block show."""
 
-    @property
-    def started(self) -> int: ...
-    @property
-    def done(self) -> int: ...
-    @property
-    def failed(self) -> int: ...
-    @property
-    def overruns(self) -> int: ...
-    @property
-    def enabled(self) -> bool: ...
-    @property
-    def waiting(self) -> bool: ...
-    @property
-    def running(self) -> bool: ...
-    @property
-    def dead(self) -> bool: ...
-    @property
-    def last_failure(self) -> Failure | None: ...
-
-
-ITEMS: Mapping[str, Callable[[Countable], int]] = MappingProxyType(
+ITEMS: Mapping[str, Callable[[Shown], int]] = MappingProxyType(
     {
         "error": lambda status: 0 if status.last_failure is None else status.last_failure.error,
         "reason": lambda status: 0 if status.last_failure is None else status.last_failure.reason,
@@ -228,23 +208,10 @@ def failure_of(result: TransferResult) -> Failure | None:
     return Failure(outcome=outcome, cause=result.cause, device_code=result.code, meaning=result.meaning)
 
 
-@dataclass(slots=True)
-class Counters:
-    """Counters of one block. `overruns`: times it came due while it was still waiting or running."""
-
-    started: int = 0
-    done: int = 0
-    failed: int = 0
-    overruns: int = 0
-
-    @property
-    def running(self) -> int:
-        return self.started - self.done - self.failed
-
-
 class BlockState:
     """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
 
+    `overruns`: times it came due while it was still waiting or running.
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
     counts how often it has been armed; timers of earlier rounds mean nothing. `key`: its set, and its
     number there. `chain`: the blocks that made it due one after the other, each of which ended while it was being
@@ -252,28 +219,9 @@ class BlockState:
     """
 
     __slots__ = (
-        "armed",
-        "block",
-        "chain",
-        "companions",
-        "counters",
-        "dead",
-        "has_station",
-        "id",
-        "key",
-        "lane",
-        "last_end",
-        "last_failure",
-        "last_outcome",
-        "probing",
-        "reasons",
-        "round",
-        "running",
-        "set_on",
-        "started_at",
-        "starts_left",
-        "switched_on",
-        "waiting",
+        "armed", "block", "chain", "companions", "dead", "done", "failed", "has_station", "id", "key", "lane",
+        "last_end", "last_failure", "last_outcome", "overruns", "probing", "reasons", "round", "running", "set_on",
+        "started", "started_at", "starts_left", "switched_on", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
@@ -283,7 +231,7 @@ class BlockState:
         self.has_station = block.instruction in STATIONED
         self.lane = block.lane
         self.chain: tuple[int, ...] = ()
-        self.counters = Counters()
+        self.started = self.done = self.failed = self.overruns = 0
         self.switched_on = block.enabled
         self.set_on = True
         self.waiting = False
@@ -305,22 +253,6 @@ class BlockState:
         """Whether it may come due: neither it nor its set is switched off."""
         return self.switched_on and self.set_on
 
-    @property
-    def started(self) -> int:
-        return self.counters.started
-
-    @property
-    def done(self) -> int:
-        return self.counters.done
-
-    @property
-    def failed(self) -> int:
-        return self.counters.failed
-
-    @property
-    def overruns(self) -> int:
-        return self.counters.overruns
-
     def begun(self, now: int) -> None:
         """An exchange of it begins."""
         self.waiting = False
@@ -328,16 +260,16 @@ class BlockState:
             self.starts_left -= 1
         self.started_at = now
         self.running = True
-        self.counters.started += 1
+        self.started += 1
 
     def ended(self, failure: Failure | None, now: int) -> None:
         """An exchange of it has ended, well if `failure` is None."""
         self.running = False
         if failure is None:
-            self.counters.done += 1
+            self.done += 1
             self.last_outcome = ""
         else:
-            self.counters.failed += 1
+            self.failed += 1
             self.reasons[failure.outcome] += 1
             self.last_failure = replace(failure, at=now)
             self.last_outcome = str(failure)
@@ -345,7 +277,7 @@ class BlockState:
 
     def reset(self) -> None:
         """As at the start; what runs is still counted."""
-        self.counters = Counters(started=1) if self.running else Counters()
+        self.started, self.done, self.failed, self.overruns = int(self.running), 0, 0, 0
         self.starts_left = self.block.repeat
         self.switched_on = self.block.enabled
         self.last_failure, self.last_outcome, self.last_end = None, "", None

@@ -15,7 +15,7 @@ from framekit.definition.times import NEVER
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import Area, DeviceMemory, unit_bits
 from framekit.memory.profile import BlockItem, BlockWords, MemoryProfile
-from framekit.run.block_state import ITEMS, PULSES, BlockState, BlockStatus, Countable
+from framekit.run.block_state import ITEMS, PULSES, BlockState, BlockStatus, Shown
 from framekit.run.model import Block
 from framekit.run.own_memory import fixed_bytes, parts_of, read_piece
 
@@ -50,12 +50,12 @@ class StatusWords:
 
     # ---- what happens -------------------------------------------------------------------------------------
 
-    def show(self, key: Key, status: Countable) -> None:
+    def show(self, key: Key, status: Shown) -> None:
         """Brings the words of a block up to date; its pulses stay as they are."""
         for place in self._places_of(key):
             place.show(status)
 
-    def completed(self, key: Key, status: Countable, ok: bool, now: int) -> None:
+    def completed(self, key: Key, status: Shown, ok: bool, now: int) -> None:
         """An exchange has ended: the counts, then the pulse of its kind."""
         pulses = False
         for place in self._places.get(key) or self._places_of(key):
@@ -117,8 +117,8 @@ class _WordPlace:
     def __init__(self, area: Area, first: int, section: BlockWords) -> None:
         self._area = area
         self._at, self._size = 2 * first, 2 * section.words
-        self._numbers: list[tuple[Callable[[Countable], int], Callable[..., None], int, int]] = []
-        self._flags: list[tuple[Callable[[Countable], int], int]] = []
+        self._numbers: list[tuple[Callable[[Shown], int], Callable[..., None], int, int]] = []
+        self._flags: list[tuple[Callable[[Shown], int], int]] = []
         self._pulses = dict.fromkeys(PULSES, 0)
         for name, item in section.items.items():
             read = ITEMS.get(name)
@@ -131,11 +131,11 @@ class _WordPlace:
         self._every_pulse = sum(self._pulses.values())
         self.shows_something = bool(self._numbers or self._flags or self._every_pulse)
 
-    def show(self, status: Countable) -> None:
+    def show(self, status: Shown) -> None:
         before = self._area.read_bytes(self._at, self._size)
         self._put(before, self._shown(before, status))
 
-    def completed(self, status: Countable, pulse: str) -> bool:
+    def completed(self, status: Shown, pulse: str) -> bool:
         """Whether there is a pulse for it."""
         before = self._area.read_bytes(self._at, self._size)
         if self._every_pulse:
@@ -156,7 +156,7 @@ class _WordPlace:
         left = int.from_bytes(data, "little") & ~bits
         self._area.write_bytes(self._at, left.to_bytes(self._size, "little"), force=True)
 
-    def _shown(self, before: bytes, status: Countable) -> bytes:
+    def _shown(self, before: bytes, status: Shown) -> bytes:
         """The bytes with what the counts are now; bits beyond a counter's size are lost, so it begins anew at 0."""
         data = bytearray(before)
         for read, pack_into, at, most in self._numbers:
@@ -458,7 +458,7 @@ class BlockMemory:
 
 def status_of(state: BlockState) -> BlockStatus:
     """A block's state and counters as they are now."""
-    block, counters = state.block, state.counters
+    block = state.block
     return BlockStatus(
         set=block.set,
         block=block.number,
@@ -467,10 +467,10 @@ def status_of(state: BlockState) -> BlockStatus:
         channel=block.channel,
         enabled=state.enabled,
         waiting=state.waiting,
-        started=counters.started,
-        done=counters.done,
-        failed=counters.failed,
-        overruns=counters.overruns,
+        started=state.started,
+        done=state.done,
+        failed=state.failed,
+        overruns=state.overruns,
         dead=state.dead,
         last_failure=state.last_failure,
         last_end=state.last_end,

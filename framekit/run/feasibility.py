@@ -42,14 +42,13 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
     play = _Play(cycles)
     once = math.lcm(*(period for _, period, _ in cycles))
     began = play.until(once, MOST_EXCHANGES // 4)
-    before = {number: replace(state.counters) for number, state in play.scheduler.states.items()}
+    before = {number: (state.started, state.overruns) for number, state in play.scheduler.states.items()}
     lasted = play.until((1 + ROUNDS) * once, MOST_EXCHANGES) - began
     found = {}
     for block, period, _ in cycles:
-        counters = play.scheduler.states[block.id].counters
-        started = counters.started - before[block.id].started
-        missed = counters.overruns - before[block.id].overruns
-        follows = not any(trigger.is_cycle for trigger in play.scheduler.states[block.id].block.triggers)
+        state = play.scheduler.states[block.id]
+        started, missed = state.started - before[block.id][0], state.overruns - before[block.id][1]
+        follows = not any(trigger.is_cycle for trigger in state.block.triggers)
         reached = lasted / started if started and (missed or follows) else float(period)
         found[block.set, block.number] = (max(reached, float(period)), missed / max(1, started + missed))
     return found

@@ -379,7 +379,7 @@ class Scheduler:
         if not self._may_start(state):
             return
         if state.waiting or state.running:
-            state.counters.overruns += 1
+            state.overruns += 1
             if state.waiting:
                 lane.look_again(state)
                 self._ready.schedule(lane)
@@ -406,7 +406,7 @@ class Scheduler:
             for state, due, missed in self._registry.due(now):
                 self._due(state, due)
                 if missed and self._may_start(state):
-                    state.counters.overruns += missed
+                    state.overruns += missed
         if registry.fired:
             fired = registry.fired.copy()
             registry.fired.clear()
@@ -466,7 +466,7 @@ class Scheduler:
         state = self.states[number]
         if state.starts_left:
             state.starts_left -= 1
-        state.counters.started += 1
+        state.started += 1
         self._ended(state, failure, now)
         self._wake()
 

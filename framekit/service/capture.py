@@ -10,7 +10,6 @@ import time
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from struct import Struct
 from typing import Any, BinaryIO, Literal
@@ -23,18 +22,13 @@ from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
 from framekit.transport.clock import AsyncioClock, Clock
-from framekit.transport.port import LineEvent, Port, Tap, TappedPort, Way
+from framekit.transport.port import LineEvent, Port, TappedPort, Way
 
 HEADER = {"capture": "framekit", "version": 1}
 
 
-class JsonCaptureError(ValueError):
-    """The file holds no capture."""
-
-
-def header_line() -> bytes:
-    """What a file begins with."""
-    return _line(HEADER)
+class CaptureError(ValueError):
+    """The file is no capture, or cannot be read."""
 
 
 def event_line(channel: int, event: LineEvent, epoch: int) -> bytes:
@@ -61,7 +55,7 @@ class JsonReader:
     """The events of a file with their channels. `is_cut`: the last line is not whole (its writer was killed)."""
 
     def __init__(self, lines: Iterable[bytes]) -> None:
-        """Raises JsonCaptureError."""
+        """Raises CaptureError."""
         self.is_cut = False
         self._lines = iter(lines)
         try:
@@ -69,12 +63,12 @@ class JsonReader:
         except ValueError:
             head = None
         if not isinstance(head, dict) or head.get("capture") != HEADER["capture"]:
-            raise JsonCaptureError('this is no capture – its first line is not {"capture": "framekit", …}')
+            raise CaptureError('this is no capture – its first line is not {"capture": "framekit", …}')
         if head.get("version") != HEADER["version"]:
-            raise JsonCaptureError(f"this capture is of version {head.get('version')}, known is {HEADER['version']}")
+            raise CaptureError(f"this capture is of version {head.get('version')}, known is {HEADER['version']}")
 
     def events(self) -> Iterator[tuple[int, LineEvent]]:
-        """In the order of the file. Raises JsonCaptureError for a line that is no event."""
+        """In the order of the file. Raises CaptureError for a line that is no event."""
         for number, text in enumerate(self._lines, 2):
             if not text.endswith(b"\n"):
                 self.is_cut = True
@@ -82,7 +76,7 @@ class JsonReader:
             try:
                 yield _event(json.loads(text))
             except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
-                raise JsonCaptureError(f"line {number} is no event of a capture ({explain(error)})") from None
+                raise CaptureError(f"line {number} is no event of a capture ({explain(error)})") from None
 
 
 def _event(line: dict[str, Any]) -> tuple[int, LineEvent]:
@@ -104,6 +98,8 @@ LONGEST = 65_000
 SECOND = 1_000_000_000
 
 _GLOBAL = "IHHiIII"
+GLOBAL_HEADER = struct.pack("<" + _GLOBAL, MAGIC_NANOSECONDS, 2, 4, 0, 0, 0xFFFF, LINK_TYPE)
+"""What a file begins with: nanosecond times, link type 250."""
 _RECORD = "IIII"
 _SERIAL = struct.Struct(">IIBBH")
 
@@ -143,21 +139,7 @@ _DIRECTIONS: dict[EventType, Way] = {
 _TYPES = {int(kind): kind for kind in EventType}
 
 
-def kinds_of(direction: Way) -> list[int]:
-    """The numbers of the event types that carry bytes of this direction, damaged ones too."""
-    return [int(kind) for kind, its in _DIRECTIONS.items() if its == direction]
-
-
-class PcapFormatError(ValueError):
-    """The file is no pcap file of a serial line."""
-
-
 # ---- writing ----------------------------------------------------------------------------------------------
-
-
-def global_header() -> bytes:
-    """What a file begins with: nanosecond times, link type 250."""
-    return struct.pack("<" + _GLOBAL, MAGIC_NANOSECONDS, 2, 4, 0, 0, 0xFFFF, LINK_TYPE)
 
 
 class PcapRecords:
@@ -220,26 +202,26 @@ class PcapReader:
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        """Raises PcapFormatError."""
+        """Raises CaptureError."""
         self.is_cut = False
         self._file = file
         head = file.read(24)
         if len(head) < 24:
-            raise PcapFormatError("this is no pcap file: it ends within its header")
+            raise CaptureError("this is no pcap file: it ends within its header")
         for order in "<>":
             magic = struct.unpack(order + "I", head[:4])[0]
             if magic in (MAGIC_MICROSECONDS, MAGIC_NANOSECONDS):
                 break
         else:
-            raise PcapFormatError("this is no pcap file – its first four bytes are none that pcap files begin with")
+            raise CaptureError("this is no pcap file – its first four bytes are none that pcap files begin with")
         self.order = order
         self._scale = 1 if magic == MAGIC_NANOSECONDS else 1000
         link = struct.unpack(order + _GLOBAL, head)[6] & 0x0FFFFFFF
         if link != LINK_TYPE:
-            raise PcapFormatError(f"this pcap file is of link type {link} – serial lines are {LINK_TYPE}")
+            raise CaptureError(f"this pcap file is of link type {link} – serial lines are {LINK_TYPE}")
 
-    def events(self) -> Iterator[LineEvent]:
-        """In the order of the file. Pieces of one time with damaged characters between them become one again."""
+    def events(self) -> Iterator[tuple[int, LineEvent]]:
+        """In the order of the file, all of channel 1; pieces of one time with damaged characters between become one."""
         held: LineEvent | None = None
         lines = -1
         for at, kind, control, data in self._records():
@@ -250,21 +232,21 @@ class PcapReader:
                     held = _joined(held, data, fault)
                     continue
                 if held is not None:
-                    yield held
+                    yield 1, held
                 held = _joined(LineEvent("data", at, direction), data, fault)
                 continue
             if held is not None:
-                yield held
+                yield 1, held
                 held = None
             if kind is EventType.SERIAL_BREAK_EVENT:
-                yield LineEvent("break", at)
+                yield 1, LineEvent("break", at)
             elif kind is EventType.CAPTURE_DATA_LOST:
-                yield LineEvent("closed", at)
+                yield 1, LineEvent("closed", at)
             elif kind is EventType.STATUS_CHANGE:
-                yield self._status(at, control, lines)
+                yield 1, self._status(at, control, lines)
                 lines = control
         if held is not None:
-            yield held
+            yield 1, held
 
     @staticmethod
     def _status(at: int, control: int, before: int) -> LineEvent:
@@ -301,10 +283,6 @@ def _joined(event: LineEvent, data: bytes, fault: LineFault | None) -> LineEvent
 JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 
 log = logging.getLogger(__name__)
-
-
-class CaptureError(ValueError):
-    """The file is no capture, or cannot be read."""
 
 
 class _Sink:
@@ -350,12 +328,12 @@ class Capture:
         self._ports = 0
         self._sinks: dict[int, _Sink] = {}
         if path.suffix.lower() in JSON_SUFFIXES:
-            sink = _Sink(path, header_line())
+            sink = _Sink(path, _line(HEADER))
             self._sinks = dict.fromkeys(channels, sink)
         else:
             for channel in channels:
                 name = path if len(channels) == 1 else path.with_name(f"{path.stem}-{channel}{path.suffix}")
-                self._sinks[channel] = _Sink(name, global_header())
+                self._sinks[channel] = _Sink(name, GLOBAL_HEADER)
                 self._records[channel] = PcapRecords(self._epoch)
 
     @property
@@ -368,13 +346,9 @@ class Capture:
         """Why something is not in the files."""
         return list(dict.fromkeys(sink.trouble for sink in self._sinks.values() if sink.trouble))
 
-    def tap(self, channel: int) -> Tap:
-        """What to tell the events of a channel."""
-        return partial(self.write, channel)
-
     def around(self, channel: int, port: Port) -> Port:
         """The port with everything that goes through it captured."""
-        return TappedPort(port, self._clock, self.tap(channel))
+        return TappedPort(port, self._clock, partial(self.write, channel))
 
     def around_next(self, port: Port) -> Port:
         """As `around`, for one port of a server with many: where the format tells channels apart each is the next one.
@@ -416,9 +390,14 @@ class CaptureReader:
         self._file.seek(0)
         try:
             self._reader: PcapReader | JsonReader = JsonReader(self._file) if first == b"{" else PcapReader(self._file)
-        except (PcapFormatError, JsonCaptureError) as error:
+        except CaptureError as error:
             self._file.close()
             raise CaptureError(f"{path}: {error}") from None
+
+    @property
+    def order(self) -> str | None:
+        """The byte order of the records, as `struct` writes it; None where there are none (JSON lines)."""
+        return self._reader.order if isinstance(self._reader, PcapReader) else None
 
     @property
     def is_cut(self) -> bool:
@@ -428,12 +407,8 @@ class CaptureReader:
     def events(self) -> Iterator[tuple[int, LineEvent]]:
         """Channel (1 in a pcap file) and event, in the order of the file. Raises CaptureError."""
         try:
-            if isinstance(self._reader, JsonReader):
-                yield from self._reader.events()
-            else:
-                for event in self._reader.events():
-                    yield 1, event
-        except JsonCaptureError as error:
+            yield from self._reader.events()
+        except CaptureError as error:
             raise CaptureError(f"{self._path}: {error}") from None
 
     def __enter__(self) -> CaptureReader:
@@ -453,15 +428,10 @@ def cut_of_capture(path: Path, direction: Literal["in", "out"]) -> Cut:
 
     Raises CaptureError.
     """
-    try:
-        data = path.read_bytes()
-        if data[:1] != b"{":
-            return _cut_file(data, PcapReader(BytesIO(data[:HEAD])).order, frozenset(kinds_of(direction)))
-    except OSError as error:
-        raise CaptureError(f"{path}: {error.strerror or error}") from None
-    except PcapFormatError as error:
-        raise CaptureError(f"{path}: {error}") from None
     with CaptureReader(path) as reader:
+        if reader.order is not None:
+            kinds = frozenset(int(kind) for kind, way in _DIRECTIONS.items() if way == direction)
+            return _cut_file(path.read_bytes(), reader.order, kinds)
         events = (event for _, event in reader.events())
         return Cut.of([event.data for event in events if event.kind == "data" and event.direction == direction])
 

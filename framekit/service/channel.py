@@ -454,12 +454,9 @@ class Exchanges:
         if state.block.job is not None and self.take_job is not None:
             self.take_job(state.block.job)
             return
-        try:
-            block = self._block_memory.settings.effective(state.block)
-        except SettingError as error:
-            self._spoiled(state, error)
-            others: list[BlockState] = list(state.companions)
-            state.companions = ()
+        block = self._effective(state)
+        if block is None:
+            others, state.companions = state.companions, ()
             for other in others:
                 self.start(other, now)
             return
@@ -475,7 +472,7 @@ class Exchanges:
             if read is not None:
                 reads.append(read)
             elif mine is not None:
-                channel.start_block(mine, self._ending(one))
+                channel.start_block(mine, partial(self._finished, one.id))
         if reads:
             channel.start_joined(reads)
 
@@ -484,14 +481,8 @@ class Exchanges:
         try:
             return self._block_memory.settings.effective(state.block)
         except SettingError as error:
-            self._spoiled(state, error)
+            self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
             return None
-
-    def _spoiled(self, state: BlockState, error: SettingError) -> None:
-        self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
-
-    def _ending(self, state: BlockState) -> Ended:
-        return partial(self._finished, state.id)
 
     def _joined_ending(self, state: BlockState, states: list[BlockState]) -> Ended:
         """A joined read that the device refuses is not joined again: each block asks for itself from then on."""

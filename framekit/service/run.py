@@ -10,19 +10,19 @@ from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
-from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
 from framekit.run.model import Block, Channel, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
-from framekit.run.triggers import Resolve, awaited_bits
+from framekit.run.triggers import awaited_bits
 from framekit.runfile.devices import put_values
 from framekit.service.channel import ChannelService, Exchanges, Made, RunChannels, RunMonitor, rules_of, undisturbed
 from framekit.service.device import DeviceService
@@ -130,100 +130,14 @@ OnEnd = Callable[[BlockStatus, bool], None]
 """Told of every completion: how the block is doing then, and whether it ended well."""
 
 
-class RunBlocks:
-    """`channels` are those of the run; `wake` asks for a tick, `refresh` brings the memory's own bits up to date.
+T = TypeVar("T")
 
-    `jobs` carries out the commands of blocks that have no channel, where the run has jobs.
-    """
 
-    def __init__(
-        self, run: RunModel, clock: Clock, memory: DeviceMemory, resolve: Resolve,
-        channels: Mapping[int, ChannelService],
-        wake: Callable[[], None], refresh: Callable[[], None], on_end: OnEnd | None,
-    ) -> None:  # fmt: skip
-        self._clock = clock
-        self._refresh = refresh
-        self.on_end = on_end
-        self.jobs: JobService | None = None
-        self.memory = BlockMemory(memory, run.memory, run.status)
-        self.exchanges = Exchanges(channels, self.memory, self.finished)
-        self.scheduler = Scheduler(
-            run.blocks,
-            memory,
-            resolve,
-            {number: rules_of(channel) for number, channel in run.channels.items()},
-            self.exchanges.start,
-            wake,
-            self._ended,
-            station_of=self.exchanges.station_of,
-            joins=self.exchanges.joins,
-            sets=run.sets,
-            died=self._died,
-        )
-        for state in self.states.values():
-            self.memory.add(state, protocol_of(run, state.block))
-
-    @property
-    def states(self) -> dict[int, BlockState]:
-        """The blocks by their ids."""
-        return self.scheduler.states
-
-    def show(self) -> None:
-        """Brings the words of all blocks up to date."""
-        for state in self.states.values():
-            self.memory.changed(state)
-
-    def set_switched(self, number: int) -> None:
-        """A parameter set is on or off: the words of its blocks show it."""
-        for state in self.states.values():
-            if state.block.set == number:
-                self.memory.changed(state)
-
-    # ---- what the scheduler says --------------------------------------------------------------------------
-
-    def finished(self, number: int, failure: Failure | None) -> None:
-        """The exchange of a block, or its command, has ended."""
-        self.scheduler.finished(number, failure, self._clock.now())
-
-    def _died(self, channel: int, station: Hashable, dead: bool) -> None:
-        """A station is given up for now, or back."""
-        log.log(
-            logging.WARNING if dead else logging.INFO,
-            "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
-        )  # fmt: skip
-        for state in self.states.values():
-            if state.block.channel == channel:
-                self.memory.changed(state)
-
-    def _ended(self, state: BlockState, ok: bool, now: int) -> None:
-        self.memory.words.completed(state.key, state, ok, now)
-        if self.on_end is not None:
-            undisturbed(self.on_end, status_of(state), ok)
-
-    # ---- what channels say --------------------------------------------------------------------------------
-
-    def opened(self, channel: int, is_open: bool) -> None:
-        """Whether exchanges can be started on a channel now."""
-        self.scheduler.set_open(channel, is_open, self._clock.now())
-        if is_open:
-            self.exchanges.prepare(channel, (state.block for state in self.states.values()))
-        if self.jobs is not None:
-            self.jobs.opened(channel, is_open)
-
-    def takes(self, block: int) -> Block | None:
-        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
-        self._refresh()
-        if not self.scheduler.takes(block):
-            return None
-        try:
-            return self.memory.settings.effective(self.states[block].block)
-        except SettingError as error:
-            self.arrived(block, Failure(outcome="bad_setting", cause=str(error)))
-            return None
-
-    def arrived(self, block: int, failure: Failure | None) -> None:
-        """The frame of a RECEIVE block came."""
-        self.scheduler.arrived(block, failure, self._clock.now())
+def _there(what: str, number: int, known: Mapping[int, T]) -> T:
+    """One of those there are. Raises ValueError."""
+    if number not in known:
+        raise ValueError(f"there is no {what} {number} – known: {', '.join(map(str, sorted(known)))}")
+    return known[number]
 
 
 def protocol_of(run: RunModel, block: Block) -> Protocol | None:
@@ -268,33 +182,37 @@ class RunService:
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
         self.loop = RunLoop(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
-        self.blocks = blocks = RunBlocks(
-            run, clock, self.memory, self.resolve, self.channels, self.loop.wake, self.refresh, on_end
-        )
-        self.scheduler, self.block_memory, self.exchanges = blocks.scheduler, blocks.memory, blocks.exchanges
-        self.lines = lines = RunChannels(self.channels, clock, self.access, blocks, monitor, self.loop)
+        self._on_end = on_end
+        self.block_memory = BlockMemory(self.memory, run.memory, run.status)
+        self.exchanges = Exchanges(self.channels, self.block_memory, self.finished)
+        self.scheduler = Scheduler(
+            run.blocks, self.memory, self.resolve,
+            {number: rules_of(channel) for number, channel in run.channels.items()},
+            self.exchanges.start, self.loop.wake, self._ended,
+            station_of=self.exchanges.station_of, joins=self.exchanges.joins, sets=run.sets, died=self._died,
+        )  # fmt: skip
+        for state in self.states.values():
+            self.block_memory.add(state, protocol_of(run, state.block))
+        self.jobs: JobService | None = None
+        self.lines = lines = RunChannels(self.channels, clock, self.access, self, monitor, self.loop)
         self.devices_on = lines.devices
         for number in run.channels:
             lines.put(number, lines.of_run(run, number))
         self.editor = RunEditor(self)
         self.removed = Removed()
         self.on_channel: OnChannel = lambda number, channel: None
-        self.jobs = blocks.jobs = self._jobs(resolve or resolver_for(clock))
-        if self.jobs is not None:
-            blocks.exchanges.take_job = self.jobs.take
+        if run.jobs is not None:
+            found = resolve or resolver_for(clock)
+            self.jobs = JobService(
+                run.jobs, self.memory, self.channels, clock, self.finished, self.loop.wake, found, self
+            )
+            self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
         self.keeper = self._keeper()
         awaited = awaited_bits(run.triggers, self.resolve)
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
         self._bits_first = self._looks_at_bits(awaited)
         self.running = False
-
-    def _jobs(self, resolve: ResolveHost) -> JobService | None:
-        section = self.run.jobs
-        if section is None:
-            return None
-        wake, done = self.loop.wake, self.blocks.finished
-        return JobService(section, self.memory, self.channels, self.clock, done, wake, resolve, self)
 
     def _keeper(self) -> StateKeeper | None:
         """What was kept is put back; words of blocks come from the run and its counters."""
@@ -305,7 +223,7 @@ class RunService:
         file = StateFile(Path(self.run.folder) / state.file, self.run.name, shape)
         keeper = StateKeeper(file, self.memory, self.states.values, self.clock, state.every)
         keeper.restore(place for one in self.states.values() for place in self.block_memory.places(one.block))
-        self.blocks.show()
+        self._show_blocks()
         return keeper
 
     @property
@@ -322,6 +240,52 @@ class RunService:
     def _bit(self, text: str) -> tuple[str, int]:
         address = self.grammar.parse(text)
         return address.area, address.first_bit
+
+    # ---- what the scheduler says --------------------------------------------------------------------------
+
+    def finished(self, number: int, failure: Failure | None) -> None:
+        """The exchange of a block, or its command, has ended."""
+        self.scheduler.finished(number, failure, self.clock.now())
+
+    def _died(self, channel: int, station: Hashable, dead: bool) -> None:
+        """A station is given up for now, or back."""
+        log.log(
+            logging.WARNING if dead else logging.INFO,
+            "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
+        )  # fmt: skip
+        for state in self.states.values():
+            if state.block.channel == channel:
+                self.block_memory.changed(state)
+
+    def _ended(self, state: BlockState, ok: bool, now: int) -> None:
+        self.block_memory.words.completed(state.key, state, ok, now)
+        if self._on_end is not None:
+            undisturbed(self._on_end, status_of(state), ok)
+
+    # ---- what channels say --------------------------------------------------------------------------------
+
+    def opened(self, channel: int, is_open: bool) -> None:
+        """Whether exchanges can be started on a channel now."""
+        self.scheduler.set_open(channel, is_open, self.clock.now())
+        if is_open:
+            self.exchanges.prepare(channel, (state.block for state in self.states.values()))
+        if self.jobs is not None:
+            self.jobs.opened(channel, is_open)
+
+    def takes(self, block: int) -> Block | None:
+        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
+        self.refresh()
+        if not self.scheduler.takes(block):
+            return None
+        try:
+            return self.block_memory.settings.effective(self.states[block].block)
+        except SettingError as error:
+            self.arrived(block, Failure(outcome="bad_setting", cause=str(error)))
+            return None
+
+    def arrived(self, block: int, failure: Failure | None) -> None:
+        """The frame of a RECEIVE block came."""
+        self.scheduler.arrived(block, failure, self.clock.now())
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -415,22 +379,26 @@ class RunService:
         self._bits_first = self._looks_at_bits(awaited)
 
     def fire(self, number: int) -> None:
-        """Makes a block due by hand. Raises KeyError for a number there is not, ValueError for one that receives."""
-        block = self.scheduler.states[number].block
-        if block.instruction == "receive":
-            raise ValueError(f"block {number} receives: nothing but its frame makes it due")
+        """Makes a block due by hand. Raises ValueError for a number there is not, and for a block that receives."""
+        self.check_fired(number)
         self.refresh()
         self.scheduler.fire(number, self.clock.now())
         self.loop.set()
 
+    def check_fired(self, number: int) -> None:
+        """Raises ValueError for a block there is not, or that nothing can make due."""
+        if _there("block", number, self.states).block.instruction == "receive":
+            raise ValueError(f"block {number} receives: nothing but its frame makes it due")
+
     def enable_set(self, number: int, on: bool = True) -> None:
-        """Switches a parameter set on or off. Raises KeyError for a number there is not."""
+        """Switches a set on – its time triggers count from now – or off. Raises ValueError for one there is not."""
+        _there("set", number, self.run.sets)
         self.scheduler.enable_set(number, on, self.clock.now())
-        self.blocks.set_switched(number)
+        self.set_switched(number)
 
     def enable_channel(self, number: int, on: bool = True) -> None:
-        """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises KeyError."""
-        channel = self.channels[number]
+        """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises ValueError."""
+        channel = _there("channel", number, self.channels)
         channel.start() if on else channel.switch_off()
 
     def reset(self) -> None:
@@ -444,13 +412,25 @@ class RunService:
         if self.jobs is not None:
             self.jobs.reset()
         self.scheduler.reset(now)
-        self.blocks.show()
+        self._show_blocks()
         self.loop.set()
 
     def enable(self, number: int, on: bool = True) -> None:
-        """Switches a block on or off. Raises KeyError for a number there is not."""
+        """Switches a block on or off; what runs ends as it does. Raises ValueError for a number there is not."""
+        state = _there("block", number, self.states)
         self.scheduler.enable(number, on, self.clock.now())
-        self.block_memory.changed(self.states[number])
+        self.block_memory.changed(state)
+
+    def _show_blocks(self) -> None:
+        """Brings the words of all blocks up to date."""
+        for state in self.states.values():
+            self.block_memory.changed(state)
+
+    def set_switched(self, number: int) -> None:
+        """A parameter set is on or off: the words of its blocks show it."""
+        for state in self.states.values():
+            if state.block.set == number:
+                self.block_memory.changed(state)
 
     @property
     def states(self) -> dict[int, BlockState]:
@@ -565,11 +545,10 @@ class RunEditor:
         for number, on in edit.run.sets.items():
             if before.get(number) != on:  # one that somebody has switched by hand stays so
                 scheduler.set_enabled(number, on, now)
-                service.blocks.set_switched(number)
+                service.set_switched(number)
         added = [scheduler.add(block) for block in added_blocks(edit)]
         for state in added:
-            block = state.block
-            service.block_memory.add(state, None if block.job else edit.run.channels[block.channel].protocol)
+            service.block_memory.add(state, protocol_of(edit.run, state.block))
         service.look_again()
         for number in prepared.channels:
             service.on_channel(number, service.channels[number])

@@ -9,7 +9,7 @@ import sqlite3
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 
 from framekit.definition.sources import fingerprint
@@ -41,16 +41,15 @@ CREATE TABLE blocks (
     device_code INTEGER, meaning TEXT NOT NULL, PRIMARY KEY ("set", number)) WITHOUT ROWID;
 COMMIT;
 """
-_COLUMNS = '"set", number, content, started, done, failed, overruns, outcome, cause, device_code, meaning'
 
 
 class StateError(ValueError):
     """A state file that cannot be used or written; the text says why and what to do."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class KeptBlock:
-    """Counters of a block and its last failure; `content` is the block's fingerprint."""
+    """Counters of a block and its last failure, as the table has them; `content` is the block's fingerprint."""
 
     set: int
     number: int
@@ -64,12 +63,8 @@ class KeptBlock:
     device_code: int | None = None
     meaning: str = ""
 
-    def row(self) -> tuple[int | str | None, ...]:
-        """As the table has it."""
-        return (
-            self.set, self.number, self.content, self.started, self.done, self.failed, self.overruns, self.outcome,
-            self.cause, self.device_code, self.meaning,
-        )  # fmt: skip
+
+_COLUMNS = ", ".join(f'"{column.name}"' for column in fields(KeptBlock))
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,8 +195,7 @@ class StateFile:
         numbers, texts = (row[0], row[1], *row[3:7]), (row[2], row[7], row[8], row[10])
         good = all(isinstance(number, int) and number >= 0 for number in numbers)
         good = good and all(isinstance(text, str) for text in texts) and isinstance(row[9], (int, type(None)))
-        names = ("set", "number", "content", "started", "done", "failed", "overruns", "outcome", "cause")
-        block = KeptBlock(**dict(zip((*names, "device_code", "meaning"), row, strict=True)))  # type: ignore[arg-type]
+        block = KeptBlock(*row)  # type: ignore[arg-type]
         if not good or block.started < block.done + block.failed:
             raise self._damaged(f"block {row[1]} of set {row[0]} has impossible counters")
         return block
@@ -221,7 +215,7 @@ class StateFile:
                 self._base.executemany("INSERT OR REPLACE INTO areas VALUES (?, ?, ?)", self.shape)
                 self._base.executemany("INSERT OR REPLACE INTO pages VALUES (?, ?, ?)", pages)
                 places = ", ".join("?" * 11)
-                rows = [block.row() for block in kept.blocks.values()]
+                rows = [astuple(block) for block in kept.blocks.values()]
                 self._base.executemany(f"INSERT OR REPLACE INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
                 self._base.execute("COMMIT")
             except sqlite3.Error:
@@ -360,28 +354,18 @@ class StateKeeper:
 
 def kept_of(state: BlockState, content: str) -> KeptBlock:
     """A block's counters and its last failure."""
-    counters, failure = state.counters, state.last_failure
+    failure = state.last_failure or Failure(outcome="")
     return KeptBlock(
-        set=state.block.set,
-        number=state.block.number,
-        content=content,
-        started=counters.started,
-        done=counters.done,
-        failed=counters.failed,
-        overruns=counters.overruns,
-        outcome="" if failure is None else failure.outcome,
-        cause="" if failure is None else failure.cause,
-        device_code=None if failure is None else failure.device_code,
-        meaning="" if failure is None else failure.meaning,
-    )
+        *state.key, content, state.started, state.done, state.failed, state.overruns,
+        failure.outcome, failure.cause, failure.device_code, failure.meaning,
+    )  # fmt: skip
 
 
 def put_back(state: BlockState, kept: KeptBlock) -> None:
     """Gives a block its counters and its last failure back."""
     interrupted = kept.started - kept.done - kept.failed
-    counters = state.counters
-    counters.started, counters.done, counters.overruns = kept.started, kept.done, kept.overruns
-    counters.failed = kept.failed + interrupted
+    state.started, state.done, state.overruns = kept.started, kept.done, kept.overruns
+    state.failed = kept.failed + interrupted
     if interrupted:
         state.last_failure = Failure(outcome="interrupted")
     elif kept.outcome:

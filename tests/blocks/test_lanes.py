@@ -82,7 +82,7 @@ def test_a_write_that_is_due_is_not_starved_by_an_overloaded_channel() -> None:
     starts = bench.of(60)
     assert 20 <= len(starts) <= 21 and max(time % 500 for time in starts) <= 90, "each of the others once, at most"
     for number in range(8):
-        counters = bench.scheduler.states[number].counters
+        counters = bench.scheduler.states[number]
         assert counters.overruns > 0 and counters.started + counters.overruns == pytest.approx(501, abs=1)
 
 
@@ -170,7 +170,7 @@ def test_probes_of_many_dead_stations_leave_every_other_turn_to_the_living() -> 
     late = [number for time, number in bench.starts if time > 2_000]
     assert late.count(0) >= 0.45 * len(late)
     for state in bench.scheduler.states.values():
-        assert state.counters.started == state.counters.done + state.counters.failed + state.counters.running
+        assert state.started == state.done + state.failed + state.running
 
 
 def test_a_block_that_is_redirected_leaves_its_dead_station_at_once() -> None:
@@ -179,11 +179,11 @@ def test_a_block_that_is_redirected_leaves_its_dead_station_at_once() -> None:
     bench.outcomes[2] = "no_reply"
     bench.run_until(350)
     state = bench.scheduler.states[0]
-    assert state.dead and state.counters.started == 1
+    assert state.dead and state.started == 1
     state.block = block(0, 100, station=3)
     bench.run_until(1_050)
     assert not state.dead
-    assert state.counters.done == 7
+    assert state.done == 7
 
 
 def test_a_reopened_port_and_a_reset_take_the_flag_of_dead_stations_away() -> None:

@@ -75,11 +75,11 @@ class Bench:
                 self.scheduler.finished(number, failure, due)
             self.scheduler.tick(due)
             for state in self.scheduler.states.values():
-                counters = state.counters
+                counters = state
                 assert counters.started == counters.done + counters.failed + counters.running
 
     def done(self, number: int) -> int:
-        return self.scheduler.states[number].counters.done
+        return self.scheduler.states[number].done
 
 
 def test_the_same_number_in_two_sets_is_two_blocks() -> None:
@@ -119,10 +119,10 @@ def test_reset_counts_anew() -> None:
     bench.run_until(510)
     assert bench.running is not None
     bench.scheduler.reset(bench.now)
-    assert sum(state.counters.started for state in bench.scheduler.states.values()) == 1, "what runs is still counted"
+    assert sum(state.started for state in bench.scheduler.states.values()) == 1, "what runs is still counted"
     bench.run_until(1500)
     for state in bench.scheduler.states.values():
-        assert state.counters.done in (10, 11)
+        assert state.done in (10, 11)
     assert [time for time, number in bench.starts if number == 1][-1] % 100 == 40, "cycles count from the reset"
 
 
@@ -183,7 +183,7 @@ def test_one_that_is_never_dead() -> None:
     bench.silent.add(2)
     bench.run_until(1000)
     assert bench.deaths == []
-    assert bench.scheduler.states[0].counters.failed >= 9
+    assert bench.scheduler.states[0].failed >= 9
 
 
 def test_a_write_is_not_starved_by_reads_that_overload_the_channel() -> None:

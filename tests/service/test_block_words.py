@@ -41,7 +41,7 @@ class Bench:
         self.service.start()
 
     def counts(self, number: int) -> tuple[int, int]:
-        counters = self.service.states[number].counters
+        counters = self.service.states[number]
         return counters.done, counters.failed
 
     def shown(self, number: int) -> tuple[int, int, int, int]:
@@ -121,9 +121,9 @@ def test_what_is_only_shown_is_put_back_at_the_next_exchange(tmp_path: Path) -> 
     bench.memory.write("N", "word", 2, [int.from_bytes(b"01", "little"), 0x3939])
     bench.memory.write("N", "word", 11, [1, 2, 3, 4, 5])
     bench.memory.write("N", "word", 40, [7])
-    done = bench.service.states[0].counters.done
+    done = bench.service.states[0].done
     bench.clock.run_for(2 * SECOND)
-    assert bench.service.states[0].counters.done > done
+    assert bench.service.states[0].done > done
     assert bench.memory.read("N", "word", 0, 41) == shown
     bench.memory.write("N", "word", 0, [2, 0x3939])
     bench.clock.run_for(2 * SECOND)
@@ -214,4 +214,4 @@ def test_a_frame_that_comes_damaged_is_an_abnormal_completion_of_the_block_that_
     bench.clock.run_for(20 * SECOND)
     assert bench.counts(1) == (sent // 2, sent // 2), "a block that is off fails no more than it takes"
     states = bench.service.states.values()
-    assert all(one.counters.started == one.counters.done + one.counters.failed for one in states)
+    assert all(one.started == one.done + one.failed for one in states)

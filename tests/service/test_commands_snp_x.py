@@ -59,7 +59,7 @@ def test_times_hold_for_one_exchange(world: CommandWorld) -> None:
     world.there.stop()
     world.fire([7101, *ID, 0, R, 1, 1, R, 100, 0, 0, 100])
     world.clock.run_for(2_000_000_000)
-    assert not world.service.states[0].counters.running, "a short time-out ends it early"
+    assert not world.service.states[0].running, "a short time-out ends it early"
 
 
 def test_broadcast_session(world: CommandWorld) -> None:

@@ -48,7 +48,7 @@ def test_with_one_dead_station_the_others_keep_their_rate(tmp_path: Path) -> Non
     service.start()
     clock.run_for(seconds * SECOND + SECOND // 2)
     for number, state in service.states.items():
-        counters = state.counters
+        counters = state
         assert counters.started == counters.done + counters.failed + counters.running
         if number == DEAD:
             assert counters.done == 0 and counters.failed < 20, "it is asked rarely"
@@ -87,12 +87,12 @@ def test_it_comes_back_by_itself(tmp_path: Path) -> None:
     assert not service.status()[1].dead, "failures alone are not enough, it takes time as well"
     clock.run_for(4 * SECOND)
     assert service.status()[1].dead
-    failed = service.states[1].counters.failed
+    failed = service.states[1].failed
     clock.run_for(30 * SECOND)
-    assert 2 <= service.states[1].counters.failed - failed <= 4, "every 10 s"
+    assert 2 <= service.states[1].failed - failed <= 4, "every 10 s"
     device.start()
-    before = service.states[1].counters.done
+    before = service.states[1].done
     clock.run_for(11 * SECOND)
     assert not service.status()[1].dead
     clock.run_for(10 * SECOND)
-    assert service.states[1].counters.done - before >= 50
+    assert service.states[1].done - before >= 50

@@ -57,7 +57,7 @@ class Bench:
         self.service.edit(load_run(self.path), self.edits.append)
 
     def counts(self, number: int) -> tuple[int, int, int]:
-        counters = self.service.states[number].counters
+        counters = self.service.states[number]
         assert counters.started == counters.done + counters.failed + counters.running
         return counters.started, counters.done, counters.failed
 
@@ -206,7 +206,7 @@ def test_receiving_blocks_change(tmp_path: Path) -> None:
     clock.run_for(3 * SECOND)
     assert service.memory.read("M", "word", 100, 3) == [0, 0, 0]
     assert service.memory.read("D", "word", 100, 3) == [1, 2, 3]
-    assert service.states[1].counters.done == 3 and service.states[2].counters.done == 6
+    assert service.states[1].done == 3 and service.states[2].done == 6
 
 
 def test_clocks_tick_for_new_blocks(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ def test_what_runs_ends_first_and_nothing_new_begins(run_file: Path) -> None:
     bench.finish()
     bench.clock.run_for(1000 * MS)
     assert bench.frames()[4:] == ["ask", "answer", "bye", "so_long", "bye"]
-    counters = bench.service.states[0].counters
+    counters = bench.service.states[0]
     assert (counters.started, counters.done, counters.failed) == (2, 2, 0)
 
 

@@ -171,7 +171,7 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
         if port.written:
             port.tell(port.reply())
         counts = [calls_of(read) for _ in range(10)]
-        assert service.states[1].counters.done >= 10
+        assert service.states[1].done >= 10
         assert shown[-2:] == ["frame", "frame"]
         assert min(counts) <= MOST_FOR_A_BLOCK
         service.stop()

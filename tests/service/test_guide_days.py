@@ -35,14 +35,14 @@ class Day:
     def run_for(self, time: int) -> None:
         self.clock.run_for(time)
         for state in self.service.states.values():
-            counters = state.counters
+            counters = state
             assert counters.started == counters.done + counters.failed + counters.running
             assert counters.running in (0, 1)
 
     def counts(self) -> dict[int, tuple[int, int, int, int]]:
         """started, done, failed, overruns of each block."""
         return {
-            number: (state.counters.started, state.counters.done, state.counters.failed, state.counters.overruns)
+            number: (state.started, state.done, state.failed, state.overruns)
             for number, state in self.service.states.items()
         }
 

@@ -52,7 +52,7 @@ def test_a_channel_counts_the_transfers_of_its_jobs(tmp_path: Path) -> None:
     [first, second] = run_status(at_work.service).channels
     counters = {slot: at_work.jobs.table.slots[slot].counters for slot in (5, 6)}
     assert counters[5].good == 21 and first.errors == counters[6].refused > 0
-    assert first.services == counters[5].good + at_work.service.states[2].counters.done
+    assert first.services == counters[5].good + at_work.service.states[2].done
     assert first.reasons == {"refused": first.errors}
     assert (second.services, second.errors) == (0, 0)
 
@@ -90,7 +90,7 @@ def test_a_trigger_during_a_pending_command_is_an_overrun(tmp_path: Path) -> Non
         at_work.put("D", 900, value)
         at_work.run(900)
     assert at_work.counts(0) == (1, 0, 0) and at_work.word("D", 10) == 0, "nobody answers, and nothing is told yet"
-    assert at_work.service.states[0].counters.overruns == 2
+    assert at_work.service.states[0].overruns == 2
     at_work.run(1000)
     assert at_work.word("D", 10) == 0x0190
     assert str(at_work.service.states[0].last_failure) == "refused 0x0190: client: time-out is over, still waiting"

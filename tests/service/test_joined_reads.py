@@ -64,7 +64,7 @@ def test_reads_that_are_due_together(tmp_path: Path, more: str, requests: list[s
         [1, 2], [3, 4, 5], [8, 9],
     ]  # fmt: skip
     for state in bench.service.states.values():
-        assert (state.counters.started, state.counters.done) == (1, 1)
+        assert (state.started, state.done) == (1, 1)
 
 
 def test_a_joined_read_that_is_refused_is_not_joined_again(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_a_joined_read_that_is_refused_is_not_joined_again(tmp_path: Path) -> No
     bench = Bench(tmp_path, READS.replace("MORE", more))
     bench.clock.run_for(SECOND + SECOND // 2)
     assert bench.requests() == ["0+5", "7+2", "0+2", "2+3", "7+2"]
-    counters = [state.counters for state in bench.service.states.values()]
+    counters = list(bench.service.states.values())
     assert [(one.started, one.done, one.failed) for one in counters] == [(2, 1, 1), (2, 1, 1), (2, 2, 0)]
 
 
@@ -113,13 +113,13 @@ blocks:
 def test_a_channel_switched_off_and_on(tmp_path: Path) -> None:
     bench = Bench(tmp_path, READS.replace("MORE", ""))
     bench.clock.run_for(2 * SECOND + SECOND // 2)
-    before = bench.service.states[0].counters.done
+    before = bench.service.states[0].done
     bench.service.enable_channel(1, False)
     bench.clock.run_for(5 * SECOND)
-    assert bench.service.states[0].counters.done == before
+    assert bench.service.states[0].done == before
     bench.service.enable_channel(1, True)
     bench.clock.run_for(5 * SECOND)
-    assert bench.service.states[0].counters.done in (before + 5, before + 6)
+    assert bench.service.states[0].done in (before + 5, before + 6)
 
 
 def test_sets_in_a_run(tmp_path: Path) -> None:
@@ -133,11 +133,11 @@ sets:
 """,
     )
     bench.clock.run_for(3 * SECOND - 1)
-    done = {number: state.counters.done for number, state in bench.service.states.items()}
+    done = {number: state.done for number, state in bench.service.states.items()}
     assert done == {0: 3, 1: 3, 448: 0}
     bench.service.enable_set(8)
     bench.clock.run_for(3 * SECOND)
-    assert bench.service.states[448].counters.done == 3
+    assert bench.service.states[448].done == 3
     assert bench.service.memory.read("M", "word", 0, 3) == [1, 2, 3]
     base = 625 + 6 * 64 * 7
     assert bench.service.memory.read("L", "word", base + 2, 1) == [3], "SVCCNT of set 8, block 0"
@@ -150,6 +150,6 @@ def test_joined_reads_have_the_times_of_their_station(tmp_path: Path) -> None:
     bench = Bench(tmp_path, text)
     bench.clock.run_for(SECOND // 2)
     assert bench.requests() == ["0+5", "7+2"], "asked once each"
-    assert [state.counters.failed for state in bench.service.states.values()] == [1, 1, 1]
+    assert [state.failed for state in bench.service.states.values()] == [1, 1, 1]
     scope = bench.service.channels[1].engine.scope
     assert (scope["retries"], scope["reply_timeout"]) == (2, SECOND), "and then as before"

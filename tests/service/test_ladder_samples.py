@@ -245,7 +245,7 @@ def test_lesson_4_edges_start_commands_and_pending_ones_are_not_started_again(on
     for value in (1, 0, 1, 1):
         at_work.memory.write("I", "bit", 49, [value])
     at_work.run(100)
-    assert at_work.counts(1) == (1, 0, 0) and at_work.service.states[1].counters.overruns == 2
+    assert at_work.counts(1) == (1, 0, 0) and at_work.service.states[1].overruns == 2
     at_work.run(10_000)
     assert at_work.counts(1) == (1, 1, 0), "a level starts nothing again"
 

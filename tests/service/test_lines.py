@@ -64,8 +64,8 @@ def rs485(folder: Path, more: str = "") -> RunService:
 def test_half_duplex_with_an_echo_that_is_taken_away(tmp_path: Path) -> None:
     service = rs485(tmp_path, ", echo: yes, direction: {by: rts, before: 1 ms, after: 1 ms}")
     for state in service.states.values():
-        assert (state.counters.done, state.counters.failed) == (200 if state.block.number else 199, 0) or (
-            state.counters.done >= 199 and state.counters.failed == 0
+        assert (state.done, state.failed) == (200 if state.block.number else 199, 0) or (
+            state.done >= 199 and state.failed == 0
         )
     port = service.channels[1].driver.port
     assert isinstance(port, EchoFreePort)
@@ -79,7 +79,7 @@ def test_a_half_duplex_line_is_half_duplex(tmp_path: Path) -> None:
     assert not service.devices[0].driver.port.line.full_duplex  # type: ignore[attr-defined]
     full = rs485(tmp_path, ", duplex: full")
     assert full.devices[0].driver.port.line.full_duplex  # type: ignore[attr-defined]
-    assert all(state.counters.failed == 0 for state in service.states.values())
+    assert all(state.failed == 0 for state in service.states.values())
 
 
 def test_faults_of_a_line_in_a_run(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_faults_of_a_line_in_a_run(tmp_path: Path) -> None:
     assert len(injected) == 2 and all(one["wrong_check"] > 15 and one["no_reply"] > 20 for one in injected)
     counters = service.channels[1].engine.counters
     assert counters.bad == sum(one["wrong_check"] for one in injected)
-    assert all(state.counters.failed == 0 for state in service.states.values()), "repeats make up for all of it"
+    assert all(state.failed == 0 for state in service.states.values()), "repeats make up for all of it"
 
 
 def test_times_of_a_channel(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_in_real_time_too_no_time_ends_while_the_frame_that_should_stop_it_arriv
     service.start()
     loop.run_until(2 * SECOND)
     assert [one.frame for one in seen if one.kind == "frame"] == ["ask", "back"]
-    assert service.states[0].counters.done == 1
+    assert service.states[0].done == 1
 
 
 # ---- remote ports -------------------------------------------------------------------------------------------

@@ -85,7 +85,7 @@ def test_sixty_four_blocks_on_eight_protocols(tmp_path: Path) -> None:
     service.start()
     clock.run_for(SECONDS * SECOND)
     for number, state in service.states.items():
-        counters, n = state.counters, number % BLOCKS
+        counters, n = state, number % BLOCKS
         due = SECONDS * 1000 // (400 + 50 * n)
         assert (counters.failed, counters.overruns) == (0, 0), state.last_outcome
         assert counters.started in (due - 1, due), "what comes due at the very end may still wait"
@@ -101,7 +101,7 @@ def test_sixty_four_blocks_on_eight_protocols(tmp_path: Path) -> None:
             else:
                 assert service.memory.read("D", "word", 1000 + 4 * block, 3) == [number, n, number * n], line.protocol
     for number, load in loads.items():
-        ended = sum(one.cost.bytes * service.states[one.block.number].counters.done for one in load.blocks)
+        ended = sum(one.cost.bytes * service.states[one.block.number].done for one in load.blocks)
         longest = max(one.cost.bytes for one in load.blocks)
         doubled = ended // 100  # bytes that stand twice in some frames, depending on what they carry
         assert ended - doubled <= carried[number] <= ended + doubled + longest, "the line carries what was foreseen"

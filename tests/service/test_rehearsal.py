@@ -140,7 +140,7 @@ def test_the_run_does_what_was_foreseen(tmp_path: Path) -> None:
     clock.run_for(100 * SECOND)
     line = 0.0
     for one in load.blocks:
-        counters = service.states[one.block.number].counters
+        counters = service.states[one.block.number]
         assert 100 * SECOND / counters.started == pytest.approx(one.reached, rel=0.025)
         assert counters.overruns / (counters.started + counters.overruns) == pytest.approx(one.missed, abs=0.01)
         line += one.cost.bytes * CHARACTER / one.reached

@@ -25,7 +25,7 @@ def load(folder: Path, text: str, more: str = "") -> object:
 
 def add_up(service: RunService) -> None:
     for state in service.states.values():
-        counters = state.counters
+        counters = state
         assert counters.started == counters.done + counters.failed + counters.running
 
 
@@ -44,7 +44,7 @@ def test_watchers_that_fail_disturb_no_exchange(tmp_path: Path, caplog: pytest.L
     with caplog.at_level(logging.CRITICAL):
         service.start()
         clock.run_for(3 * SECOND + SECOND // 2)
-    assert [state.counters.done for state in service.states.values()] == [4, 4]
+    assert [state.done for state in service.states.values()] == [4, 4]
 
 
 def test_a_channel_that_is_switched_on_twice_goes_on(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_channel_that_is_switched_on_twice_goes_on(tmp_path: Path) -> None:
         service.enable_channel(1)
     clock.run_for(10 * SECOND)
     add_up(service)
-    assert all(state.counters.done >= 11 and not state.counters.failed for state in service.states.values())
+    assert all(state.done >= 11 and not state.failed for state in service.states.values())
 
 
 def test_a_channel_that_is_switched_while_its_port_is_looked_for_again(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_channel_that_is_switched_while_its_port_is_looked_for_again(tmp_path:
         service.enable_channel(1)
         clock.run_for(SECOND)
         add_up(service)
-    assert all(state.counters.done >= 45 for state in service.states.values())
+    assert all(state.done >= 45 for state in service.states.values())
 
 
 def test_an_edit_leaves_sets_alone_that_were_switched_by_hand(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_an_edit_leaves_sets_alone_that_were_switched_by_hand(tmp_path: Path) ->
     service.enable_set(1, False)
     service.edit(load(tmp_path, TWO.replace("M1", "M2")))  # type: ignore[arg-type]
     clock.run_for(3 * SECOND)
-    assert [state.counters.started for state in service.states.values()] == [0, 0]
+    assert [state.started for state in service.states.values()] == [0, 0]
 
 
 def test_an_edit_may_begin_to_join_reads(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_an_edit_may_begin_to_join_reads(tmp_path: Path) -> None:
     sent.clear()
     clock.run_for(SECOND)
     assert len(sent) == 1
-    assert all(state.counters.done == 2 for state in service.states.values())
+    assert all(state.done == 2 for state in service.states.values())
 
 
 def test_a_read_whose_memory_names_no_station_is_not_joined(tmp_path: Path) -> None:
@@ -111,5 +111,5 @@ def test_a_read_whose_memory_names_no_station_is_not_joined(tmp_path: Path) -> N
     service.start()
     clock.run_for(SECOND // 2)
     good, bad = service.states.values()
-    assert (good.counters.done, bad.counters.failed) == (1, 1)
+    assert (good.done, bad.failed) == (1, 1)
     assert service.memory.read("M", "word", 0, 2) == [1, 0]

@@ -48,7 +48,7 @@ def service(tmp_path: Path, clock: VirtualClock) -> RunService:
 
 
 def done(service: RunService) -> list[int]:
-    return [state.counters.done for state in service.states.values()]
+    return [state.done for state in service.states.values()]
 
 
 def test_blocks_of_several_sets_run_side_by_side(service: RunService, clock: VirtualClock) -> None:
@@ -66,7 +66,7 @@ def test_a_set_is_switched_on_and_off(service: RunService, clock: VirtualClock) 
     clock.run_for(10 * SECOND + SECOND // 4)
     assert done(service) == [20, 20, 20, 0, 10], "its times count from when it was switched on"
     assert service.devices[0].memory.read("holding", "word", 8, 1) == [5]
-    with pytest.raises(KeyError):
+    with pytest.raises(ValueError, match="there is no set"):
         service.enable_set(3)
 
 
@@ -108,7 +108,7 @@ def test_reset_begins_anew(service: RunService, clock: VirtualClock) -> None:
     clock.run_for(3 * SECOND + SECOND // 4)
     assert done(service) == [3, 3, 6, 0, 0]
     for state in service.states.values():
-        assert state.counters.started == state.counters.done + state.counters.failed + state.counters.running
+        assert state.started == state.done + state.failed + state.running
 
 
 BUSY = """run: busy

@@ -18,7 +18,7 @@ def test_all_link_procedures_side_by_side() -> None:
     service.start()
     clock.run_for(MINUTES * 60 * 1_000_000_000)
     for state in service.states.values():
-        counters = state.counters
+        counters = state
         assert counters.failed == 0, f"block {state.block.number}: {state.last_outcome}"
         assert counters.overruns == 0
         rounds = MINUTES * 60 * (5 if state.block.channel < 5 else 1)

@@ -105,7 +105,7 @@ class Bench:
         self.memory.write("M", "word", 50, [1])
 
     def counts(self, number: int) -> tuple[int, int, int]:
-        counters = self.service.states[number].counters
+        counters = self.service.states[number]
         assert counters.started == counters.done + counters.failed + counters.running
         return counters.started, counters.done, counters.failed
 
