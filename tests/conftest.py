@@ -5,7 +5,7 @@ import gc
 from hypothesis import settings
 
 from framekit.codec import codec
-from framekit.definition.load import library
+from framekit.definition.load import protocol as library
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")

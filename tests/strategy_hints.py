@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
     Attribute,
     Call,
     Compare,

@@ -12,7 +12,7 @@ from strategy_hints import Hints, hints_of, same_attributes
 from strategy_values import Draw, Values, built, flat, span_of
 
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
-from framekit.definition.expression.syntax import Expression, Name, Node, names_in
+from framekit.definition.expression import Expression, Name, Node, names_in
 from framekit.definition.model import segments as model
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import FieldType, Segment

@@ -8,7 +8,7 @@ from typing import Any
 from hypothesis import strategies as st
 from strategy_hints import Hints
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model import segments as model
 from framekit.definition.model.segments import FieldType, Segment
 

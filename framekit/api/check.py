@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from framekit.codec.ambiguity import check_matrices
-from framekit.definition.load.library import definition_path, load_protocol
+from framekit.definition.load.protocol import definition_path, load_protocol
 from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, Problem, plural
 from framekit.definition.schema import kind_of

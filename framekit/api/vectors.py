@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load.library import definition_path, load_protocol
+from framekit.definition.load.protocol import definition_path, load_protocol
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Problem, parted

@@ -79,7 +79,7 @@ def add_test_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_test(arguments: argparse.Namespace) -> int:
     from framekit.api.vectors import run_vectors, vectors_path
-    from framekit.definition.load.library import definition_path
+    from framekit.definition.load.protocol import definition_path
 
     results = run_vectors(arguments.protocol, Path.cwd())
     if not results:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from types import CodeType, ModuleType
 
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
-from framekit.definition.load.library import MOST_KEPT
+from framekit.definition.load.protocol import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_keeper
 

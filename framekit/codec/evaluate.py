@@ -12,8 +12,8 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.python.runtime import RangeTable
-from framekit.definition.expression import syntax
-from framekit.definition.expression.syntax import Expression, LineTime, Node, walk
+from framekit.definition import expression as syntax
+from framekit.definition.expression import Expression, LineTime, Node, walk
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import NEVER

@@ -15,7 +15,7 @@ from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
 from framekit.codec.python.registry import kind_of
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
     Call,
     Compare,
     Expression,

@@ -180,7 +180,7 @@ def stored_codec(name: str | Path, folder: Path) -> StoredCodec:
 
 def _made(name: str | Path, folder: Path) -> Kept:
     from framekit.codec.codec import code_of
-    from framekit.definition.load.library import load_with_files
+    from framekit.definition.load.protocol import load_with_files
 
     loaded = load_with_files(name, folder)
     return _parts(loaded.protocol, loaded.sources, code_of(loaded.protocol))

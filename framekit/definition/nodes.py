@@ -4,7 +4,7 @@ sentences that say what to do."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ def syntax_problem(error: yaml.YAMLError, text: str, file: str) -> Problem:
         found=_place(found, lines),
         comment=_swallowing(lines, error.context_mark or found, found),
     )
-    place, what, todo = next(finding for explain in _EXPLANATIONS if (finding := explain(facts)) is not None)
+    place, what, todo = _explained(facts)
     return Problem(Position(file, place.line, place.column), what, todo)
 
 
@@ -103,75 +103,58 @@ def _comment_in_brackets(line: str) -> int | None:
     return None
 
 
-# ---- one explanation after the other: the first that fits is given ------------------------------------------
+def _explained(error: _Error) -> _Finding:
+    """Where it is, what is wrong and what to do: by the first rule that fits."""
+    found, start, words, context = error.found, error.start, error.words, error.context
+    sign, last = found.sign, found.last_sign
+    if sign == "\t" or "tab character" in words:
+        return found, "a tab stands here", "indent with spaces"
+    if "mapping values are not allowed" in words:
+        if _KEY_BEFORE.search(found.before):
+            return found, "a second ': ' stands in this value", "quote the whole value"
+        line_start = _Place(found.line, len(found.before) - len(found.before.lstrip()) + 1, "", "")
+        todo = "check its indentation, and the ':' of the line above"
+        return line_start, "this line does not fit the one above", todo
+    if "unexpected ':'" in words:
+        return found, "a space is missing behind ':'", "write key: value"
+    if "cannot start any token" in words:
+        return found, f"a value cannot begin with '{sign}'", "put it in quotes"
+    if re.search(r"an anchor|an alias|a tag|block scalar|tag handle", f"{context} {words}"):  # one of & * ! > |
+        return start, f"a value cannot begin with '{start.sign or sign}'", "put it in quotes"
+    if "directive" in context:
+        return start, "a line cannot begin with '%'", "put the text in quotes"
+    if "quoted scalar" in context or "double-quoted" in context:
+        if "escape" in words:
+            return found, "a '\\' in double quotes changes what follows", "use single quotes, or write \\\\"
+        return start, "the quote that opens here is not closed", "add the closing quote"
+    if last in ("'", '"') and sign not in ("", ":"):
+        return found, "the value goes on behind its closing quote", QUOTE_EXPRESSION
+    if error.comment is not None and ("flow" in context or "node content" in words):
+        # a # in brackets has swallowed the rest of the line, closing brackets and all
+        return error.comment, "everything behind '#' is a comment", "put the value in quotes"
+    if "flow mapping" in context or "flow sequence" in context:
+        return _in_brackets(error)
+    if "node content" in words:
+        return _nothing_there(error)
+    is_block = "expected key" in words or "block end" in words or "'-' indicator" in words
+    if is_block and last in _CLOSING.values():
+        if sign in _CLOSING.values():
+            return found, f"there is a '{sign}' too many", "remove it"
+        return found, f"the value goes on behind '{last}'", QUOTE_EXPRESSION
+    if "simple key" in context:
+        return start, "this line has no ':'", "write it as key: value"
+    if is_block and ("block collection" in context or "'-' indicator" in words):
+        todo = "begin it with '- ' or indent it otherwise"
+        return found, "this line stands where an item of a list is wanted", todo
+    if is_block:
+        return found, "this line is indented like none above it", "indent it like the keys it belongs to"
+    if "document start" in words:
+        return found, "something stands behind the end of the document", "remove the '...' above"
+    return found, "this is no valid YAML", "check quotes, brackets and indentation here"
 
 
-def _tab(error: _Error) -> _Finding | None:
-    if error.found.sign != "\t" and "tab character" not in error.words:
-        return None
-    return error.found, "a tab stands here", "indent with spaces"
-
-
-def _colon(error: _Error) -> _Finding | None:
-    if "mapping values are not allowed" not in error.words:
-        return None
-    found = error.found
-    if _KEY_BEFORE.search(found.before):
-        return found, "a second ': ' stands in this value", "quote the whole value"
-    todo = "check its indentation, and the ':' of the line above"
-    return _line_start(found), "this line does not fit the one above", todo
-
-
-def _no_space(error: _Error) -> _Finding | None:
-    if "unexpected ':'" not in error.words:
-        return None
-    return error.found, "a space is missing behind ':'", "write key: value"
-
-
-def _token(error: _Error) -> _Finding | None:
-    if "cannot start any token" not in error.words:
-        return None
-    return error.found, f"a value cannot begin with '{error.found.sign}'", "put it in quotes"
-
-
-def _first_sign(error: _Error) -> _Finding | None:
-    """`& * ! > |` begin something of YAML's own."""
-    if not re.search(r"an anchor|an alias|a tag|block scalar|tag handle", f"{error.context} {error.words}"):
-        return None
-    sign = error.start.sign or error.found.sign
-    return error.start, f"a value cannot begin with '{sign}'", "put it in quotes"
-
-
-def _directive(error: _Error) -> _Finding | None:
-    if "directive" not in error.context:
-        return None
-    return error.start, "a line cannot begin with '%'", "put the text in quotes"
-
-
-def _quote(error: _Error) -> _Finding | None:
-    if "quoted scalar" not in error.context and "double-quoted" not in error.context:
-        return None
-    if "escape" in error.words:
-        return error.found, "a '\\' in double quotes changes what follows", "use single quotes, or write \\\\"
-    return error.start, "the quote that opens here is not closed", "add the closing quote"
-
-
-def _behind_quote(error: _Error) -> _Finding | None:
-    if error.found.last_sign not in ("'", '"') or error.found.sign in ("", ":"):
-        return None
-    return error.found, "the value goes on behind its closing quote", QUOTE_EXPRESSION
-
-
-def _comment(error: _Error) -> _Finding | None:
-    """A `#` in a list or mapping in brackets has swallowed the rest of the line, closing brackets and all."""
-    if error.comment is None or ("flow" not in error.context and "node content" not in error.words):
-        return None
-    return error.comment, "everything behind '#' is a comment", "put the value in quotes"
-
-
-def _in_brackets(error: _Error) -> _Finding | None:
-    if "flow mapping" not in error.context and "flow sequence" not in error.context:
-        return None
+def _in_brackets(error: _Error) -> _Finding:
+    """An error inside a mapping or list in brackets."""
     opening, sign = ("{" if "mapping" in error.context else "["), error.found.sign
     closing = _CLOSING[opening]
     if not sign or (error.found.line != error.start.line and sign not in _CLOSING):
@@ -183,9 +166,8 @@ def _in_brackets(error: _Error) -> _Finding | None:
     return error.found, f"the value is cut at '{sign}'", QUOTE_EXPRESSION
 
 
-def _nothing_there(error: _Error) -> _Finding | None:
-    if "node content" not in error.words:
-        return None
+def _nothing_there(error: _Error) -> _Finding:
+    """A value is missing."""
     sign = error.found.sign
     if sign in _CLOSING.values():
         return error.found, f"there is a '{sign}' too many", "remove it, or put the value in quotes"
@@ -193,72 +175,6 @@ def _nothing_there(error: _Error) -> _Finding | None:
         return error.found, "a list written with '- ' cannot stand between brackets", "write [a, b], or use no brackets"
     before = f"before '{sign}'" if sign else "at the end of the file"
     return error.found, f"a value is missing {before}", "write one, or put the whole value in quotes"
-
-
-def _behind_value(error: _Error) -> _Finding | None:
-    closing = error.found.last_sign
-    if closing not in _CLOSING.values() or not _is_block(error):
-        return None
-    if error.found.sign in _CLOSING.values():
-        return error.found, f"there is a '{error.found.sign}' too many", "remove it"
-    return error.found, f"the value goes on behind '{closing}'", QUOTE_EXPRESSION
-
-
-def _simple_key(error: _Error) -> _Finding | None:
-    if "simple key" not in error.context:
-        return None
-    return error.start, "this line has no ':'", "write it as key: value"
-
-
-def _indentation(error: _Error) -> _Finding | None:
-    if not _is_block(error):
-        return None
-    if "block collection" in error.context or "'-' indicator" in error.words:
-        return (
-            error.found,
-            "this line stands where an item of a list is wanted",
-            "begin it with '- ' or indent it otherwise",
-        )
-    return error.found, "this line is indented like none above it", "indent it like the keys it belongs to"
-
-
-def _document(error: _Error) -> _Finding | None:
-    if "document start" not in error.words:
-        return None
-    return error.found, "something stands behind the end of the document", "remove the '...' above"
-
-
-def _anything(error: _Error) -> _Finding:
-    return error.found, "this is no valid YAML", "check quotes, brackets and indentation here"
-
-
-def _is_block(error: _Error) -> bool:
-    return "expected key" in error.words or "block end" in error.words or "'-' indicator" in error.words
-
-
-def _line_start(place: _Place) -> _Place:
-    column = len(place.before) - len(place.before.lstrip())
-    return _Place(place.line, column + 1, "", "")
-
-
-_EXPLANATIONS: tuple[Callable[[_Error], _Finding | None], ...] = (
-    _tab,
-    _colon,
-    _no_space,
-    _token,
-    _first_sign,
-    _directive,
-    _quote,
-    _behind_quote,
-    _comment,
-    _in_brackets,
-    _nothing_there,
-    _behind_value,
-    _simple_key,
-    _indentation,
-    _document,
-    _anything,
-)
 
 
 __all__ = ["Entry", "Mapping", "Node", "Scalar", "Sequence", "read_nodes", "read_text", "unread"]

@@ -6,15 +6,16 @@ Language reference, section 15. What is in a case stays plain (text, lists, mapp
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from collections.abc import Mapping as MappingOf
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from framekit.definition.check.typed import KindChecker
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
+from framekit.definition.keys import NUMBER, TEXT, TIME, Form, KeyReading, key, keys, mapping_of, read_part
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader, parse_bytes
 from framekit.definition.model.protocol import Protocol
@@ -57,84 +58,6 @@ def _words(wanted: tuple[int | None, ...]) -> list[str]:
     return ["xx" if byte is None else f"{byte:02X}" for byte in wanted]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameVector:
-    """A frame both ways, or bytes and what becomes of them (`expect`: bad, refused or noise; the cause or number).
-
-    `places`: where the value of a key stands, and the name of an entry under `KEY.NAME`; for messages.
-    """
-
-    at: Position
-    name: str
-    frame: str | None
-    values: MappingOf[str, Any] | None
-    wire: Wire
-    side: str | None = None
-    params: MappingOf[str, Any] = field(default_factory=dict)
-    state: MappingOf[str, Any] = field(default_factory=dict)
-    request: MappingOf[str, Any] | None = None
-    expect: tuple[Literal["bad", "refused", "noise"], str | int] | None = None
-    source: str = ""
-    second_source: str = ""
-    places: MappingOf[str, Position] = field(default_factory=dict, compare=False)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScriptLine:
-    """One line of a script. `wire` is for send and receive, `time` for break, silence and wait, else `word`."""
-
-    at: Position
-    kind: Literal["send", "receive", "break", "silence", "wait", "line", "connection"]
-    wire: Wire | None = None
-    time: Expression | None = None
-    word: str = ""
-    not_before: Expression | None = None
-    within: Expression | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
-    """What comes out; None is not looked at. `state` and `memory` are compared afterwards."""
-
-    values: Any = None
-    error: int | None = None
-    outcome: str | None = None
-    state: MappingOf[str, Any] = field(default_factory=dict)
-    memory: MappingOf[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Conversation:
-    """One side, what it starts with, what it is asked to do, and what goes over the line. `places`: as in frames."""
-
-    at: Position
-    name: str
-    role: str | None
-    own: Any
-    station: Any
-    params: MappingOf[str, Any]
-    memory: MappingOf[str, Any]
-    state: MappingOf[str, Any]
-    do: MappingOf[str, Any] | None
-    script: tuple[ScriptLine, ...]
-    result: Result
-    source: str = ""
-    second_source: str = ""
-    places: MappingOf[str, Position] = field(default_factory=dict, compare=False)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vectors:
-    """The cases of one file; `protocol` is the definition they belong to."""
-
-    protocol: str
-    about: str
-    frames: tuple[FrameVector, ...]
-    conversations: tuple[Conversation, ...]
-    at: Position
-    protocol_at: Position
-
-
 KINDS = ("send", "receive", "break", "silence", "wait", "line", "connection")
 WORDS = {
     "line": ({word: word for word in ("parity", "framing", "overrun")}, "a fault of the line"),
@@ -142,24 +65,6 @@ WORDS = {
 }
 _WORD = re.compile(r"(?P<what>[0-9A-Za-z]+)(?:\*(?P<times>\d+))?")
 _MOST_REPEATED = 65_536
-
-
-def load_vectors(path: str | Path) -> Vectors:
-    """The cases of a file. Raises DefinitionError with every problem of it."""
-    vectors, problems = read_vectors(path)
-    if vectors is None or any(not problem.warning for problem in problems):
-        raise DefinitionError(problems)
-    return vectors
-
-
-def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:
-    """The cases of a file that can be read, and every problem of it; None for what is no vectors file at all."""
-    reader = Reader()
-    documents = Documents(reader)
-    vectors = None
-    with suppress(Broken):
-        vectors = _VectorsLoader(reader).load(documents.root(Path(path), "vectors"))
-    return vectors, documents.first_words(reader.problems, Path(path))
 
 
 def parse_wire(text: str) -> Wire:
@@ -202,118 +107,194 @@ def _places_of(keys: Mapping) -> dict[str, Position]:
     return places
 
 
-class _VectorsLoader:
-    def __init__(self, reader: Reader) -> None:
-        self.reader = reader
+# ---- what keys hold ------------------------------------------------------------------------------------------
 
-    def load(self, root: Mapping) -> Vectors:
-        reader = self.reader
-        frames, conversations = [], []
-        for node in reader.items(root.get("frames")):
-            with reader.going_on():
-                frames.append(self._frame(reader.mapping(node)))
-        for node in reader.items(root.get("conversations")):
-            with reader.going_on():
-                conversations.append(self._conversation(reader.mapping(node)))
-        return Vectors(
-            protocol=reader.text(root.get("vectors")),
-            about=self._text(root, "about"),
-            frames=tuple(frames),
-            conversations=tuple(conversations),
-            at=root.at,
-            protocol_at=reader.scalar(root.get("vectors")).at,
-        )
 
-    def _text(self, keys: Mapping, key: str) -> str:
-        return self.reader.maybe(self.reader.text, keys.get(key)) or ""
+def _wire(reading: KeyReading, node: Node | None) -> Wire:
+    scalar = reading.reader.scalar(node)
+    with reading.reader.refusing(scalar.at):
+        return parse_wire(scalar.text)
 
-    def _mapping(self, keys: Mapping, key: str) -> dict[str, Any]:
-        return {entry.key.text: plain_of(entry.value) for entry in self.reader.entries(keys.get(key))}
 
-    def _wire(self, node: Node | None) -> Wire:
-        scalar = self.reader.scalar(node)
-        with self.reader.refusing(scalar.at):
-            return parse_wire(scalar.text)
+def _plain_entries(reading: KeyReading, node: Node) -> dict[str, Any]:
+    return {entry.key.text: plain_of(entry.value) for entry in reading.reader.entries(node)}
 
-    def _frame(self, keys: Mapping) -> FrameVector:
-        reader = self.reader
-        frame = reader.maybe(reader.text, keys.get("frame"))
-        expect = keys.get("expect")
-        if frame is None and expect is None:
-            raise reader.broken(keys.at, "a case needs a frame, or what becomes of its bytes", "add frame: or expect:")
-        return FrameVector(
-            at=keys.at,
-            name=self._text(keys, "name") or frame or "",
-            frame=frame,
-            values=self._mapping(keys, "values") if frame is not None and expect is None else None,
-            wire=self._wire(keys.get("bytes")),
-            side=reader.maybe(reader.text, keys.get("from")),
-            params=self._mapping(keys, "params"),
-            state=self._mapping(keys, "state"),
-            request=self._mapping(keys, "request") or None,
-            expect=None if expect is None else self._expectation(reader.mapping(expect)),
-            source=self._text(keys, "source"),
-            second_source=self._text(keys, "second_source"),
-            places=_places_of(keys),
-        )
 
-    def _expectation(self, keys: Mapping) -> tuple[Literal["bad", "refused", "noise"], str | int]:
-        reader = self.reader
-        kinds: tuple[Literal["refused", "noise"], ...] = ("refused", "noise")
-        for kind in kinds:
-            if (node := keys.get(kind)) is not None:
-                return kind, reader.number(node)
-        return "bad", reader.text(keys.get("bad"))
+Expectation = tuple[Literal["bad", "refused", "noise"], str | int]
 
-    def _conversation(self, keys: Mapping) -> Conversation:
-        reader = self.reader
-        script = []
-        for node in reader.items(keys.get("script")):
-            with reader.going_on():
-                script.append(self._line(reader.mapping(node)))
-        result = keys.get("result")
-        return Conversation(
-            at=keys.at,
-            name=self._text(keys, "name"),
-            role=reader.maybe(reader.text, keys.get("role")),
-            own=plain_of(keys.get("own")),
-            station=plain_of(keys.get("station")),
-            params=self._mapping(keys, "params"),
-            memory=self._mapping(keys, "memory"),
-            state=self._mapping(keys, "state"),
-            do=self._mapping(keys, "do") or None,
-            script=tuple(script),
-            result=Result() if result is None else self._result(reader.mapping(result)),
-            source=self._text(keys, "source"),
-            second_source=self._text(keys, "second_source"),
-            places=_places_of(keys),
-        )
 
-    def _line(self, keys: Mapping) -> ScriptLine:
-        reader = self.reader
-        kind = next((word for word in KINDS if word in keys), None)
-        if kind is None:
-            raise Broken("the schema has told what is wrong with the line")
-        node = keys.get(kind)
-        return ScriptLine(
-            at=keys.at,
-            kind=cast(Any, kind),
-            wire=self._wire(node) if kind in ("send", "receive") else None,
-            time=reader.expression(node) if kind in ("break", "silence", "wait") else None,
-            word=reader.one_of(node, *WORDS[kind]) if kind in WORDS else "",
-            not_before=reader.maybe(reader.expression, keys.get("not_before")),
-            within=reader.maybe(reader.expression, keys.get("within")),
-        )
+def _expectation(reading: KeyReading, node: Node) -> Expectation:
+    reader, keys_ = reading.reader, reading.reader.mapping(node)
+    kinds: tuple[Literal["refused", "noise"], ...] = ("refused", "noise")
+    for kind in kinds:
+        if (number := keys_.get(kind)) is not None:
+            return kind, reader.number(number)
+    return "bad", reader.text(keys_.get("bad"))
 
-    def _result(self, keys: Mapping) -> Result:
-        reader = self.reader
-        return Result(
-            values=plain_of(keys.get("values")),
-            error=reader.maybe(reader.number, keys.get("error")),
-            outcome=reader.maybe(reader.text, keys.get("outcome")),
-            state=self._mapping(keys, "state"),
-            memory=self._mapping(keys, "memory"),
-        )
+
+PLAIN = Form({}, lambda r, node: plain_of(node))
+ENTRIES = Form({}, _plain_entries)
+SOME_ENTRIES = Form({}, lambda r, node: _plain_entries(r, node) or None)
+
+
+def _frame_name(reading: KeyReading) -> str | None:
+    frame = reading.reader.maybe(reading.reader.text, reading.keys.get("frame"))
+    if frame is None and "expect" not in reading.keys:
+        what = "a case needs a frame, or what becomes of its bytes"
+        raise reading.reader.broken(reading.keys.at, what, "add frame: or expect:")
+    return frame
+
+
+def _values(reading: KeyReading) -> dict[str, Any] | None:
+    """The values of a frame that is good."""
+    if reading.found["frame"] is None or "expect" in reading.keys:
+        return None
+    node = reading.keys.get("values")
+    return {} if node is None else _plain_entries(reading, node)
+
+
+def _kind(reading: KeyReading) -> str:
+    kind = next((word for word in KINDS if word in reading.keys), None)
+    if kind is None:
+        raise Broken("the schema has told what is wrong with the line")
+    return kind
+
+
+def _of_kinds(kinds: Collection[str], read: Callable[[KeyReading, Node | None], Any]) -> Callable[[KeyReading], Any]:
+    """Reads an attribute of lines of these kinds; None for others."""
+    return lambda r: read(r, r.keys.get(r.found["kind"])) if r.found["kind"] in kinds else None
+
+
+def _script(reading: KeyReading, node: Node) -> tuple[ScriptLine, ...]:
+    found = []
+    for item in reading.reader.items(node):
+        with reading.reader.going_on():
+            found.append(read_part(ScriptLine, reading.loader, item))
+    return tuple(found)
+
+
+# ---- the cases -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameVector:
+    """A frame both ways, or bytes and what becomes of them (`expect`: bad, refused or noise; the cause or number).
+
+    `places`: where the value of a key stands, and the name of an entry under `KEY.NAME`; for messages.
+    """
+
+    at: Position
+    places: MappingOf[str, Position] = keys({}, lambda r: _places_of(r.keys), factory=dict)
+    frame: str | None = keys({"frame": {}}, _frame_name, default=None)
+    name: str = keys(
+        {"name": {}}, lambda r: r.reader.maybe(r.reader.text, r.keys.get("name")) or r.found["frame"] or ""
+    )
+    values: MappingOf[str, Any] | None = keys({"values": {}}, _values, default=None)
+    wire: Wire = key("bytes", Form({}, _wire))
+    side: str | None = key("from", TEXT, default=None)
+    params: MappingOf[str, Any] = key("params", ENTRIES, factory=dict)
+    state: MappingOf[str, Any] = key("state", ENTRIES, factory=dict)
+    request: MappingOf[str, Any] | None = key("request", SOME_ENTRIES, default=None)
+    expect: Expectation | None = key("expect", Form({}, _expectation), default=None)
+    source: str = key("source", TEXT, default="")
+    second_source: str = key("second_source", TEXT, default="")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScriptLine:
+    """One line of a script. `wire` is for send and receive, `time` for break, silence and wait, else `word`."""
+
+    at: Position
+    kind: Literal["send", "receive", "break", "silence", "wait", "line", "connection"] = keys({}, _kind)
+    wire: Wire | None = keys({}, _of_kinds(("send", "receive"), _wire), default=None)
+    time: Expression | None = keys(
+        {}, _of_kinds(("break", "silence", "wait"), lambda r, node: r.reader.expression(node)), default=None
+    )
+    word: str | None = keys(
+        {}, _of_kinds(WORDS, lambda r, node: r.reader.one_of(node, *WORDS[r.found["kind"]])), default=None
+    )
+    not_before: Expression | None = key("not_before", TIME, default=None)
+    within: Expression | None = key("within", TIME, default=None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What comes out; None is not looked at. `state` and `memory` are compared afterwards."""
+
+    values: Any = key("values", PLAIN, default=None)
+    error: int | None = key("error", NUMBER, default=None)
+    outcome: str | None = key("outcome", TEXT, default=None)
+    state: MappingOf[str, Any] = key("state", ENTRIES, factory=dict)
+    memory: MappingOf[str, Any] = key("memory", ENTRIES, factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conversation:
+    """One side, what it starts with, what it is asked to do, and what goes over the line. `places`: as in frames."""
+
+    at: Position
+    places: MappingOf[str, Position] = keys({}, lambda r: _places_of(r.keys), factory=dict)
+    script: tuple[ScriptLine, ...] = key("script", Form({}, _script), default=())
+    name: str = key("name", TEXT, default="")
+    role: str | None = key("role", TEXT, default=None)
+    own: Any = key("own", PLAIN, default=None)
+    station: Any = key("station", PLAIN, default=None)
+    params: MappingOf[str, Any] = key("params", ENTRIES, factory=dict)
+    memory: MappingOf[str, Any] = key("memory", ENTRIES, factory=dict)
+    state: MappingOf[str, Any] = key("state", ENTRIES, factory=dict)
+    do: MappingOf[str, Any] | None = key("do", SOME_ENTRIES, default=None)
+    result: Result = key("result", mapping_of(Result, {}), default=Result())
+    source: str = key("source", TEXT, default="")
+    second_source: str = key("second_source", TEXT, default="")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vectors:
+    """The cases of one file; `protocol` is the definition they belong to."""
+
+    protocol: str
+    about: str
+    frames: tuple[FrameVector, ...]
+    conversations: tuple[Conversation, ...]
+    at: Position
+    protocol_at: Position
+
+
+def load_vectors(path: str | Path) -> Vectors:
+    """The cases of a file. Raises DefinitionError with every problem of it."""
+    vectors, problems = read_vectors(path)
+    if vectors is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return vectors
+
+
+def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:
+    """The cases of a file that can be read, and every problem of it; None for what is no vectors file at all."""
+    reader = Reader()
+    documents = Documents(reader)
+    vectors = None
+    with suppress(Broken):
+        vectors = _load(documents, documents.root(Path(path), "vectors"))
+    return vectors, documents.first_words(reader.problems, Path(path))
+
+
+def _load(documents: Documents, root: Mapping) -> Vectors:
+    reader = documents.reader
+    frames, conversations = [], []
+    for node in reader.items(root.get("frames")):
+        with reader.going_on():
+            frames.append(read_part(FrameVector, documents, node))
+    for node in reader.items(root.get("conversations")):
+        with reader.going_on():
+            conversations.append(read_part(Conversation, documents, node))
+    return Vectors(
+        protocol=reader.text(root.get("vectors")),
+        about=reader.maybe(reader.text, root.get("about")) or "",
+        frames=tuple(frames),
+        conversations=tuple(conversations),
+        at=root.at,
+        protocol_at=reader.scalar(root.get("vectors")).at,
+    )
 
 
 BESIDE_SERVICES = (
@@ -388,8 +369,8 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
 
 def _asked(case: _CaseCheck, do: MappingOf[str, Any], protocol: Protocol) -> Iterator[Problem]:
     """What the tested side is to do."""
-    for key in ("send", "exchange"):
-        yield from case.made(f"do.{key}", do.get(key), protocol)
+    for made in ("send", "exchange"):
+        yield from case.made(f"do.{made}", do.get(made), protocol)
     expected = do.get("expected", [])
     groups = {group for frame in protocol.frames.values() for group in frame.groups}
     wanted = expected if isinstance(expected, list) else [expected]

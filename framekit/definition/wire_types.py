@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.static_size import ANY, Sizes, exactly

@@ -15,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from framekit.definition.expression.syntax import names_in
+from framekit.definition.expression import names_in
 from framekit.definition.model.services import AddressForm, Area, Literally, Maybe, Part
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean

@@ -8,8 +8,7 @@ from functools import cache
 from typing import Any
 
 from framekit.codec import support
-from framekit.definition.expression.emit import emit
-from framekit.definition.expression.syntax import Attribute, Binary, Expression, LineTime, Name, Node, names_in, walk
+from framekit.definition.expression import Attribute, Binary, Expression, LineTime, Name, Node, emit, names_in, walk
 from framekit.link.values import attribute
 
 Evaluate = Callable[["Names"], Any]

@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.expression.syntax import Attribute, Expression, Name
+from framekit.definition.expression import Attribute, Expression, Name
 from framekit.definition.model.procedure import Action, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner

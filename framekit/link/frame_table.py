@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from framekit.codec.errors import FrameError, Misread
-from framekit.definition.expression.syntax import Name
+from framekit.definition.expression import Name
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import fixed_bytes
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, StaticSizes
 from framekit.definition.model.segments import Check, Const, Field, Inner, Segment
 from framekit.definition.model.walk import parts_of

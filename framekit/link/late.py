@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.procedure import CallOf, Role, Row, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf

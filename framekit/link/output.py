@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.sections import Line
 from framekit.link.evaluate import Evaluate, compile_expression
 from framekit.link.events import Break, Command, Send, SetRts

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from framekit.definition.expression.parse import parse_expression
-from framekit.definition.expression.syntax import Call, Expression, LineTime, names_in, walk
+from framekit.definition.expression import Call, Expression, LineTime, names_in, parse_expression, walk
 from framekit.definition.load.reader import parse_bytes, parse_constant, parse_flag, parse_number
 from framekit.definition.model.sections import Parameter
 from framekit.definition.problems import NOWHERE, plural

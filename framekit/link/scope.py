@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Any
 from weakref import ref
 
-from framekit.definition.expression.syntax import Call, Expression, names_in, walk
+from framekit.definition.expression import Call, Expression, names_in, walk
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat

@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.sections import Receiver as Rules
 from framekit.link.arrivals import Noise, new_tuple
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.problems import Problem
 from framekit.definition.times import NEVER, format_time, milliseconds
 from framekit.link.addresses import Address, AddressError, AddressGrammar

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from framekit.codec.shown import code_text
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.problems import Position
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Packing
 from framekit.definition.problems import NOWHERE, Position, Problem

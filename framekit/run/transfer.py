@@ -11,7 +11,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
-from framekit.definition.expression.syntax import Attribute, Conditional, Expression, Index, List, Name, Node, Number
+from framekit.definition.expression import Attribute, Conditional, Expression, Index, List, Name, Node, Number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StationType

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.schema import add_keys

@@ -8,7 +8,7 @@ from collections.abc import Mapping as MappingOf
 from pathlib import Path
 from typing import Any, Literal
 
-from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader

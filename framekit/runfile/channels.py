@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
-from framekit.definition.expression.syntax import names_in
-from framekit.definition.load.library import load_protocol
+from framekit.definition.expression import names_in
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.load.reader import Broken, Reader, parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import WITHOUT_NUMBER, Parameter, StationType

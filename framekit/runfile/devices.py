@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from framekit.definition.check import check_protocol
-from framekit.definition.expression.syntax import Call, Text, names_in, walk
+from framekit.definition.expression import Call, Text, names_in, walk
 from framekit.definition.load.documents import Documents
-from framekit.definition.load.library import DeviceDefinition, definition_path, load_device_definition, load_protocol
+from framekit.definition.load.protocol import DeviceDefinition, definition_path, load_device_definition, load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from framekit.definition.expression.syntax import names_in
+from framekit.definition.expression import names_in
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar

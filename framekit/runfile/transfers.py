@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from framekit.definition.check.services import is_unit
-from framekit.definition.expression.syntax import Expression, Name
+from framekit.definition.expression import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol

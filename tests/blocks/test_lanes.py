@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory

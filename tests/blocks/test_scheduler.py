@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address

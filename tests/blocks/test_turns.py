@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression import parse_expression
 from framekit.definition.problems import NOWHERE
 from framekit.link.addresses import Address
 from framekit.memory.memory import Area, DeviceMemory

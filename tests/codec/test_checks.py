@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from framekit.codec import support
 from framekit.codec.checks import compute, from_crc, from_ready, function_of, ready_methods, size_of, source_of
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression import parse_expression
 from framekit.definition.model.checks import SIMPLE, CatalogueEntry, CheckMethod, crc_catalogue
 from framekit.definition.problems import Position
 

@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 from framekit.codec import support
 from framekit.codec.evaluate import EVALUATION_ERRORS, FUNCTIONS, MissingName, evaluate
-from framekit.definition.expression.emit import emit
-from framekit.definition.expression.parse import parse_expression
-from framekit.definition.expression.syntax import FUNCTIONS as KNOWN_FUNCTIONS
-from framekit.definition.expression.syntax import Attribute, LineTime, Name
+from framekit.definition.expression import FUNCTIONS as KNOWN_FUNCTIONS
+from framekit.definition.expression import Attribute, LineTime, Name, emit, parse_expression
 from framekit.definition.problems import NOWHERE
 
 VALUES: dict[str, Any] = {

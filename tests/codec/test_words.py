@@ -10,7 +10,7 @@ import pytest
 
 import framekit
 from framekit.codec.shown import explain
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression import parse_expression
 from framekit.definition.problems import Position
 from framekit.link.evaluate import Names, compile_expression
 

@@ -14,7 +14,7 @@ from construct_oracle.filling import MISSING, Absent, Circular, Filling
 from construct_oracle.state import Reading
 from construct_oracle.values import DAMAGED, of_type, read_wire, write_wire
 from framekit.codec.evaluate import EVALUATION_ERRORS
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Bits, BitsPart, Field
 
 

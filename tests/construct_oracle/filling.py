@@ -18,7 +18,7 @@ from construct_oracle.names import Names
 from construct_oracle.state import Writing
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, attribute, evaluate
 from framekit.codec.support import room
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import Expression, names_in
 
 Condition = Callable[["Filling"], bool]
 MISSING: Any = object()

@@ -15,7 +15,7 @@ from construct_oracle.rest import rest_size
 from construct_oracle.state import Reading, Region, State
 from construct_oracle.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
 from framekit.codec.evaluate import EVALUATION_ERRORS
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Choose, FieldType, Optional, Record, Repeat, lack_default
 
 

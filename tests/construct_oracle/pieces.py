@@ -16,7 +16,7 @@ from construct_oracle.state import Reading
 from construct_oracle.values import evaluated_size
 from framekit.codec import support
 from framekit.codec.evaluate import EVALUATION_ERRORS
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Const, Data, Require, Skip, Value
 
 

@@ -16,7 +16,7 @@ from construct_oracle.holders import Segments
 from construct_oracle.names import Names
 from construct_oracle.state import Reading, Region, Writing
 from framekit.codec import support
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Wrap
 
 Embedded = Callable[[bytes, Names], int | None]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,

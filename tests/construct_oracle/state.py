@@ -18,7 +18,7 @@ from construct_oracle.faults import Faults, Place, Stop
 from construct_oracle.names import Names
 from construct_oracle.sizes import Evaluate, KnownSizes
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Check, Segment
 from framekit.definition.model.walk import parts_of
 

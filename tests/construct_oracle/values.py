@@ -13,7 +13,7 @@ from construct_oracle.forms import FormError, form_of
 from construct_oracle.state import Reading
 from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.codec.shown import explain
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import FieldType
 
 DAMAGED: Any = object()

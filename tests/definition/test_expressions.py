@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.definition.expression.parse import ExpressionError, parse_expression
-from framekit.definition.expression.syntax import names_in
+from framekit.definition.expression import ExpressionError, names_in, parse_expression
 from framekit.definition.problems import Position
 from framekit.definition.times import NEVER
 from framekit.link.evaluate import Names, compile_expression

@@ -23,7 +23,7 @@ from framekit.codec.python.registry import KINDS as CODES
 from framekit.definition import brought, schema, wire_types
 from framekit.definition.keys import IDENTIFIER, Form, key
 from framekit.definition.kinds.base import KINDS, Segment
-from framekit.definition.load.library import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model import checks as methods
 from framekit.definition.model.procedure import ADDED_KEYS
 from framekit.definition.model.segments import Field

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import shipped
 
-from framekit.definition.expression.syntax import Expression, Text, walk
+from framekit.definition.expression import Expression, Text, walk
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Wrap
 from framekit.definition.problems import DefinitionError

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link.service_loop import codec_of
 
-from framekit.definition.expression.parse import parse_expression
+from framekit.definition.expression import parse_expression
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import NOWHERE
 from framekit.link.construct_values import EACH, compile_value

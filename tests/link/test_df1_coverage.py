@@ -8,7 +8,7 @@ from typing import Any
 from link.service_loop import FRAMES
 from shipped import vectors_of
 
-from framekit.definition.expression.syntax import Number
+from framekit.definition.expression import Number
 from framekit.definition.load import load_protocol
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol

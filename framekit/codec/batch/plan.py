@@ -13,7 +13,7 @@ from typing import Any
 from framekit.codec import support
 from framekit.codec.batch.result import Path
 from framekit.codec.python.expressions import constant_of
-from framekit.definition.expression.syntax import Expression, Name, names_in
+from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Frame, StaticSizes, fixed_size
 from framekit.definition.model.segments import (

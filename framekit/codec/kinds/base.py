@@ -17,8 +17,7 @@ from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.definition.brought import bring
-from framekit.definition.expression.emit import PRODUCT
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import PRODUCT, Expression
 from framekit.definition.kinds.base import KINDS as KINDS_BY_KEY
 from framekit.definition.kinds.base import add_kind
 from framekit.definition.model.segments import Bits, Count, Field, Length, Segment

@@ -12,8 +12,7 @@ from framekit.codec.python.order import Task
 from framekit.codec.python.reader import ANY_WIDTH, BufferReader, Item, Slot, shown_name
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import literal, quoted
-from framekit.definition.expression.emit import AND
-from framekit.definition.expression.syntax import Expression, Number
+from framekit.definition.expression import AND, Expression, Number
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,

@@ -11,7 +11,7 @@ from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import literal
-from framekit.definition.expression.emit import AND, BIT_OR
+from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.segments import (
     Choose,
     Segments,

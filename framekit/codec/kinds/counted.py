@@ -20,7 +20,7 @@ from framekit.codec.python.shape import (
     targets_of,
 )
 from framekit.codec.python.source import Code, literal, quoted, text_source
-from framekit.definition.expression.emit import AND
+from framekit.definition.expression import AND
 from framekit.definition.model.segments import (
     Count,
     Data,

@@ -13,8 +13,7 @@ from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, quoted
-from framekit.definition.expression.emit import AND, OR, PRODUCT
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import AND, OR, PRODUCT, Expression
 from framekit.definition.model.segments import (
     Data,
 )

@@ -14,8 +14,7 @@ from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
-from framekit.definition.expression.emit import AND, OR, PRODUCT
-from framekit.definition.expression.syntax import Bytes, Expression, Number, Text
+from framekit.definition.expression import AND, OR, PRODUCT, Bytes, Expression, Number, Text
 from framekit.definition.model.segments import Field, FieldType, Long
 
 

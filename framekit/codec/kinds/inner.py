@@ -15,8 +15,7 @@ from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted
-from framekit.definition.expression.emit import AND
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import AND, Expression
 from framekit.definition.model.segments import (
     Inner,
 )

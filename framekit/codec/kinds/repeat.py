@@ -15,8 +15,7 @@ from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.source import Code, quoted, text_source
-from framekit.definition.expression.emit import AND, BIT_OR, PRODUCT
-from framekit.definition.expression.syntax import Binary, Expression, Number
+from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number
 from framekit.definition.model.segments import (
     Count,
     FieldType,

@@ -9,8 +9,7 @@ from framekit.codec.python.expressions import Scope
 from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted
-from framekit.definition.expression.emit import COMPARE
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import COMPARE, Expression
 from framekit.definition.model.segments import (
     Require,
 )

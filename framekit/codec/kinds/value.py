@@ -11,7 +11,7 @@ from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted, text_source
-from framekit.definition.expression.emit import AND, BIT_OR
+from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.segments import (
     Value,
 )

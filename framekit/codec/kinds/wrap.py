@@ -15,7 +15,7 @@ from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
-from framekit.definition.expression.emit import BIT_OR, OR
+from framekit.definition.expression import BIT_OR, OR
 from framekit.definition.model.segments import (
     Const,
     Skip,

@@ -17,8 +17,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import names_asked_for
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
-from framekit.definition.expression.emit import BIT_OR, PRODUCT
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Check,

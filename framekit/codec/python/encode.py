@@ -25,8 +25,11 @@ from framekit.codec.python.registry import kind_of, struct_order
 from framekit.codec.python.rules import RuleWriter
 from framekit.codec.python.shape import ending_constants, follows_its_length, in_place_of_records, named, names_read
 from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
-from framekit.definition.expression.emit import AND, BIT_OR, OR, PRODUCT
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
+    AND,
+    BIT_OR,
+    OR,
+    PRODUCT,
     Attribute,
     Call,
     Expression,

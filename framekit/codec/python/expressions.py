@@ -11,8 +11,11 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Protocol
 
 from framekit.codec.python.source import literal, quoted
-from framekit.definition.expression.emit import AND, ATOM, COMPARE, CONDITIONAL, emit
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
+    AND,
+    ATOM,
+    COMPARE,
+    CONDITIONAL,
     FUNCTIONS,
     Attribute,
     Binary,
@@ -29,6 +32,7 @@ from framekit.definition.expression.syntax import (
     Number,
     Text,
     Unary,
+    emit,
     walk,
 )
 from framekit.definition.model.segments import Field, Segment

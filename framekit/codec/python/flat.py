@@ -17,8 +17,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.parameters import LEFT_OUT, Level, Parameters
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Code, Source
-from framekit.definition.expression.emit import BIT_OR
-from framekit.definition.expression.syntax import Binary, Expression, Name, Node, Number
+from framekit.definition.expression import BIT_OR, Binary, Expression, Name, Node, Number
 from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.segments import (
     Bits,

@@ -11,7 +11,7 @@ from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place, between
 from framekit.codec.python.shape import Target, is_followed, names_asked_for
 from framekit.codec.python.source import Identifiers, Source
-from framekit.definition.expression.syntax import Call, Expression, Name, names_in, walk
+from framekit.definition.expression import Call, Expression, Name, names_in, walk
 from framekit.definition.model.segments import (
     Check,
     Data,

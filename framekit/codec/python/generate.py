@@ -28,7 +28,7 @@ from framekit.codec.python.reader import not_possible
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.codec.support import times
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
     Attribute,
     Call,
     Conditional,

@@ -18,8 +18,7 @@ from framekit.codec.python.places import Fields
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
-from framekit.definition.expression.emit import BIT_OR
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import BIT_OR, Expression
 from framekit.definition.model.frames import Frame, StaticSizes
 from framekit.definition.model.segments import (
     Bits,

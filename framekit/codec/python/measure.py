@@ -24,8 +24,7 @@ from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
-from framekit.definition.expression.emit import SUM
-from framekit.definition.expression.syntax import Attribute, Expression, names_in, walk
+from framekit.definition.expression import SUM, Attribute, Expression, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of
 from framekit.definition.model.segments import (
     Bits,

@@ -23,7 +23,7 @@ from framekit.codec.python import doubled, examination, frame_choice, refusals, 
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
 from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, quoted, text_source
-from framekit.definition.expression.emit import BIT_AND
+from framekit.definition.expression import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.protocol import Protocol

@@ -15,7 +15,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import Source, identifier, literal, quoted
-from framekit.definition.expression.syntax import Bytes, Expression, Number, Text, names_in
+from framekit.definition.expression import Bytes, Expression, Number, Text, names_in
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import (
     Bits,

@@ -19,8 +19,7 @@ from framekit.codec.python.places import Fields, Place, between, index
 from framekit.codec.python.registry import kind_of, struct_order
 from framekit.codec.python.shape import Target, comes_with, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
-from framekit.definition.expression.emit import AND, BIT_OR, SUM
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import AND, BIT_OR, SUM, Expression
 from framekit.definition.model.segments import (
     Bits,
     Check,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from framekit.definition.expression.syntax import Attribute, Expression, Name, names_in, walk
+from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
 from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.segments import (
     Const,

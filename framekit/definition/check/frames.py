@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from framekit.definition.expression.syntax import Expression, Logic, names_in
+from framekit.definition.expression import Expression, Logic, names_in
 from framekit.definition.model.frames import Frame, StaticSizes, all_fixed, bytes_of, fixed_size, least_size
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (

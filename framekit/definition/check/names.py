@@ -21,7 +21,7 @@ from framekit.definition.check.services import (
     takes_something,
     without_parts,
 )
-from framekit.definition.expression.syntax import Attribute, Expression, Name, Node, Text, names_in, walk
+from framekit.definition.expression import Attribute, Expression, Name, Node, Text, names_in, walk
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target

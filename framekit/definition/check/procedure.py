@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 
 from framekit.definition.check.services import OFFERED, parts_in
-from framekit.definition.expression.syntax import Expression, Number, Text, Unary, walk
+from framekit.definition.expression import Expression, Number, Text, Unary, walk
 from framekit.definition.model.procedure import Action, CallOf, Lane, Role, Row, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value

@@ -11,8 +11,8 @@ from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
 from framekit.definition.check.services import check_forms, check_services
 from framekit.definition.check.typed import check_kinds
-from framekit.definition.expression.syntax import Bytes, Expression, List, Name, Number, Text
-from framekit.definition.kinds.numbers import constant_number
+from framekit.definition.expression import Bytes, Expression, List, Name, Number, Text
+from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Protocol

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
     Attribute,
     Binary,
     Call,
@@ -24,8 +24,7 @@ from framekit.definition.expression.syntax import (
     names_in,
     walk,
 )
-from framekit.definition.kinds.base import Segment
-from framekit.definition.kinds.numbers import constant_number
+from framekit.definition.kinds.base import Segment, constant_number
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol

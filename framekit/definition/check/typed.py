@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
-from framekit.definition.expression.syntax import (
+from framekit.definition.expression import (
     FUNCTIONS,
     Attribute,
     Binary,

@@ -7,10 +7,9 @@ from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import KeyReading, ValueKind, keys, ref
-from framekit.definition.kinds.base import Fixing, Given, Segment
-from framekit.definition.kinds.numbers import VALUE_NAMES, constant_number, number_written
+from framekit.definition.kinds.base import VALUE_NAMES, Fixing, Given, Segment, constant_number, number_written
 from framekit.definition.load.reader import Reader
 from framekit.definition.problems import Position, Problem
 from framekit.definition.wire_types import FieldType, type_keys

@@ -7,7 +7,7 @@ from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import EXPRESSION, Form, KeyReading, here, key
 from framekit.definition.kinds.base import Given, Segment, Segments, sizes_of
 from framekit.definition.load.reader import Reader, parse_key

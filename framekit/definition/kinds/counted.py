@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from framekit.definition.keys import FLAG, IDENTIFIER, LABEL, LABELS, NUMBER, RANGE, Form, KeyReading, ValueKind, key
-from framekit.definition.kinds.base import References, Segment
-from framekit.definition.kinds.numbers import limits_that_do_not_fit, zero_with_a_sign
+from framekit.definition.kinds.base import References, Segment, limits_that_do_not_fit, zero_with_a_sign
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.definition.tree import Node
 from framekit.definition.wire_types import FieldType, type_keys

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, words
-from framekit.definition.kinds.base import Contents, Segment
-from framekit.definition.kinds.numbers import constant_number
+from framekit.definition.kinds.base import Contents, Segment, constant_number
 from framekit.definition.model.static_size import Sizes, exactly
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import ClassVar
 
-from framekit.definition.expression.syntax import Bytes, Expression, Text
+from framekit.definition.expression import Bytes, Expression, Text
 from framekit.definition.keys import (
     ADDRESS,
     BYTE,
@@ -25,9 +25,12 @@ from framekit.definition.keys import (
     ref,
     words,
 )
-from framekit.definition.kinds.base import Contents, Fixing, Given, Segment
-from framekit.definition.kinds.numbers import (
+from framekit.definition.kinds.base import (
     VALUE_NAMES,
+    Contents,
+    Fixing,
+    Given,
+    Segment,
     constant_number,
     limits_that_do_not_fit,
     number_written,

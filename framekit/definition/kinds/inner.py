@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, key, ref
 from framekit.definition.kinds.base import Contents, Segment, contents_of
 from framekit.definition.model.static_size import ANY, Sizes, either, exactly

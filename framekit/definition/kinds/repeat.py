@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.expression.syntax import Expression, both
+from framekit.definition.expression import Expression, both
 from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, here, key, keys, ref
 from framekit.definition.kinds.base import (
     Contents,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import EXPRESSION, IDENTIFIER, key
 from framekit.definition.kinds.base import Given, Segment
 

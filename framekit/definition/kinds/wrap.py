@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import BYTE, EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
 from framekit.definition.kinds.base import Contents, Given, Segment, Segments, least_size, sizes_of
 from framekit.definition.kinds.choose import SEGMENTS

@@ -1,18 +1,256 @@
-"""Groups and frames: inheritance, `where` written into the fields, and names that segments mention resolved."""
+"""Segments, groups and frames: from the nodes of a head, body, tail or layout to the model.
+
+Includes are put in place, `where` is written into the fields, names that segments mention are resolved. Which kinds of
+segments there are, and how each is read, stands in `definition/kinds`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression, names_in
+from framekit.definition.keys import Meanings
+from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.load.references import Where, apply_where, load_where, resolve_references
-from framekit.definition.load.segments import SegmentLoader, in_order
 from framekit.definition.model.frames import Frame, Group, Side
-from framekit.definition.nodes import Mapping, Node
-from framekit.definition.problems import did_you_mean
+from framekit.definition.model.walk import change_all, field_names, flat, leaves
+from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.tree import Mapping, Node, Scalar, Sequence
+
+MOST_SEGMENTS = 4000
+"""Of one frame, with everything it includes."""
+
+
+class SegmentLoader:
+    """Reads lists of segments.
+
+    `space` gives the meaning of the names of types, tables and checks, `find_frames` the frames that an `inner` or
+    `inside` means by a name. `side`: who sends the frame they belong to. `aliases` collects what a named include stands
+    for: its name → the names of its segments. `spoilt` says that segments were left out because they are broken.
+    """
+
+    def __init__(self, space: Meanings, find_frames: Callable[[Any, Node], tuple[str, ...]]) -> None:
+        self.space = space
+        self.reader = space.reader
+        self.side: str | None = None
+        self.find_frames = find_frames
+        self.aliases: dict[str, tuple[str, ...]] = {}
+        self.under_way: list[tuple[str, Sequence]] = []
+        self.read = 0
+        self.unnamed = 0
+        self.spoilt = False
+
+    def load(self, node: Node | None) -> Segments:
+        """The segments of a list; those that are broken are left out after their problem is noted."""
+        found: list[Segment] = []
+        for item in self.reader.items(node):
+            try:
+                self._number(item)
+                found.extend(self._segment(self.reader.mapping(item)))
+            except Broken:
+                self.spoilt = True
+        return in_order(tuple(found))[0]
+
+    def _number(self, item: Node) -> None:
+        """Includes of includes multiply; nothing sensible has so many segments."""
+        self.read += 1
+        if self.read == MOST_SEGMENTS and not self.space.too_much:
+            self.space.too_much = True
+            what = f"the frame has more than {MOST_SEGMENTS} segments with all it includes"
+            self.reader.note(item.at, what, "take repeat: for what comes several times")
+        if self.read >= MOST_SEGMENTS:
+            raise Broken("too many segments")
+
+    def _segment(self, keys: Mapping) -> Segments:
+        kinds = [entry.key.text for entry in keys.entries if entry.key.text in KINDS]
+        if len(kinds) != 1:
+            raise Broken("the schema has told what is wrong with the kind")
+        return KINDS[kinds[0]].load(self, keys)
+
+    def common(self, keys: Mapping, kind: str) -> dict[str, Any]:
+        """What the keys say that all kinds have; a segment without a name gets one."""
+        reader = self.reader
+        name = keys.get("name")
+        if name is None:
+            self.unnamed += 1
+        return {
+            "at": keys.at,
+            "name": f"_{kind}_{self.unnamed}" if name is None else reader.text(name),
+            "when": reader.maybe(reader.expression, keys.get("when")),
+            "refuse": reader.maybe(reader.number, keys.get("refuse")),
+            "doc": reader.maybe(reader.text, keys.get("doc")) or "",
+        }
+
+    def layout(self, node: Node) -> Segments:
+        """The segments of the layout that `node` names, read in its own namespace. Raises Broken."""
+        nodes, space = self.space.layout(node)
+        names = [name for name, _ in self.under_way]
+        place = next((place for place, (_, other) in enumerate(self.under_way) if other is nodes), None)
+        if place is not None:
+            raise self._circle(node, names[place:])
+        outer, self.space = self.space, space
+        self.under_way.append((self.reader.text(node), nodes))
+        try:
+            return self.load(nodes)
+        finally:
+            self.space = outer
+            self.under_way.pop()
+
+    def _circle(self, node: Node, names: list[str]) -> Broken:
+        """Layouts that include each other; told once, whichever of them it was found from."""
+        if frozenset(names) in self.space.circles:
+            return Broken(names[0])
+        self.space.circles.add(frozenset(names))
+        chain = " → ".join([*names, names[0]])
+        what = f"layouts include each other in a circle: {chain}" if len(names) > 1 else f"'{names[0]}' includes itself"
+        return self.reader.broken(node.at, what, "break the circle")
+
+
+def in_order(*lists: Segments) -> list[Segments]:
+    """Lists that stand one behind the other, with every value that takes no bytes behind what it follows from."""
+    if not any(segment.follows for segments in lists for segment in segments):
+        return list(lists)
+    late = {name for segments in lists for segment in segments for name in _names_of(segment)}
+    waiting: list[Segment] = []
+    found: list[Segments] = []
+
+    def place(segment: Segment, here: list[Segment]) -> None:
+        here.append(segment)
+        late.difference_update(_names_of(segment))
+        for value in waiting:
+            if not late & _read_by(value):
+                waiting.remove(value)
+                return place(value, here)
+
+    for segments in lists:
+        here: list[Segment] = []
+        for segment in segments:
+            if segment.follows is not None and late & _read_by(segment) - {segment.name}:
+                waiting.append(segment)
+            else:
+                place(segment, here)
+        if segments is lists[-1]:
+            here += waiting
+        found.append(tuple(here))
+    return found
+
+
+def _names_of(segment: Segment) -> set[str]:
+    return {name for name in (segment.name, *field_names((segment,))) if name is not None}
+
+
+def _read_by(value: Segment) -> set[str]:
+    return {name for one in (value.follows, value.when) if one is not None for name in names_in(one.root)}
+
+
+# ---- names that frames and segments mention -----------------------------------------------------------------
+
+
+Parts = tuple[Segments, Segments, Segments]
+
+
+# ---- fields that `where` fixes ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """What one field is fixed to: constants as written, or a `build` expression."""
+
+    key: Scalar
+    constants: tuple[Scalar, ...] = ()
+    build: Expression | None = None
+
+
+def load_where(reader: Reader, node: Node) -> dict[str, Where]:
+    """`{field: constant | [constants] | {build: EXPR}}`. Raises Broken."""
+    result = {}
+    for entry in reader.entries(node):
+        if isinstance(entry.value, Mapping):
+            where = Where(entry.key, build=reader.expression(entry.value.get("build")))
+        else:
+            where = Where(entry.key, tuple(reader.scalar(item) for item in reader.items(entry.value)))
+        result[entry.key.text] = where
+    return result
+
+
+def apply_where(reader: Reader, parts: Parts, wheres: dict[str, Where], frame: Scalar) -> Parts:
+    """The segments with the constants written into their fields; unknown fields are noted."""
+    used: set[str] = set()
+    head, body, tail = (change_all(part, lambda one: one.fixed(reader, wheres, used)) for part in parts)
+    known = [name for part in parts for one in part for name, _ in one.numbers_with_names() if name == one.name]
+    for name, where in wheres.items():
+        if name not in used:
+            what = f"frame '{frame.text}' has no field '{name}' to fix"
+            reader.note(where.key.at, what, did_you_mean(name, known))
+    return head, body, tail
+
+
+# ---- segments that name others ------------------------------------------------------------------------------
+
+
+def resolve_references(reader: Reader, parts: Parts, aliases: dict[str, tuple[str, ...]]) -> Parts:
+    """The segments with named includes, `body` and bit names written out; names that are not there are noted."""
+    head, body, tail = parts
+    names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
+    meant = dict(aliases)
+    if "body" not in names:
+        meant.setdefault("body", tuple(segment.name for segment in body if segment.name))
+    for segment in names.values():
+        meant |= {name: (segment.name or "",) for name in segment.value_names if name != segment.name}
+    resolver = _Resolver(reader, names, meant)
+    head, body, tail = (change_all(part, lambda one: one.resolved(resolver)) for part in parts)
+    return head, body, tail
+
+
+class _Resolver:
+    """What names mean in one frame or record. `meant`: names that stand for others."""
+
+    def __init__(self, reader: Reader, names: dict[str, Segment], meant: dict[str, tuple[str, ...]]) -> None:
+        self.reader = reader
+        self.names = names
+        self.meant = meant
+
+    def inside(self, segments: Segments) -> Segments:
+        """The segments of a record inside, where names stand for the same."""
+        return resolve_references(self.reader, ((), segments, ()), dict(self.meant))[1]
+
+    def written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]:
+        """The segments on the wire that names stand for."""
+        result: list[str] = []
+        for name in names:
+            meant = [name] if name in self.names else self.meant.get(name)
+            if meant is None:
+                known = [known for known in [*self.names, *self.meant] if not known.startswith("_")]
+                self.reader.note(at, f"there is no segment '{name}' in this frame", did_you_mean(name, known))
+                continue
+            on_wire = [one for one in meant if one not in self.names or any(leaves((self.names[one],)))]
+            if not on_wire:
+                self.reader.note(at, f"'{name}' takes no bytes", "name segments that stand on the wire")
+            result.extend(on_wire)
+        return tuple(result)
+
+    def at_offset(self, offset: int, at: Position, which: int) -> str:
+        """The segment that begins (`which` 0) or ends (-1) so many bytes from the start."""
+        place = 0
+        for name, segment in self.names.items():
+            size = fixed_size(segment)
+            if which == 0 and place == offset:
+                return name
+            if size is None:
+                break
+            place += size
+            if which == -1 and place == offset + 1:
+                return name
+        what = f"no segment {'begins' if which == 0 else 'ends'} at offset {offset}"
+        self.reader.note(at, what, "name the segment instead")
+        return ""
+
+
+# ---- groups and frames --------------------------------------------------------------------------------------
+
 
 SIDES: dict[str, Side] = {"client": "client", "server": "server", "both": "both", "none": "none"}
 INHERITED = ("from", "head", "tail", "echo", "announces", "delimited", "surplus", "size", "fill", "max", "doc")

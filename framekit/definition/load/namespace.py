@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from framekit.definition.expression.syntax import names_in
+from framekit.definition.expression import names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader, parse_key

@@ -12,8 +12,7 @@ from collections.abc import Mapping as Mapping_
 from contextlib import contextmanager, suppress
 from typing import TypeVar
 
-from framekit.definition.expression.parse import ExpressionError, parse_expression
-from framekit.definition.expression.syntax import Bytes, Expression
+from framekit.definition.expression import Bytes, Expression, ExpressionError, parse_expression
 from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
 from framekit.definition.problems import Position, Problem, did_you_mean, parted

@@ -6,10 +6,10 @@ import re
 from collections.abc import Collection
 from itertools import pairwise
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import read_part
+from framekit.definition.load.procedure import ValueLoader
 from framekit.definition.load.reader import Reader
-from framekit.definition.load.values import ValueLoader
 from framekit.definition.model.services import (
     UNIT_BITS,
     AddressForm,

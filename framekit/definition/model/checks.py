@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from framekit.definition.brought import bring_word
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 
 CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"}
 Complement = Literal["ones", "twos"]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.kinds.base import Segment, Segments, all_fixed, contents_of, fixed_size, least_size, sizes_of
 from framekit.definition.kinds.const import Fill, Skip
 from framekit.definition.model.static_size import ANY, Sizes

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -110,7 +110,7 @@ ARRIVALS: dict[str, Any] = {
 class Row(Action):
     """A row of a receive matrix. `frames`: in the order tried; `expected`: also the exchange's own replies.
 
-    `station` is part of `when` already (`load/stations.py`); it tells that the row does not take all of its frames.
+    `station` is part of `when` already (`load/resolve.py`); it tells that the row does not take all of its frames.
     """
 
     frames: tuple[str, ...] = keys(ARRIVALS, lambda r: r.loader.arrivals(r.keys), default=())

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from framekit.definition.expression.syntax import Bytes, Expression, List, Number, Text
+from framekit.definition.expression import Bytes, Expression, List, Number, Text
 from framekit.definition.keys import (
     BYTE,
     EXPRESSION,
@@ -23,7 +23,7 @@ from framekit.definition.keys import (
     ref,
     words,
 )
-from framekit.definition.kinds.numbers import VALUE_NAMES
+from framekit.definition.kinds.base import VALUE_NAMES
 from framekit.definition.load.reader import FLAGS, Reader, inside, literal_bytes
 from framekit.definition.problems import NOWHERE, Position, parted
 from framekit.definition.times import parse_format

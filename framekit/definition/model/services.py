@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression.syntax import Expression, Text
+from framekit.definition.expression import Expression, Text
 from framekit.definition.keys import (
     CONDITION,
     COUNT,

@@ -14,7 +14,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.python.source import literal, quoted
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.walk import parts_of

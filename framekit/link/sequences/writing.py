@@ -14,8 +14,19 @@ from typing import Any, NamedTuple
 
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.brought import bring, bring_word
-from framekit.definition.expression.emit import ATOM, BIT_OR, emit
-from framekit.definition.expression.syntax import Attribute, Binary, Expression, LineTime, Name, Node, Number, names_in
+from framekit.definition.expression import (
+    ATOM,
+    BIT_OR,
+    Attribute,
+    Binary,
+    Expression,
+    LineTime,
+    Name,
+    Node,
+    Number,
+    emit,
+    names_in,
+)
 from framekit.definition.keys import Form, key_of
 from framekit.definition.model.procedure import ADDED_KEYS, Action, CallOf, Parts, Row, Sequence, Serve, Step, Target
 from framekit.definition.model.protocol import Protocol

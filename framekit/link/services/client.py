@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 from framekit.codec.python.source import INDENT, Source
 from framekit.codec.shown import explain
-from framekit.definition.expression.syntax import Expression
+from framekit.definition.expression import Expression
 from framekit.definition.model import protocol as model
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value

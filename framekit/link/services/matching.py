@@ -14,8 +14,7 @@ from typing import Any
 
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
-from framekit.definition.expression.emit import emit
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import Expression, emit, names_in
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.model.walk import expressions_of, field_names, parts_of
 from framekit.link.addresses import Address, AddressError, code_of

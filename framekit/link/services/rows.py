@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.codec.shown import explain
-from framekit.definition.expression.syntax import Expression, names_in
+from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment

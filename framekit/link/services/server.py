@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from framekit.codec.shown import explain
-from framekit.definition.expression.syntax import Expression, Name, Text, names_in
+from framekit.definition.expression import Expression, Name, Text, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import After, BlockWork, PlaceOf, Refusal, ServeWork

@@ -12,8 +12,7 @@ from types import CodeType
 from typing import Any
 
 from framekit.codec import support
-from framekit.definition.expression.emit import emit
-from framekit.definition.expression.syntax import Attribute, Expression, LineTime, Name
+from framekit.definition.expression import Attribute, Expression, LineTime, Name, emit
 from framekit.definition.model.values import FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.construct_values import read_as
 from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Inverse, Names

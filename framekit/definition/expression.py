@@ -1,38 +1,385 @@
-"""Text of an expression to its tree: a small precedence-climbing parser over a whitelisted grammar.
+"""Expressions: their tree, the tree written as Python source, and the parser from text to tree.
 
-It knows operators, literals and the list of functions; it does not know which names exist. Nothing is ever
-evaluated from text.
+Nothing is ever evaluated from text. The parser takes operators, literals and the listed functions; it does not know
+which names exist. Only whitelisted nodes are written, every literal by `repr`, so nothing of a file's text gets into
+the source. The codec compiler (names are local variables) and the link engine (names are looked up) both use the
+writer: it is the one place where the language's operators and functions get their meaning.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from fractions import Fraction
+from typing import Protocol as Interface
 
-from framekit.definition.expression.emit import WIDEST_SHIFT
-from framekit.definition.expression.syntax import (
-    FUNCTIONS,
-    Attribute,
-    Binary,
-    Bytes,
-    Call,
-    Compare,
-    Conditional,
-    Expression,
-    Index,
-    LineTime,
-    List,
-    Logic,
-    Name,
-    Node,
-    Number,
-    Slice,
-    Text,
-    Unary,
-    children,
-)
 from framekit.definition.problems import Position, Problem, did_you_mean
 from framekit.definition.times import LINE_UNITS, NEVER, UNITS
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A part of an expression; `at` is where it begins."""
+
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Number(Node):
+    """A whole number, or a time in nanoseconds when `is_time`."""
+
+    value: int
+    is_time: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LineTime(Node):
+    """A time in characters or bits of the line: `80 chars`, `3.5 chars`; `count` is (numerator, denominator)."""
+
+    count: tuple[int, int]
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Text(Node):
+    """Text in single quotes."""
+
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bytes(Node):
+    """`h'10 3A'`."""
+
+    value: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Name(Node):
+    """A bare word."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Attribute(Node):
+    """`x.name`."""
+
+    value: Node
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Index(Node):
+    """`x[i]`."""
+
+    value: Node
+    index: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Slice(Node):
+    """`x[a:b]`; either end may be missing."""
+
+    value: Node
+    start: Node | None
+    stop: Node | None
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Node):
+    """`f(x, …)` with one of the language's functions."""
+
+    function: str
+    arguments: tuple[Node, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Unary(Node):
+    """`- ~ not`."""
+
+    operator: str
+    operand: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Binary(Node):
+    """Arithmetic and bit operators."""
+
+    operator: str
+    left: Node
+    right: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Compare(Node):
+    """`a < b <= c`, `x in y`: the first operand, then (operator, operand) pairs."""
+
+    first: Node
+    rest: tuple[tuple[str, Node], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Logic(Node):
+    """`and` or `or` over two or more operands."""
+
+    operator: str
+    operands: tuple[Node, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Conditional(Node):
+    """`a if c else b`."""
+
+    condition: Node
+    then: Node
+    otherwise: Node
+
+
+@dataclass(frozen=True, slots=True)
+class List(Node):
+    """`[a, b]`."""
+
+    items: tuple[Node, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A whole expression with its text as written."""
+
+    text: str
+    root: Node
+
+    @property
+    def at(self) -> Position:
+        return self.root.at
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def children(node: Node) -> Iterator[Node]:
+    """The direct parts of a node, in order."""
+    names = _fields.get(node.__class__)
+    if names is None:
+        names = _fields[node.__class__] = tuple(field.name for field in fields(node))
+    for name in names:
+        yield from _nodes_in(getattr(node, name))
+
+
+_fields: dict[type[Node], tuple[str, ...]] = {}
+"""The names of the fields of each class of nodes."""
+
+
+def _nodes_in(value: object) -> Iterator[Node]:
+    if isinstance(value, Node):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _nodes_in(item)
+
+
+def walk(node: Node) -> Iterator[Node]:
+    """The node and everything below it, outermost first."""
+    yield node
+    for child in children(node):
+        yield from walk(child)
+
+
+def names_in(node: Node) -> set[str]:
+    """The bare words an expression reads (not the names behind a dot)."""
+    return {part.name for part in walk(node) if isinstance(part, Name)}
+
+
+@dataclass(frozen=True, slots=True)
+class KnownFunction:
+    """A function of the language: how many arguments it takes and what kind of value it gives."""
+
+    fewest: int
+    most: int
+    gives: str
+    needs_engine: bool = False
+
+
+FUNCTIONS: dict[str, KnownFunction] = {
+    "len": KnownFunction(1, 1, "number"),
+    "min": KnownFunction(1, 8, "same"),
+    "max": KnownFunction(1, 8, "same"),
+    "abs": KnownFunction(1, 1, "number"),
+    "sum": KnownFunction(1, 1, "number"),
+    "lower": KnownFunction(1, 1, "text"),
+    "upper": KnownFunction(1, 1, "text"),
+    "text": KnownFunction(1, 1, "text"),
+    "number": KnownFunction(1, 2, "number"),
+    "digits": KnownFunction(2, 3, "text"),
+    "bit": KnownFunction(2, 2, "number"),
+    "rotl8": KnownFunction(2, 2, "number"),
+    "same": KnownFunction(1, 1, "flag"),
+    "get": KnownFunction(3, 3, "any"),
+    "find": KnownFunction(2, 2, "any"),
+    "find_last": KnownFunction(2, 2, "any"),
+    "free": KnownFunction(1, 1, "number"),
+    "either": KnownFunction(2, 2, "any"),
+    "none": KnownFunction(0, 0, "any"),
+    "only": KnownFunction(2, 2, "flag"),
+    "span": KnownFunction(2, 2, "number"),
+    "ms": KnownFunction(1, 1, "time"),
+    "limit": KnownFunction(1, 1, "time"),
+    "empty": KnownFunction(1, 1, "flag", needs_engine=True),
+    "full": KnownFunction(1, 1, "flag", needs_engine=True),
+    "memory": KnownFunction(2, 2, "bytes", needs_engine=True),
+    "with_date": KnownFunction(3, 3, "any", needs_engine=True),
+}
+
+
+def both(first: Expression, second: Expression | None) -> Expression:
+    """`first and second`."""
+    if second is None:
+        return first
+    return Expression(f"({first}) and ({second})", Logic(first.at, "and", (first.root, second.root)))
+
+
+# ---- the tree as Python source ------------------------------------------------------------------------------
+
+
+CONDITIONAL, OR, AND, NOT, COMPARE, BIT_OR, BIT_XOR, BIT_AND, SHIFT, SUM, PRODUCT, SIGN, ATOM = range(13)
+_LEVELS = {
+    "|": BIT_OR,
+    "^": BIT_XOR,
+    "&": BIT_AND,
+    "<<": SHIFT,
+    ">>": SHIFT,
+    "+": SUM,
+    "-": SUM,
+    "*": PRODUCT,
+    "//": PRODUCT,
+    "%": PRODUCT,
+}
+_METHODS = {"lower": "lower", "upper": "upper"}
+_SAME_IN_PYTHON = {"len", "min", "max", "abs", "sum"}
+WIDEST_SHIFT = 256
+"""Shifts are cut here, so that a number from the wire can't ask for a gigabyte of bits."""
+
+
+MOST_TIMES = 4096
+"""Numbers up to this multiply what stands beside them at once; all others only numbers."""
+
+
+class NameWriter(Interface):
+    """What a user of the emitter decides: how names, attributes, line times and the other functions are written."""
+
+    def name(self, node: Name) -> str:
+        """Source of a bare word; an atom."""
+
+    def attribute(self, node: Attribute) -> str:
+        """Source of `x.name`; an atom."""
+
+    def line_time(self, node: LineTime) -> str:
+        """Source of a time in characters or bits; an atom."""
+
+    def call(self, function: str, arguments: list[str]) -> str:
+        """Source of a call of one of the functions this module does not write itself; an atom."""
+
+
+def emit(node: Node, names: NameWriter, level: int = CONDITIONAL) -> str:
+    """Python source of `node`, in parentheses if it binds weaker than `level`."""
+    text, own = _Emitter(names).node(node)
+    return f"({text})" if own < level else text
+
+
+class _Emitter:
+    def __init__(self, names: NameWriter) -> None:
+        self.names = names
+
+    def at_least(self, node: Node, level: int) -> str:
+        return emit(node, self.names, level)
+
+    def node(self, node: Node) -> tuple[str, int]:
+        match node:
+            case Number(value=value):
+                return (str(value), ATOM) if value >= 0 else (str(value), SIGN)
+            case Text(value=value):
+                return repr(value), ATOM
+            case Bytes(value=data):
+                return repr(data), ATOM
+            case Name():
+                return self.names.name(node), ATOM
+            case LineTime():
+                return self.names.line_time(node), ATOM
+            case Attribute():
+                return self.names.attribute(node), ATOM
+            case Index(value=value, index=index):
+                return f"{self.at_least(value, ATOM)}[{self.at_least(index, CONDITIONAL)}]", ATOM
+            case Slice():
+                return self._slice(node), ATOM
+            case Call(function=function, arguments=arguments):
+                return self._call(function, [self.at_least(part, CONDITIONAL) for part in arguments])
+            case List(items=items):
+                return f"[{', '.join(self.at_least(item, CONDITIONAL) for item in items)}]", ATOM
+            case _:
+                return self._operator(node)
+
+    def _operator(self, node: Node) -> tuple[str, int]:
+        match node:
+            case Unary(operator="not", operand=operand):
+                return f"not {self.at_least(operand, NOT)}", NOT
+            case Unary(operator=operator, operand=operand):
+                return f"{operator}{self.at_least(operand, SIGN)}", SIGN
+            case Binary(operator=operator, left=left, right=right):
+                return self._binary(operator, left, right)
+            case Compare(first=first, rest=rest):
+                parts = [self.at_least(first, BIT_OR)]
+                parts += [f"{operator} {self.at_least(operand, BIT_OR)}" for operator, operand in rest]
+                return " ".join(parts), COMPARE
+            case Logic(operator=operator, operands=operands):
+                level = OR if operator == "or" else AND
+                return f" {operator} ".join(self.at_least(part, level + 1) for part in operands), level
+            case Conditional(condition=condition, then=then, otherwise=otherwise):
+                choice = f"{self.at_least(then, OR)} if {self.at_least(condition, OR)}"
+                return f"{choice} else {self.at_least(otherwise, CONDITIONAL)}", CONDITIONAL
+        raise TypeError(f"no expression node: {node!r}")
+
+    def _binary(self, operator: str, left: Node, right: Node) -> tuple[str, int]:
+        level = _LEVELS[operator]
+        second = self.at_least(right, level + 1)
+        if operator in ("<<", ">>") and not isinstance(right, Number):
+            second = f"min({self.at_least(right, CONDITIONAL)}, {WIDEST_SHIFT})"
+        numbers = [part.value for part in (left, right) if isinstance(part, Number)]
+        if operator == "*" and (not numbers or (len(numbers) == 1 and numbers[0] > MOST_TIMES)):
+            return self.names.call("times", [self.at_least(left, CONDITIONAL), self.at_least(right, CONDITIONAL)]), ATOM
+        return f"{self.at_least(left, level)} {operator} {second}", level
+
+    def _slice(self, node: Slice) -> str:
+        start = self.at_least(node.start, CONDITIONAL) if node.start else ""
+        stop = self.at_least(node.stop, CONDITIONAL) if node.stop else ""
+        return f"{self.at_least(node.value, ATOM)}[{start}:{stop}]"
+
+    def _call(self, function: str, arguments: list[str]) -> tuple[str, int]:
+        if function in _SAME_IN_PYTHON:
+            return f"{function}({', '.join(arguments)})", ATOM
+        if function in _METHODS:
+            return f"{_owner(arguments[0])}.{_METHODS[function]}()", ATOM
+        if function == "none":
+            return "None", ATOM
+        if function == "text":
+            return f"str({arguments[0]})", ATOM
+        if function == "get":
+            return f"{_owner(arguments[0])}.get({arguments[1]}, {arguments[2]})", ATOM
+        if function == "ms":
+            return f"(({arguments[0]}) * 1000000)", ATOM
+        if function == "limit":
+            return f"(({arguments[0]}) or {NEVER})", ATOM
+        return self.names.call(function, arguments), ATOM
+
+
+def _owner(text: str) -> str:
+    """Source of what a method is called of: in parentheses if it is more than a name."""
+    return text if text.isidentifier() else f"({text})"
+
+
+# ---- from text ----------------------------------------------------------------------------------------------
+
 
 _TOKEN = re.compile(
     r"""\s*(?:

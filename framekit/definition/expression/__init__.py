@@ -1,1 +1,0 @@
-"""Expressions: parsed into a whitelisted tree, written out as Python from it. Never evaluated from text."""
