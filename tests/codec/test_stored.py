@@ -21,7 +21,8 @@ from framekit.codec import stored
 from framekit.codec.codec import compile_protocol
 from framekit.codec.functions import candidates, of_side
 from framekit.codec.stored import SUFFIX, Kept, Shelf, cache_folder, keep, kept_library, read_kept, stored_codec
-from framekit.definition.load import library, load_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.load import protocol as library
 from framekit.definition.sources import Sources, current_keeper, kept_by
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices

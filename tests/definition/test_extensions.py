@@ -12,7 +12,8 @@ import pytest
 
 from framekit.codec.stored import cache_folder, stored_codec
 from framekit.definition import brought, schema
-from framekit.definition.load import library, load_protocol
+from framekit.definition.load import load_protocol
+from framekit.definition.load import protocol as library
 from framekit.definition.problems import DefinitionError
 
 SMALL = "protocol: small\nframes:\n  one: {body: [{const: 01}]}\n"
