@@ -82,7 +82,8 @@ def test_a_client_only_reads_unless_it_is_allowed_more(device: Any) -> None:
         with pytest.raises(framekit.ExchangeError) as caught:
             client.write("%R1", 9)
         assert caught.value.outcome == "not_allowed"
-        with pytest.raises(framekit.ExchangeError):
+        assert "the parameter allow has to be writes" in str(caught.value)
+        with pytest.raises(framekit.ExchangeError, match="the parameter allow has to be everything"):
             client.call("set_state", {"state": 2})
         assert client.read("%R1") == [1], "the connection is as good as before"
         assert client.call("short_status")["plc"]["state"] == 2
