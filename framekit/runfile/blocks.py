@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from collections.abc import Mapping as MappingOf
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.load import load_protocol
@@ -19,7 +19,7 @@ from framekit.definition.nodes import Entry, Mapping, Node, Scalar, unread, with
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly, parted
 from framekit.definition.times import NEVER, format_time
-from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.memory import unit_bits
 from framekit.run.job_profile import JobProfile
 from framekit.run.model import (
@@ -38,15 +38,12 @@ from framekit.run.model import (
     is_address,
 )
 from framekit.run.triggers import TRIGGERS, TriggerReader
-from framekit.runfile.channels import RulesLoader, needs_own, needs_station, read_params, read_station
+from framekit.runfile.channels import Attempts, RulesLoader, beside, needs_own, needs_station, read_params, read_station
 from framekit.runfile.transfers import (
-    Attempts,
     CallLoader,
     FrameBlockLoader,
+    OwnPlaces,
     TransferLoader,
-    address_at,
-    check_written,
-    read_place,
 )
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
@@ -73,33 +70,15 @@ class BlockLoader:
         self.without_own: set[int] = set()
         self.rules = RulesLoader(reader, root)
         self.channel_nodes = reader.entries(root.get("channels"))
-        self.triggers = TriggerReader(reader, lambda node: self.place(node).address, self.condition, self.room)
-        self.transfers = TransferLoader(reader, grammar, attempts, self.place, self.written)
-        self.calls = CallLoader(reader, attempts, self.place, self.written, self.room)
-        self.frames = FrameBlockLoader(reader, self.place, self.written)
-        self.commands = CommandBlockLoader(reader, folder, root, self.place, self.written)
-        self.jobs = JobBlockLoader(reader, grammar, channels, jobs)
+        self.places = places = OwnPlaces(reader, grammar)
+        self.triggers = TriggerReader(reader, lambda node: places.place(node).address, self.condition, places.room)
+        self.transfers = TransferLoader(reader, attempts, places)
+        self.calls = CallLoader(reader, attempts, places)
+        self.frames = FrameBlockLoader(reader, places)
+        self.commands = CommandBlockLoader(reader, folder, root, places)
+        self.jobs = JobBlockLoader(reader, places, channels, jobs)
 
     # ---- own memory ---------------------------------------------------------------------------------------
-
-    def place(self, node: Node, unit: str | None = None) -> OwnPlace:
-        """A place of the own memory. Raises Broken."""
-        text = self.reader.text(node)
-        address = address_at(self.reader, self.grammar, node.at, text, unit)
-        return OwnPlace(address=address, text=text)
-
-    def written(self, node: Node, unit: str | None = None) -> OwnPlace:
-        """A place of the own memory that the run is to write; an area that can only be read is noted. Raises Broken."""
-        place = self.place(node, unit)
-        check_written(self.reader, self.grammar, node, place)
-        return place
-
-    def room(self, node: Node, address: Address, bits: int) -> None:
-        """Notes that so many bits from an address on are not all in its area."""
-        try:
-            self.grammar.check(address, -(-bits // address.unit_bits))
-        except AddressError as error:
-            self.reader.note(node.at, *parted(error))
 
     def condition(self, node: Node) -> Expression:
         """An address by itself, or an expression whose names are addresses. Raises Broken."""
@@ -111,7 +90,7 @@ class BlockLoader:
         except AddressError:
             expression = self.reader.expression(node)
         for name in sorted(names_in(expression.root)):
-            self.place(Scalar(name, scalar.at, False))
+            self.places.place(Scalar(name, scalar.at, False))
         return expression
 
     # ---- blocks -------------------------------------------------------------------------------------------
@@ -273,29 +252,25 @@ class BlockLoader:
 
 
 class CommandBlockLoader:
-    """Reads them; `place` reads a place of the own memory in a unit, `written` one that is to be written."""
+    """Reads blocks with `command:`."""
 
-    def __init__(
-        self, reader: Reader, folder: Path, root: Mapping,
-        place: Callable[[Node, str | None], OwnPlace], written: Callable[[Node, str | None], OwnPlace],
-    ) -> None:  # fmt: skip
+    def __init__(self, reader: Reader, folder: Path, root: Mapping, places: OwnPlaces) -> None:
         self.reader = reader
         self.folder = folder
         self._root = root
-        self._place = place
-        self._written = written
+        self._places = places
         self._found: dict[tuple[str, str], Protocol | None] = {}
 
     def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
         """What a block with `command:` has of its own. Raises Broken."""
         node, fault = keys.get("command"), keys.get("fault")
         assert node is not None
-        place = self._place(node, "word")
+        place = self._places.place(node, "word")
         return {
             "places": (place,),
             "targets": (place.text,),
             "commands": self._application(keys, channel, node),
-            "fault": None if fault is None else self._written(fault, "bit"),
+            "fault": None if fault is None else self._places.written(fault, "bit"),
         }
 
     def _application(self, keys: Mapping, channel: Channel, block: Node) -> Protocol:
@@ -309,9 +284,7 @@ class CommandBlockLoader:
             try:
                 self._found[known] = commands_for(channel.protocol, name or None, self.folder, at)
             except DefinitionError as error:
-                for problem in error.problems:
-                    there = problem.at.file != name
-                    self.reader.problems.append(problem if there else Problem(at, problem.what, problem.todo))
+                self.reader.of_file(error, name, at)
         found = self._found[known]
         if found is None:
             raise Broken(name)
@@ -333,16 +306,11 @@ def commands_for(protocol: Protocol, name: str | None, folder: Path, at: Positio
     if not wanted:
         what = f"'{protocol.name}' names no application of commands"
         raise DefinitionError([Problem(at, what, "add commands: NAME; on a command line --commands NAME")])
-    application = load_protocol(_beside(wanted, folder), folder)
+    application = load_protocol(beside(wanted, folder), folder)
     problems = list(misfits(application, protocol, at))
     if problems:
         raise DefinitionError(problems)
     return application
-
-
-def _beside(name: str, folder: Path) -> str | Path:
-    file = folder / name
-    return file if file.suffix == ".yaml" and file.is_file() else name
 
 
 def misfits(application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:
@@ -382,21 +350,21 @@ COMMANDS: tuple[CommandKind, ...] = ("job", "abort", "inspect")
 ALL = "all"
 MOST_TIMES = 0xFFFF
 
-_KINDS: dict[str, OrderKind] = {"read": "read", "write": "write", "report": "report"}
+_KINDS: tuple[OrderKind, ...] = get_args(OrderKind)
 
 
 class JobBlockLoader:
-    """Reads commands to jobs. `grammar` reads addresses of the own memory."""
+    """Reads commands to jobs."""
 
     def __init__(
         self,
         reader: Reader,
-        grammar: AddressGrammar,
+        places: OwnPlaces,
         channels: MappingOf[int, Channel],
         section: JobsSection | Literal["wrong"] | None,
     ) -> None:
         self.reader = reader
-        self.grammar = grammar
+        self.places = places
         self.channels = channels
         self.section = section
 
@@ -412,18 +380,19 @@ class JobBlockLoader:
         slot: int | None = None
         with self.reader.going_on():
             slot = self._slot(keys.get(kind), kind, profile)
-        status = self._word(keys.get("status"), 1)
-        into = self._word(keys.get("into"), 2) if kind == "inspect" else None
+        status = self.reader.tried(lambda node: self.places.written(node, bits=16), keys.get("status"))
+        into = keys.get("into") if kind == "inspect" else None
+        into_place = self.reader.tried(lambda node: self.places.written(node, bits=32), into)
         order = None
         with self.reader.going_on():
             if kind == "job":
                 order = self._order(slot or profile.first, keys, entry, self.section)
-            elif kind == "inspect" and keys.get("into") is None:
+            elif kind == "inspect" and into is None:
                 what = "the block does not say where the detail words go"
                 self.reader.note(entry.key.at, what, "add into: with an address of the own memory")
         if any(not problem.warning for problem in self.reader.problems[before:]):
             raise Broken(entry.key.text)
-        return JobCommand(kind=kind, slot=slot, order=order, status=status, into=into, id=number)
+        return JobCommand(kind=kind, slot=slot, order=order, status=status, into=into_place, id=number)
 
     @property
     def reads_records(self) -> bool:
@@ -437,9 +406,9 @@ class JobBlockLoader:
         node, fault = keys.get("command"), keys.get("fault")
         assert node is not None
         return JobRecord(
-            place=read_place(self.reader, self.grammar, node, 16),
+            place=self.places.place(node, bits=16),
             application=section.commands,
-            fault=None if fault is None else read_place(self.reader, self.grammar, fault, 1, written=True),
+            fault=self.reader.maybe(self.places.written, fault),
             id=number,
         )
 
@@ -451,14 +420,6 @@ class JobBlockLoader:
             todo = f"slots are {profile.first} to {profile.last}" + (f", or {ALL}" if kind == "abort" else "")
             raise self.reader.broken(node.at, f"there is no slot {number}", todo)
         return number
-
-    # ---- places -------------------------------------------------------------------------------------------
-
-    def _word(self, node: Node | None, words: int) -> OwnPlace | None:
-        """A place to write, with room for so many words; None for none, and for one that is wrong."""
-        with self.reader.going_on():
-            return None if node is None else read_place(self.reader, self.grammar, node, 16 * words, written=True)
-        return None
 
     # ---- orders -------------------------------------------------------------------------------------------
 
@@ -486,7 +447,7 @@ class JobBlockLoader:
         remote = "" if kind == "report" else reader.text(keys.get(kind))
         found = self._unit(remote, unit, count, model, keys.get(kind), kind) or unit
         bits = 1 if found is None else unit_bits(found) * count
-        place = read_place(reader, self.grammar, own, bits, written=kind == "read")
+        place = (self.places.written if kind == "read" else self.places.place)(own, bits=bits)
         found = found or place.address.unit
         most = profile.lengths.get(found)
         if most is not None and count > most:
@@ -494,7 +455,7 @@ class JobBlockLoader:
             reader.note(self._at(keys, "count", entry), what, f"{most} are the most")
         return Order(
             slot=slot,
-            kind=_KINDS[kind],
+            kind=kind,
             place=place,
             remote=remote,
             unit=unit if remote else found,

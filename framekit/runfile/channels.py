@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
-from pathlib import Path, PurePosixPath
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from framekit.definition.expression import names_in
@@ -14,8 +16,9 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import WITHOUT_NUMBER, Parameter, StationType
 from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
-from framekit.definition.problems import DefinitionError, Problem, did_you_mean, parted, plural
+from framekit.definition.problems import DefinitionError, did_you_mean, parted, plural
 from framekit.definition.times import FAST, NEVER, SPEEDS, Direction, LineFormat, LineSettings, Modem, parse_format
+from framekit.link.addresses import AddressGrammar
 from framekit.link.parameters import ParameterError, given_item, given_value
 from framekit.link.scope import LineTimes
 from framekit.run.model import (
@@ -28,12 +31,37 @@ from framekit.run.model import (
     Silence,
     StationRules,
 )
-from framekit.runfile.fault_plans import read_fault_plan
+from framekit.runfile.fault_plans import leaves_folder, read_fault_plan
 from framekit.transport.schemes import is_known, no_port, scheme_of
 
 T = TypeVar("T")
 
 _HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
+
+
+class Attempts:
+    """Tries to read parts of something; `spoilt` says that one of them was broken, which has been told."""
+
+    def __init__(self) -> None:
+        self.spoilt = False
+
+    @contextmanager
+    def going_on(self) -> Iterator[None]:
+        """What is broken inside is left out; reading goes on behind."""
+        try:
+            yield
+        except Broken:
+            self.spoilt = True
+
+    def to(self, read: Callable[[], T]) -> T | None:
+        """What can be read; None for something broken."""
+        with self.going_on():
+            return read()
+        return None
+
+    def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        """What a node says; None where there is none, or where it is broken."""
+        return None if node is None else self.to(lambda: read(node))
 
 
 class ChannelLoader:
@@ -44,31 +72,16 @@ class ChannelLoader:
         self.rules = RulesLoader(reader, root)
         self.folder = folder
         self.protocols: dict[str, Protocol | None] = {}
-        self.spoilt = False
+        self.attempts = Attempts()
 
-    def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
-        """What stands under a key; None for nothing, and for something broken: the rest is read all the same."""
-        try:
-            return None if node is None else read(node)
-        except Broken:
-            self.spoilt = True
-            return None
-
-    def channel(self, entry: Entry) -> Channel:
-        """Raises Broken when anything of it is wrong."""
-        self.spoilt = False
-        return self._channel(entry, self._maybe(self.reader.number, entry.key))
-
-    def template(self, entry: Entry) -> Channel:
-        """A channel whose number is not known yet. Raises Broken."""
-        self.spoilt = False
-        return self._channel(entry, None)
-
-    def _channel(self, entry: Entry, number: int | None) -> Channel:
+    def channel(self, entry: Entry, grammar: AddressGrammar, *, numbered: bool = True) -> Channel:
+        """Without `numbered` it has no number yet; `grammar`: of the own memory. Raises Broken for anything wrong."""
+        self.attempts.spoilt = False
+        number = self.attempts.maybe(self.reader.number, entry.key) if numbered else None
         reader, keys = self.reader, self.reader.mapping(entry.value)
         port_node = keys.get("port") or entry.key
-        port = self._maybe(self._port, keys.get("port"))
-        answer = self._maybe(reader.time, keys.get("answer"))
+        port = self.attempts.maybe(self._port, keys.get("port"))
+        answer = self.attempts.maybe(reader.time, keys.get("answer"))
         protocol = self._protocol(keys)
         port = self._with_number(port or "", port_node, protocol)
         line = self._line(keys, protocol)
@@ -81,9 +94,9 @@ class ChannelLoader:
             role=self._role(keys, entry, protocol),
             line=line,
             wiring=wires.settings(),
-            host=self._maybe(reader.text, keys.get("host")) or "",
-            own=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
-            station=self._maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
+            host=self.attempts.maybe(reader.text, keys.get("host")) or "",
+            own=self.attempts.maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
+            station=self.attempts.maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
             params=self.rules.params(keys, protocol),
             pause=silence.between,
             silence=silence,
@@ -92,10 +105,11 @@ class ChannelLoader:
             stations=self.rules.stations(keys, protocol),
             enabled=reader.flag(keys.get("enabled"), default=True),
             answer=answer or 0,
+            mapping=read_mapping(reader, keys.get("map"), protocol, grammar),
             at=entry.key.at,
             port_at=port_node.at,
             faults=self._faults(keys.get("faults"), port, protocol),
-            limits=self._maybe(self._limits, keys.get("clients")) or DEFAULT_LIMITS,
+            limits=self.attempts.maybe(self._limits, keys.get("clients")) or DEFAULT_LIMITS,
         )
         clients = keys.get("clients")
         if clients is not None and not channel.listens:
@@ -104,7 +118,7 @@ class ChannelLoader:
         if channel.listens and channel.asks:
             what = f"channel {entry.key.text} listens for connections, and nothing it does begins on one"
             reader.note(port_node.at, what, "give it an answering role, or write tcp:// to connect to the other side")
-        if self.spoilt:
+        if self.attempts.spoilt:
             raise Broken(entry.key.text)
         return channel
 
@@ -114,7 +128,7 @@ class ChannelLoader:
         if WITHOUT_NUMBER.fullmatch(found):
             what = f"'{port}' names no port number, and '{protocol.name}' has none of its own"
             self.reader.note(node.at, what, f"write {port.rstrip('/')}:NUMBER")
-            self.spoilt = True
+            self.attempts.spoilt = True
         return found
 
     def _limits(self, node: Node) -> ConnectionLimits:
@@ -141,7 +155,7 @@ class ChannelLoader:
 
     def _inside(self, name: str, node: Node) -> None:
         """Files of a run stand beside it, below it, or are shipped."""
-        if name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
+        if leaves_folder(name):
             what = f"'{name}' leaves the run's folder"
             raise self.reader.broken(node.at, what, "name a file beside it or a shipped one")
 
@@ -161,19 +175,13 @@ class ChannelLoader:
         if name not in self.protocols:
             self.protocols[name] = None
             try:
-                self.protocols[name] = load_protocol(self._beside(name), self.folder)
+                self.protocols[name] = load_protocol(beside(name, self.folder), self.folder)
             except DefinitionError as error:
-                for problem in error.problems:
-                    there = problem.at.file != name
-                    self.reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
+                self.reader.of_file(error, name, node.at)
         protocol = self.protocols[name]
         if protocol is None:
             raise Broken(name)
         return protocol
-
-    def _beside(self, name: str) -> str | Path:
-        file = self.folder / name
-        return file if file.suffix == ".yaml" and file.is_file() else name
 
     def _role(self, keys: Mapping, entry: Entry, protocol: Protocol) -> str | None:
         """The role given, or the usual one of a side that asks."""
@@ -187,13 +195,13 @@ class ChannelLoader:
             if role is None:
                 known = ", ".join(protocol.roles)
                 self.reader.note(entry.key.at, f"channel {entry.key.text} says no role", f"add role: one of {known}")
-                self.spoilt = True
+                self.attempts.spoilt = True
             return role
         role = self.reader.text(node)
         if role not in protocol.roles:
             hint = did_you_mean(role, protocol.roles)
             self.reader.note(node.at, f"'{protocol.name}' has no role '{role}'", hint)
-            self.spoilt = True
+            self.attempts.spoilt = True
         return role
 
     # ---- line ---------------------------------------------------------------------------------------------
@@ -207,7 +215,7 @@ class ChannelLoader:
                 if node is not None:
                     reader.warn(node.at, f"'{protocol.name}' runs on connections, which have no speed", "leave it out")
             return None
-        speed = self._maybe(reader.number, speed_node) or line.speed
+        speed = self.attempts.maybe(reader.number, speed_node) or line.speed
         if speed_node is not None and line.speeds and speed not in line.speeds:
             hint = "choose one of " + ", ".join(map(str, line.speeds))
             reader.warn(speed_node.at, f"'{protocol.name}' does not list a speed of {speed}", hint)
@@ -219,8 +227,14 @@ class ChannelLoader:
             return parse_format(text, speed)
         except ValueError as error:
             reader.note((format_node or speed_node or keys).at, *parted(error))
-            self.spoilt = True
+            self.attempts.spoilt = True
             return None
+
+
+def beside(name: str, folder: Path) -> str | Path:
+    """The file of that name in a folder, where there is one; else the name."""
+    file = folder / name
+    return file if file.suffix == ".yaml" and file.is_file() else name
 
 
 def needs_station(protocol: Protocol) -> bool:
@@ -255,6 +269,18 @@ OCCASIONS = ("between", "connect", "station")
 _LINE_TIME = re.compile(r"\s*(\d+)(?:\.(\d+))?\s*(char|bit)s?\s*")
 
 
+def line_time(reader: Reader, node: Node, line: LineFormat | None) -> int:
+    """A time (ns), also in characters or bits of the line. Raises Broken."""
+    match = _LINE_TIME.fullmatch(reader.text(node))
+    if match is None:
+        return reader.time(node)
+    if line is None:
+        raise reader.broken(node.at, "a connection has no characters or bits", "give a time such as 5 ms")
+    digits, times = match[2] or "", LineTimes(line)
+    count = times.chars if match[3] == "char" else times.bits
+    return count(int(match[1] + digits), 10 ** len(digits))
+
+
 class RulesLoader:
     """Reads rules; what is wrong is noted, and left out."""
 
@@ -283,22 +309,11 @@ class RulesLoader:
 
     def time(self, node: Node, line: LineFormat | None) -> int:
         """A time, also in characters or bits of the line (ns); 0 for what is none."""
-        match = _LINE_TIME.fullmatch(self.reader.text(node))
-        with self.reader.going_on():
-            if match is None:
-                return self.reader.time(node)
-            if line is None:
-                raise self.reader.broken(node.at, "a connection has no characters or bits", "give a time such as 5 ms")
-            digits = match[2] or ""
-            times = LineTimes(line)
-            count = times.chars if match[3] == "char" else times.bits
-            return count(int(match[1] + digits), 10 ** len(digits))
-        return 0
+        return self.reader.tried(lambda given: line_time(self.reader, given, line), node) or 0
 
     def _number(self, node: Node | None, usual: int) -> int:
-        with self.reader.going_on():
-            return usual if node is None else self.reader.number(node)
-        return usual
+        number = self.reader.tried(self.reader.number, node)
+        return usual if number is None else number
 
     # ---- stations -----------------------------------------------------------------------------------------
 
@@ -400,27 +415,15 @@ class LineLoader:
         reader, keys = self.reader, self.keys
         self._without_wires()
         kind = self._word("type")
-        direction = modem = connect = reconnect = None
-        echo = False
-        with reader.going_on():
-            direction = self._direction(keys.get("direction"))
-        with reader.going_on():
-            modem = self._modem(keys.get("modem"))
-        with reader.going_on():
-            echo = reader.flag(keys.get("echo"))
-        with reader.going_on():
-            connect = self._time("connect_timeout", keys.get("connect_timeout"))
-        with reader.going_on():
-            reconnect = self._time("reconnect", keys.get("reconnect"))
         settings = LineSettings(
             type=kind,  # type: ignore[arg-type]  # the schema knows them
             half_duplex=(self._word("duplex") or ("half" if kind == "rs485" else "full")) == "half",
-            echo=echo,
-            direction=direction,
+            echo=reader.tried(reader.flag, keys.get("echo")) or False,
+            direction=reader.tried(self._direction, keys.get("direction")),
             handshake=self._word("handshake") or "none",  # type: ignore[arg-type]
-            connect_within=connect,
-            reconnect=reconnect,
-            modem=modem,
+            connect_within=reader.tried(partial(self._time, "connect_timeout"), keys.get("connect_timeout")),
+            reconnect=reader.tried(partial(self._time, "reconnect"), keys.get("reconnect")),
+            modem=reader.tried(self._modem, keys.get("modem")),
         )
         self._together(settings)
         self._format(settings)
@@ -432,46 +435,32 @@ class LineLoader:
         node = self.keys.get(key)
         return None if node is None else self.reader.text(node)
 
-    def _time(self, key: str, node: Node | None) -> int | None:
-        if node is None:
-            return None
+    def _time(self, key: str, node: Node) -> int:
         time = self.reader.time(node)
         if not 0 < time < NEVER:
             raise self.reader.broken(node.at, f"'{self.reader.text(node)}' is no {key}", "give a time such as 500 ms")
         return time
 
-    def _direction(self, node: Node | None) -> Direction | None:
+    def _direction(self, node: Node) -> Direction | None:
         """`none`, `rts`, `driver`, or `{by, level, before, after}`. Raises Broken."""
-        if node is None:
-            return None
         if not isinstance(node, Mapping):
             by = self.reader.text(node)
             return None if by == "none" else Direction(by=by)  # type: ignore[arg-type]  # the schema knows them
-        times = {}
-        for key in ("before", "after"):
-            part = node.get(key)
-            times[key] = 0 if part is None else self._line_time(part)
+        times = {key: self.reader.maybe(self._short_time, node.get(key)) or 0 for key in ("before", "after")}
         level = node.get("level")
         by = self.reader.text(node.get("by"))
         high = level is None or self.reader.text(level) == "high"
         return Direction(by=by, high=high, **times)  # type: ignore[arg-type]
 
-    def _line_time(self, node: Node) -> int:
-        """A time, also in characters or bits of the line."""
-        text = self.reader.text(node).strip()
-        for unit, length in (("chars", 0), ("char", 0), ("bits", 1), ("bit", 1)):
-            number = text.removesuffix(unit).strip()
-            if text.endswith(unit) and number.replace(".", "", 1).isdigit() and self.line is not None:
-                return round(float(number) * (self.line.bit_time if length else self.line.character_time))
-        time = self.reader.time(node)
+    def _short_time(self, node: Node) -> int:
+        time = line_time(self.reader, node, self.line)
         if time > LONGEST_KEY:
+            text = self.reader.text(node).strip()
             raise self.reader.broken(node.at, f"{text} is too long to hold a line", "give 1 s or less")
         return time
 
-    def _modem(self, node: Node | None) -> Modem | None:
+    def _modem(self, node: Node) -> Modem | None:
         """`none`, or `{type, init, answer, within}`. Raises Broken."""
-        if node is None:
-            return None
         if not isinstance(node, Mapping):
             return None
         usual = Modem()
@@ -486,7 +475,7 @@ class LineLoader:
         if init is not None and not (text.isascii() and text.isprintable()):
             raise self.reader.broken(init.at, "a modem command is printable ASCII", "write it like ATZ;ATE0")
         wait = usual.reply_within if within is None else self._time("within", within)
-        return Modem(init=text, answer=None if dedicated else rings, reply_within=wait or usual.reply_within)
+        return Modem(init=text, answer=None if dedicated else rings, reply_within=wait)
 
     # ---- what cannot be together --------------------------------------------------------------------------
 
@@ -568,6 +557,29 @@ def _filled(text: str, station: StationType) -> bytes | None:
     if station.pad is None or station.size is None or len(text) > station.size or not text.isascii():
         return None
     return text.encode("ascii").ljust(station.size, bytes((station.pad,)))
+
+
+def read_mapping(
+    reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
+) -> dict[str, tuple[str, int]]:
+    """`map: {AREA: ADDRESS}`: where areas of a protocol begin in a memory; what is broken is noted and left out."""
+    found: dict[str, tuple[str, int]] = {}
+    for entry in reader.entries(node):
+        with reader.going_on():
+            area = protocol.areas.get(entry.key.text)
+            if area is None or area.layout is not None:
+                what = f"'{protocol.name}' has no area '{entry.key.text}'"
+                if area is not None:
+                    what = f"area '{area.name}' is built from what the protocol knows, it stands in no memory"
+                raise reader.broken(entry.key.at, what, did_you_mean(entry.key.text, protocol.areas))
+            text = reader.text(entry.value)
+            with reader.refusing(entry.value.at):
+                address = grammar.parse(text)
+            if address.first_bit % area.element_bits:
+                what = f"{text} is not where a {area.unit} of area '{area.name}' can begin"
+                raise reader.broken(entry.value.at, what, f"name a {area.unit}")
+            found[area.name] = address.area, address.first_bit // area.element_bits
+    return found
 
 
 def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) -> dict[str, Any]:

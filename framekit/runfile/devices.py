@@ -21,7 +21,6 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area
-from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Node, Scalar, Sequence, read_nodes, without
 from framekit.definition.nodes import Mapping as MappingNode
@@ -33,7 +32,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
 from framekit.run.model import FaultPlan, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
-from framekit.runfile.channels import read_params, read_station
+from framekit.runfile.channels import read_mapping, read_params, read_station
 from framekit.runfile.fault_plans import load_fault_plan, misfits, read_fault_plan
 from framekit.runfile.transfers import number_for
 
@@ -196,7 +195,7 @@ class _DeviceLoader:
             grammar=grammar,
             profile=profile,
             mapping=read_mapping(reader, mapped, self.protocol, grammar),
-            initial=self._initial(grammar),
+            initial=start_values(reader, grammar, node.get("set") if isinstance(node, MappingNode) else None),
             faults=read_fault_plan(reader, self.root.get("faults"), self.definition.path.parent, self.protocol),
         )
         if len(stations) < 2:
@@ -273,7 +272,7 @@ class _DeviceLoader:
             return load_profile_node(without(without(without(node, "set"), "map"), "sizes"), folder)
         return load_profile(self.reader.text(node), folder, node.at)
 
-    def _sizes(self, profile: MemoryProfile | None) -> dict[str, AreaModel]:
+    def _sizes(self, profile: MemoryProfile | None) -> dict[str, Area]:
         """How large areas of the protocol are, where the file says so."""
         memory = self.root.get("memory")
         node = memory.get("sizes") if isinstance(memory, MappingNode) else None
@@ -282,11 +281,6 @@ class _DeviceLoader:
             self.reader.note(node.at, what, todo)
             return {}
         return read_sizes(self.reader, node, self.protocol)
-
-    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[OwnPlace, tuple[int, ...]], ...]:
-        node = self.root.get("memory")
-        entries = self.reader.entries(node.get("set")) if isinstance(node, MappingNode) else ()
-        return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
 
 
 def with_faults(devices: SequenceOf[Device], name: str | None, folder: Path) -> list[Device]:
@@ -384,31 +378,17 @@ def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, .
 def memory_of(
     protocol: Protocol, sizes: MappingOf[str, Area] | None = None
 ) -> tuple[tuple[MemoryArea, ...], AddressGrammar]:
-    """A memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol does."""
-    return areas_with(protocol, sizes or {}), ProtocolAddresses(protocol, sizes)
+    """A memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol does.
 
-
-def read_mapping(
-    reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
-) -> dict[str, tuple[str, int]]:
-    """`map: {AREA: ADDRESS}`: where areas of a protocol begin in a memory; what is broken is noted and left out."""
-    found: dict[str, tuple[str, int]] = {}
-    for entry in reader.entries(node):
-        with reader.going_on():
-            area = protocol.areas.get(entry.key.text)
-            if area is None or area.layout is not None:
-                what = f"'{protocol.name}' has no area '{entry.key.text}'"
-                if area is not None:
-                    what = f"area '{area.name}' is built from what the protocol knows, it stands in no memory"
-                raise reader.broken(entry.key.at, what, did_you_mean(entry.key.text, protocol.areas))
-            text = reader.text(entry.value)
-            with reader.refusing(entry.value.at):
-                address = grammar.parse(text)
-            if address.first_bit % area.element_bits:
-                what = f"{text} is not where a {area.unit} of area '{area.name}' can begin"
-                raise reader.broken(entry.value.at, what, f"name a {area.unit}")
-            found[area.name] = address.area, address.first_bit // area.element_bits
-    return found
+    A size of 0 leaves an area out.
+    """
+    found: dict[str, Area] = {}
+    for area in protocol.areas.values():
+        if area.layout is None:
+            found.setdefault(area.memory, area)
+    found |= sizes or {}
+    areas = (MemoryArea(name, size=area.size, unit=area.unit) for name, area in found.items() if area.size)
+    return tuple(areas), ProtocolAddresses(protocol, sizes)
 
 
 def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:
@@ -429,8 +409,17 @@ def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Proble
                 yield Problem(at, f"{text} is in the middle of a byte", "name a byte or a word")
 
 
-def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[OwnPlace, tuple[int, ...]] | None:
-    """`ADDRESS: value` or `ADDRESS: [values]`; None when it is broken, which is noted."""
+StartValue = tuple[OwnPlace, tuple[int, ...]]
+"""What stands in a memory from a place on."""
+
+
+def start_values(reader: Reader, grammar: AddressGrammar, node: Node | None) -> tuple[StartValue, ...]:
+    """`ADDRESS: value` or `ADDRESS: [values]`, each; those that are broken are noted and left out."""
+    found = (_start_value(reader, grammar, entry) for entry in reader.entries(node))
+    return tuple(value for value in found if value is not None)
+
+
+def _start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> StartValue | None:
     with reader.going_on():
         text = entry.key.text
         with reader.refusing(entry.key.at):
@@ -449,24 +438,6 @@ def start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> tuple[
 
 
 MOST_ELEMENTS = 1 << 20
-
-
-def protocol_areas(protocol: Protocol) -> dict[str, Area]:
-    """The areas that memory with a protocol's areas has, by their name there; each has the protocol's size."""
-    found: dict[str, Area] = {}
-    for area in protocol.areas.values():
-        if area.layout is None:
-            found.setdefault(area.memory, area)
-    return found
-
-
-def areas_with(protocol: Protocol, sizes: MappingOf[str, Area]) -> tuple[MemoryArea, ...]:
-    """The areas of a memory, those in `sizes` as large as there; a size of 0 leaves an area out."""
-    return tuple(
-        MemoryArea(name, size=area.size, unit=area.unit)
-        for name, area in {**protocol_areas(protocol), **sizes}.items()
-        if area.size
-    )
 
 
 def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[str, Area]:

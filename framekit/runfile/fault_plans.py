@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
@@ -17,10 +16,6 @@ from framekit.definition.problems import NOWHERE, DefinitionError, Position, Pro
 from framekit.definition.times import NEVER
 from framekit.link.frame_faults import station_fields
 from framekit.run.model import FaultPlan, FaultRule
-
-if TYPE_CHECKING:
-    pass
-
 
 SUFFIX = ".faults.yaml"
 
@@ -72,7 +67,7 @@ def read_fault_plan(
         return plan
     with reader.going_on():
         name = reader.text(node)
-        if name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
+        if leaves_folder(name):
             raise reader.broken(node.at, f"'{name}' leaves the folder of this file", "name a plan beside it")
         try:
             plan = load_fault_plan(name, folder, node.at)
@@ -84,6 +79,11 @@ def read_fault_plan(
         )
         return plan
     return None
+
+
+def leaves_folder(name: str) -> bool:
+    """Whether a file is neither in the folder that it is looked for in, nor below it."""
+    return name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts
 
 
 def _find(name: str | Path, folder: Path, at: Position) -> Path:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Mapping as MappingOf
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from framekit.definition.expression import names_in
 from framekit.definition.load.documents import Documents
@@ -51,7 +50,6 @@ def load_job_profile(name_or_path: str | Path, folder: Path | None = None, at: P
     return profile
 
 
-T = TypeVar("T")
 DEFAULT_SCAN = 10_000_000
 DEFAULT_CONNECT = 10_000_000_000
 SHORTEST_SCAN = 1_000_000
@@ -75,7 +73,7 @@ class JobProfileLoader:
         reader, root = self.reader, self.root
         first, last = self._slots()
         late, pause = self._mapping("late"), self._mapping("pause")
-        after = self._safe(lambda node: reader.one_of(node, _AFTER, "a moment"), late.get("next"))
+        after = reader.tried(lambda node: reader.one_of(node, _AFTER, "a moment"), late.get("next"))
         return JobProfile(
             name=self._text("jobs"),
             about=self._text("about"),
@@ -83,14 +81,14 @@ class JobProfileLoader:
             first=first,
             last=last,
             commands=self._number("commands", NO_LIMIT, least=1),
-            scan=self._safe(lambda node: read_scan(reader, node), root.get("scan")) or DEFAULT_SCAN,
+            scan=reader.tried(partial(read_scan, reader), root.get("scan")) or DEFAULT_SCAN,
             log=self._number("log", DEFAULT_LOG, least=1),
-            connect=self._safe(self._time, root.get("connect")) or DEFAULT_CONNECT,
-            pause=self._safe(self._time, pause.get("time")) or 0,
-            pause_after=frozenset(self._safe(self._numbers, pause.get("after")) or ()),
+            connect=reader.tried(self._time, root.get("connect")) or DEFAULT_CONNECT,
+            pause=reader.tried(self._time, pause.get("time")) or 0,
+            pause_after=frozenset(reader.tried(self._numbers, pause.get("after")) or ()),
             units=self._units(),
-            late_unit=self._safe(self._some_time, late.get("unit")) or 1,
-            late_most=self._safe(lambda node: self._at_least(1, node), late.get("most")) or MOST,
+            late_unit=reader.tried(self._some_time, late.get("unit")) or 1,
+            late_most=reader.tried(partial(self._at_least, 1), late.get("most")) or MOST,
             lengths=self._lengths(),
             after_late=after or AfterLate.NEXT_PERIOD,
             late_again=reader.flag(late.get("again")),
@@ -105,16 +103,14 @@ class JobProfileLoader:
     # ---- parts --------------------------------------------------------------------------------------------
 
     def _slots(self) -> tuple[int, int]:
-        with self.reader.going_on():
-            return self.reader.range(self.root.get("slots"))
-        return 1, 1
+        return self.reader.tried(self.reader.range, self.root.get("slots")) or (1, 1)
 
     def _units(self) -> dict[int, TimeUnit]:
         units = {}
         for entry in self._entries("units"):
             with self.reader.going_on():
                 keys = self.reader.mapping(entry.value)
-                most = self._safe(lambda node: self._at_least(1, node), keys.get("most"))
+                most = self.reader.tried(partial(self._at_least, 1), keys.get("most"))
                 units[self.reader.number(entry.key)] = TimeUnit(
                     self._some_time(self._needed(entry, "time")), most or MOST
                 )
@@ -229,18 +225,10 @@ class JobProfileLoader:
                 events[entry.key.text] = EventCode(number=number, entries=entries)
         return events
 
-    def _safe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
-        """What can be read; None for nothing, and for something that is wrong: the rest is read all the same."""
-        with self.reader.going_on():
-            return None if node is None else read(node)
-        return None
-
     # ---- scalars ------------------------------------------------------------------------------------------
 
     def _entries(self, key: str) -> tuple[Entry, ...]:
-        with self.reader.going_on():
-            return self.reader.entries(self.root.get(key))
-        return ()
+        return self.reader.tried(self.reader.entries, self.root.get(key)) or ()
 
     def _mapping(self, key: str) -> Mapping:
         node = self.root.get(key)
@@ -260,10 +248,8 @@ class JobProfileLoader:
         return tuple(self.reader.number(item) for item in self.reader.items(node))
 
     def _number(self, key: str, default: int, least: int) -> int:
-        node = self.root.get(key)
-        with self.reader.going_on():
-            return default if node is None else self._at_least(least, node)
-        return default
+        number = self.reader.tried(partial(self._at_least, least), self.root.get(key))
+        return default if number is None else number
 
     def _at_least(self, least: int, node: Node | None) -> int:
         number = self.reader.number(node)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as MappingOf
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -43,9 +44,9 @@ from framekit.run.own_memory import AnyAddresses, addresses_of, fixed_bytes, tak
 from framekit.run.own_memory import parts_of as parts_of_fields
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
-from framekit.runfile.devices import check_profile, read_mapping, start_value
+from framekit.runfile.devices import check_profile, start_values
 from framekit.runfile.job_profiles import load_job_profile, read_scan
-from framekit.runfile.transfers import read_place
+from framekit.runfile.transfers import OwnPlaces
 
 
 def load_run(path: Path) -> RunModel:
@@ -90,25 +91,29 @@ class RunLoader:
 
     def load(self) -> RunModel:
         """The run. Raises Broken when its memory is none; everything else is read before that."""
-        channels: dict[int, Channel] = {}
-        for entry in self.reader.entries(self.root.get("channels")):
-            with self.reader.going_on():
-                channel = self.channels.channel(entry)
-                if channel.number in channels:
-                    self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
-                channels[channel.number] = channel
-        self.read_channels = tuple(channels.values())
         profile = self._profile()
         if profile is not None:
             self.reader.problems.extend([*check_items(profile.flags.values()), *check_profile(profile)])
         grammar = AnyAddresses() if profile is None else addresses_of(profile)
-        channels = self._mapped(channels, grammar)
+        channels: dict[int, Channel] = {}
+        for entry in self.reader.entries(self.root.get("channels")):
+            with self.reader.going_on():
+                channel = self.channels.channel(entry, grammar)
+                if channel.number in channels:
+                    self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
+                channels[channel.number] = channel
+        self.read_channels = tuple(channels.values())
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
         jobs = self._jobs(grammar)
         if self.root.get("channels") is None and (jobs is None or (jobs != "wrong" and jobs.opening is None)):
             self.reader.note(self.root.at, "missing key 'channels' in a run file", "add it")
         blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent)
-        initial, found, sets = self._initial(grammar), self._blocks(blocks), self._sets()
+        memory = self.root.get("memory")
+        first = memory.get("set") if isinstance(memory, Mapping) else None
+        initial = tuple(
+            one for node in (first, self.root.get("set")) for one in start_values(self.reader, grammar, node)
+        )
+        found, sets = self._blocks(blocks), self._sets()
         state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
         status = self.reader.flag(self.root.get("status"), default=True)
         if profile is None:
@@ -140,17 +145,6 @@ class RunLoader:
         on = {number for number, enabled in self._sets().items() if enabled}
         at_work = [block for block in blocks if block.enabled and block.set in on]
         self.reader.problems.extend(overlaps(at_work, channels, tuple(profile.flags.values()) if status else ()))
-
-    def _mapped(self, channels: dict[int, Channel], grammar: AddressGrammar) -> dict[int, Channel]:
-        """The channels with the places that areas of their protocols have in the own memory."""
-        found = dict(channels)
-        for entry in self.reader.entries(self.root.get("channels")):
-            node = entry.value.get("map") if isinstance(entry.value, Mapping) else None
-            for number, channel in channels.items():
-                if node is not None and str(number) == entry.key.text:
-                    mapping = read_mapping(self.reader, node, channel.protocol, grammar)
-                    found[number] = replace(channel, mapping=mapping)
-        return found
 
     def _text(self, key: str) -> str:
         node = self.root.get(key)
@@ -188,12 +182,6 @@ class RunLoader:
         with self.reader.going_on():
             return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar, self.channels)
         return "wrong"
-
-    def _initial(self, grammar: AddressGrammar) -> tuple[tuple[OwnPlace, tuple[int, ...]], ...]:
-        memory = self.root.get("memory")
-        entries = self.reader.entries(memory.get("set")) if isinstance(memory, Mapping) else ()
-        entries += self.reader.entries(self.root.get("set"))
-        return tuple(value for entry in entries if (value := start_value(self.reader, grammar, entry)) is not None)
 
     # ---- blocks -------------------------------------------------------------------------------------------
 
@@ -305,25 +293,19 @@ def read_jobs(
     except DefinitionError as error:
         reader.problems.extend(error.problems)
         raise Broken("jobs") from None
-    changed: dict[str, Any] = {}
-    with reader.going_on():
-        if (scan := keys.get("scan")) is not None:
-            changed["scan"] = read_scan(reader, scan)
-    with reader.going_on():
-        if (connect := keys.get("connect")) is not None:
-            changed["connect"] = reader.time(connect)
-    with reader.going_on():
-        if (after := keys.get("next")) is not None:
-            changed["after_late"] = reader.one_of(after, _AFTER, "a moment")
-    status = None
-    with reader.going_on():
-        status = reader.maybe(lambda given: read_place(reader, grammar, given, profile.bits.size), keys.get("status"))
+    changed: dict[str, Any] = {
+        "scan": reader.tried(partial(read_scan, reader), keys.get("scan")),
+        "connect": reader.tried(reader.time, keys.get("connect")),
+        "after_late": reader.tried(lambda after: reader.one_of(after, _AFTER, "a moment"), keys.get("next")),
+    }
+    places = OwnPlaces(reader, grammar)
+    status = reader.tried(lambda given: places.place(given, bits=profile.bits.size), keys.get("status"))
     hosts = {entry.key.text: reader.text(entry.value) for entry in reader.entries(keys.get("hosts"))}
     surplus = keys.get("surplus")
     waits = surplus is None or reader.text(surplus) == "wait"
     commands = reader.maybe(lambda given: read_commands(reader, given, folder), keys.get("commands"))
     return JobsSection(
-        profile=replace(profile, **changed),
+        profile=replace(profile, **{name: value for name, value in changed.items() if value is not None}),
         status=status,
         hosts=hosts,
         waits=waits,
@@ -351,14 +333,12 @@ def read_opening(
         if most is not None and connections < 1:
             reader.note(most.at, f"{connections} connections are none", "give 1 or more, or leave open out")
     with reader.going_on():
-        channel = channels.template(entry)
+        channel = channels.channel(entry, grammar, numbered=False)
         given = reader.mapping(entry.value)
         if (host := given.get("host")) is not None:
             reader.note(
                 host.at, "the host is the one that a job names", f"leave host out, and write {HOST} in the port"
             )
-        if (node := given.get("map")) is not None:
-            channel = replace(channel, mapping=read_mapping(reader, node, channel.protocol, grammar))
         return Opening(channel=channel, connections=connections)
     return None
 
@@ -369,9 +349,7 @@ def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
     try:
         application = load_protocol(name, folder)
     except DefinitionError as error:
-        for problem in error.problems:
-            there = problem.at.file != name
-            reader.problems.append(problem if there else Problem(node.at, problem.what, problem.todo))
+        reader.of_file(error, name, node.at)
         raise Broken(name) from None
     if application.commands is None or not any(parts_of(dict(application.services), JobWork)):
         raise reader.broken(node.at, f"'{name}' has no commands to jobs", "name an application that has them")
@@ -408,8 +386,9 @@ def overlaps(
     """
     stored: dict[str, list[_Stored]] = {}
     for block in blocks:
-        for one in _stored(block, channels):
-            stored.setdefault(one.place.address.area, []).append(one)
+        for place, bits in _pieces(block, channels):
+            one = _Stored(block, place, place.address.first_bit, bits)
+            stored.setdefault(place.address.area, []).append(one)
     shown = _shown(blocks, sections)
     for area, found in stored.items():
         found.sort(key=lambda one: (one.first, one.block.id))
@@ -458,11 +437,6 @@ def _shown(blocks: Sequence[Block], sections: Sequence[BlockWords]) -> dict[str,
     return found
 
 
-def _stored(block: Block, channels: MappingOf[int, Channel]) -> Iterator[_Stored]:
-    for place, bits in _pieces(block, channels):
-        yield _Stored(block, place, place.address.first_bit, bits)
-
-
 def _pieces(block: Block, channels: MappingOf[int, Channel]) -> Iterator[tuple[OwnPlace, int]]:
     """What a block stores: the place and how many bits; commands in memory say it only when they are given."""
     if block.instruction == "read":
@@ -485,7 +459,11 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
 
     A block without triggers may be fired by hand, so what starts behind it may start; a receiving block acts by itself.
     """
-    waiting = {block.id: block for block in blocks if block.triggers and _only_behind(block)}
+    waiting = {
+        block.id: block
+        for block in blocks
+        if block.triggers and all(trigger.follows is not None for trigger in block.triggers)
+    }
     while reached := [one for one in waiting.values() if any(before not in waiting for before in _before(one))]:
         for block in reached:
             del waiting[block.id]
@@ -496,10 +474,6 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
         if {block.number} == set(numbers):
             what = f"block {block.label} only starts behind itself"
         yield Problem(block.at, what, "add once:, every: or another trigger", warning=True)
-
-
-def _only_behind(block: Block) -> bool:
-    return all(trigger.follows is not None for trigger in block.triggers)
 
 
 def _before(block: Block) -> Iterator[int]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from collections.abc import Mapping as MappingOf
-from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
@@ -33,42 +32,51 @@ from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
 from framekit.run.own_memory import FramePart, may_overflow, misfit, no_number, parts_of
 from framekit.run.transfer import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
-from framekit.runfile.channels import raw_value
+from framekit.runfile.channels import Attempts, raw_value
 
 T = TypeVar("T")
 
 
-class Attempts:
-    """Tries to read parts of something; `spoilt` says that one of them was broken, which has been told."""
+class OwnPlaces:
+    """Reads places of the own memory, whose addresses `grammar` knows."""
 
-    def __init__(self) -> None:
-        self.spoilt = False
+    def __init__(self, reader: Reader, grammar: AddressGrammar) -> None:
+        self.reader = reader
+        self.grammar = grammar
 
-    def to(self, read: Callable[[], T]) -> T | None:
-        """What can be read; None for something broken."""
+    def place(self, node: Node, unit: str | None = None, bits: int = 1) -> OwnPlace:
+        """A place with room for so many bits from there on. Raises Broken."""
+        text = self.reader.text(node)
+        with self.reader.refusing(node.at):
+            address = self.grammar.parse(text, unit)
+            self.grammar.check(address, -(-bits // address.unit_bits))
+        return OwnPlace(address=address, text=text)
+
+    def written(self, node: Node, unit: str | None = None, bits: int = 1) -> OwnPlace:
+        """A place that the run is to write; an area that can only be read is noted. Raises Broken."""
+        place = self.place(node, unit, bits)
+        area = self.grammar.areas.get(place.address.area)
+        if area is not None and area.access == "read":
+            others = ", ".join(one.name for one in self.grammar.areas.values() if one.access == "rw")
+            what = f"{place.text} is in area {area.name}, which can only be read"
+            self.reader.note(node.at, what, f"name a place in {others}" if others else "")
+        return place
+
+    def room(self, node: Node, address: Address, bits: int) -> None:
+        """Notes that so many bits from an address on are not all in its area."""
         try:
-            return read()
-        except Broken:
-            self.spoilt = True
-            return None
-
-    def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
-        """What a node says; None where there is none, or where it is broken."""
-        return None if node is None else self.to(lambda: read(node))
+            self.grammar.check(address, -(-bits // address.unit_bits))
+        except AddressError as error:
+            self.reader.note(node.at, *parted(error))
 
 
 class TransferLoader:
-    """Reads what such a block has of its own. `place` reads places of the own memory, `written` those to write."""
+    """Reads what such a block has of its own."""
 
-    def __init__(
-        self, reader: Reader, grammar: AddressGrammar, attempts: Attempts,
-        place: Callable[[Node], OwnPlace], written: Callable[[Node], OwnPlace],
-    ) -> None:  # fmt: skip
+    def __init__(self, reader: Reader, attempts: Attempts, places: OwnPlaces) -> None:
         self.reader = reader
-        self.grammar = grammar
         self.attempts = attempts
-        self.place = place
-        self.written = written
+        self.places = places
 
     def read(self, instruction: str, keys: Mapping, channel: Channel) -> dict[str, Any]:
         """Addresses of the other side, and the own places beside them. Raises Broken."""
@@ -117,12 +125,7 @@ class TransferLoader:
     def _room(self, node: Node | None, places: tuple[OwnPlace, ...], units: list[str], count: int) -> None:
         """Own places with room for everything that is moved."""
         for item, place, unit in zip(self.reader.items(node), places, units, strict=False):
-            address = place.address
-            bits = unit_bits(unit) * (count if len(units) == 1 else 1)
-            try:
-                self.grammar.check(address, -(-bits // address.unit_bits))
-            except AddressError as error:
-                self.reader.note(item.at, *parted(error))
+            self.places.room(item, place.address, unit_bits(unit) * (count if len(units) == 1 else 1))
 
     def _count(self, node: Node | None) -> int:
         count = self.attempts.maybe(self.reader.number, node)
@@ -145,7 +148,7 @@ class TransferLoader:
         if wrong is not None and instruction == "read":
             reader.note(wrong.at, f"{other}: does not belong to a {instruction}", f"write {word}:")
         node, given = keys.get(word), keys.get("values")
-        where = self.written if instruction == "read" else self.place
+        where = self.places.written if instruction == "read" else self.places.place
         tried = (self.attempts.maybe(where, item) for item in reader.items(node))
         places = tuple(place for place in tried if place is not None)
         values = (
@@ -178,14 +181,13 @@ class TransferLoader:
 
 
 class FrameBlockLoader:
-    """Reads keys of blocks of single frames. `place` reads addresses of the own memory, `written` those to write."""
+    """Reads keys of blocks of single frames. Where something is broken nothing is said to be missing."""
 
-    def __init__(self, reader: Reader, place: Callable[[Node], OwnPlace], written: Callable[[Node], OwnPlace]) -> None:
+    def __init__(self, reader: Reader, places: OwnPlaces) -> None:
         self.reader = reader
-        self.place = place
-        self.written = written
+        self.places = places
         self.received: dict[tuple[int, str], int] = {}
-        self.spoilt = False
+        self.attempts = Attempts()
 
     def read(
         self, instruction: str, keys: MappingNode, protocol: Protocol, channel: int, number: int
@@ -198,15 +200,15 @@ class FrameBlockLoader:
             at = keys.at if node is None else node.at
             raise reader.broken(at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
         frame = protocol.frames[name]
-        self.spoilt = False
+        self.attempts.spoilt = False
         if protocol.frames_alone:
             self._direction(instruction, frame, node)
         self._once(instruction, frame, node, (channel, frame.name), number)
         fields = dict(parts_of(frame.segments))
-        where = self.written if instruction == "receive" else self.place
+        where = self.places.written if instruction == "receive" else self.places.place
         data = dict(self._own_memory(fields))
         for entry in reader.entries(keys.get("data")):
-            with self._going_on():
+            with self.attempts.going_on():
                 self._known(entry.key, frame, fields)
                 place = where(entry.value)
                 self._fits(fields[entry.key.text], place, instruction, entry.value)
@@ -214,25 +216,17 @@ class FrameBlockLoader:
         values = self._values(keys.get("values"), frame, fields) if instruction == "send" else {}
         sizes = self._sizes(keys.get("size"), frame, fields)
         sized_by = self._sized_by(keys.get("size"), fields, protocol) if instruction == "send" else {}
-        if instruction == "send" and not self.spoilt:
+        if instruction == "send" and not self.attempts.spoilt:
             self._missing(frame, {*data, *values}, data.keys() - values.keys() - sizes.keys(), keys)
         return {"frame": name, "data": data, "values": values, "sizes": sizes, "sized_by": sized_by}
-
-    @contextmanager
-    def _going_on(self) -> Iterator[None]:
-        """What is broken inside is left out; nothing is said to be missing then."""
-        try:
-            yield
-        except Broken:
-            self.spoilt = True
 
     def _own_memory(self, fields: MappingOf[str, FramePart]) -> Iterator[tuple[str, OwnPlace]]:
         """Places that the definition of a frame names itself."""
         for name, part in fields.items():
             memory = getattr(part, "memory", None)
             if memory:
-                with self._going_on():
-                    yield name, self.place(Scalar(memory, part.at, False))
+                with self.attempts.going_on():
+                    yield name, self.places.place(Scalar(memory, part.at, False))
 
     def _fits(self, part: FramePart, place: OwnPlace, instruction: str, node: Node) -> None:
         """A place that can hold the values of a field."""
@@ -268,7 +262,7 @@ class FrameBlockLoader:
         known = dict.fromkeys(field_names(frame.segments))
         found: dict[str, Any] = {}
         for entry in self.reader.entries(node):
-            with self._going_on():
+            with self.attempts.going_on():
                 if entry.key.text not in known:
                     what = f"frame '{frame.name}' has no field '{entry.key.text}'"
                     raise self.reader.broken(entry.key.at, what, did_you_mean(entry.key.text, known))
@@ -281,7 +275,7 @@ class FrameBlockLoader:
     def _sizes(self, node: Node | None, frame: Frame, fields: MappingOf[str, FramePart]) -> dict[str, int]:
         found: dict[str, int] = {}
         for entry in self.reader.entries(node):
-            with self._going_on():
+            with self.attempts.going_on():
                 self._known(entry.key, frame, fields)
                 size = self.reader.number(entry.value)
                 fixed = getattr(fields[entry.key.text], "size", None)
@@ -298,7 +292,7 @@ class FrameBlockLoader:
             size = getattr(fields.get(entry.key.text), "size", None)
             name = size.root.name if isinstance(size, Expression) and isinstance(size.root, Name) else ""
             if name in protocol.params and name not in fields:
-                with self._going_on():
+                with self.attempts.going_on():
                     found[entry.key.text] = name
                     with self.reader.refusing(entry.value.at):
                         given_value(protocol.params[name], self.reader.number(entry.value))
@@ -328,21 +322,12 @@ _ELEMENTS = ("number", "flag", "time")
 
 
 class CallLoader:
-    """Reads what such a block has of its own.
+    """Reads what such a block has of its own."""
 
-    `place` reads addresses of the own memory, `written` those to write, `room` notes where there is too little of it.
-    """
-
-    def __init__(
-        self, reader: Reader, attempts: Attempts,
-        place: Callable[[Node], OwnPlace], written: Callable[[Node], OwnPlace],
-        room: Callable[[Node, Address, int], None],
-    ) -> None:  # fmt: skip
+    def __init__(self, reader: Reader, attempts: Attempts, places: OwnPlaces) -> None:
         self.reader = reader
         self.attempts = attempts
-        self.place = place
-        self.written = written
-        self.room = room
+        self.places = places
 
     def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
         """A service, its arguments and its results. Raises Broken."""
@@ -425,7 +410,7 @@ class CallLoader:
             raise reader.broken(entry.key.at, f"'{name}' cannot come from the memory", "give it in with:")
         if type_ == "list" and any(one.items not in (None, "number") for one in taken):
             raise reader.broken(entry.key.at, f"'{name}' is no list of numbers", "give it in with:")
-        place = self.place(entry.value)
+        place = self.places.place(entry.value)
         size = sizes.pop(name, None)
         count = 1 if size is None else self._size(size)
         if size is None and type_ not in _ELEMENTS:
@@ -434,7 +419,7 @@ class CallLoader:
         elif size is not None and type_ in _ELEMENTS:
             reader.note(size.key.at, f"'{name}' is one number and has no size", "leave it out")
             count = 1
-        self.room(entry.value, place.address, argument_bits(type_, count, place.address.unit))
+        self.places.room(entry.value, place.address, argument_bits(type_, count, place.address.unit))
         signed = any(one.limits is not None and one.limits[0] < 0 for one in taken)
         return ArgumentPlace(place=place, type=type_, size=count, signed=signed)
 
@@ -494,7 +479,7 @@ class CallLoader:
             what = f"'{entry.key.text}' names no result"
             raise reader.broken(entry.key.at, what, "write names with dots, such as time.hour")
         shape = self._shape(service, known, result, entry)
-        place = self.written(entry.value)
+        place = self.places.written(entry.value)
         node = sizes.pop(entry.key.text, None)
         size = shape.size if node is None else self._size(node)
         bits = place.address.unit_bits
@@ -511,7 +496,7 @@ class CallLoader:
             reader.note(entry.key.at, what, f"add size: {{{entry.key.text}: N}}; what does not come is 0")
         if size is not None:
             bits = 8 * size if shape.kind in ("bytes", "text") else bits * size
-        self.room(entry.value, place.address, bits)
+        self.places.room(entry.value, place.address, bits)
         item = shape.item or ANY
         return ResultPlace(result=result, place=place, size=size, scale=max(shape.scale, item.scale), bits=bits)
 
@@ -551,27 +536,6 @@ def address_at(
         address = grammar.parse(text, unit)
         grammar.check(address, count)
     return address
-
-
-def read_place(reader: Reader, grammar: AddressGrammar, node: Node, bits: int, *, written: bool = False) -> OwnPlace:
-    """A place of the own memory with room for so many bits from there on; `written` by the run. Raises Broken."""
-    text = reader.text(node)
-    with reader.refusing(node.at):
-        address = grammar.parse(text)
-        grammar.check(address, -(-bits // address.unit_bits))
-    place = OwnPlace(address=address, text=text)
-    if written:
-        check_written(reader, grammar, node, place)
-    return place
-
-
-def check_written(reader: Reader, grammar: AddressGrammar, node: Node, place: OwnPlace) -> None:
-    """Notes a place that the run is to write, in an area that can only be read."""
-    area = grammar.areas.get(place.address.area)
-    if area is not None and area.access == "read":
-        others = ", ".join(one.name for one in grammar.areas.values() if one.access == "rw")
-        what = f"{place.text} is in area {area.name}, which can only be read"
-        reader.note(node.at, what, f"name a place in {others}" if others else "")
 
 
 _FRACTION = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")

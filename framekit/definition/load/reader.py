@@ -15,7 +15,7 @@ from typing import TypeVar
 from framekit.definition.expression import Bytes, Expression, ExpressionError, parse_expression
 from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
-from framekit.definition.problems import Position, Problem, did_you_mean, parted
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, parted
 from framekit.definition.times import UNITS, parse_time
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
@@ -47,6 +47,12 @@ class Reader:
         """Adds a problem; the caller raises what this returns."""
         self.note(at, what, todo)
         return Broken(what)
+
+    def of_file(self, error: DefinitionError, name: str, at: Position) -> None:
+        """Adds the problems of a file; that there is none of that name is a problem of the place that names it."""
+        for problem in error.problems:
+            missing = problem.at.file == name
+            self.problems.append(Problem(at, problem.what, problem.todo) if missing else problem)
 
     @contextmanager
     def going_on(self) -> Iterator[None]:
@@ -149,6 +155,12 @@ class Reader:
 
     def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
         return None if node is None else read(node)
+
+    def tried(self, read: Callable[[Node], T], node: Node | None) -> T | None:
+        """As `maybe`; None for something broken, too: the rest is read all the same."""
+        with self.going_on():
+            return None if node is None else read(node)
+        return None
 
     # ---- collections --------------------------------------------------------------------------------------
 
