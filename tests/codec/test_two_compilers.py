@@ -29,7 +29,7 @@ EXAMPLES = settings(
     database=None,
     derandomize=True,
     phases=[Phase.generate, Phase.shrink],
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.large_base_example, HealthCheck.data_too_large],
+    suppress_health_check=[*HealthCheck],
 )
 """A few examples of every frame by default; with FRAMEKIT_EXAMPLES=200 the comparison takes minutes."""
 
