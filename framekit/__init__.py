@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from framekit.api.run import AsyncRun, Run, VirtualRun
     from framekit.api.server import AsyncServer, Server, aserve, serve
     from framekit.api.values import Answer, Frame, Reading
-    from framekit.codec.batch.result import Batch
+    from framekit.codec.columns import Batch
     from framekit.codec.errors import EncodeError, FrameError
     from framekit.definition.problems import DefinitionError
     from framekit.link.events import Seen
@@ -48,7 +48,7 @@ _HOMES = {
         "api.run": ("AsyncRun", "Run", "VirtualRun"),
     "api.server": ("AsyncServer", "Server", "aserve", "serve"),
     "api.values": ("Answer", "Frame", "Reading"),
-    "codec.batch.result": ("Batch",),
+    "codec.columns": ("Batch",),
     "codec.errors": ("EncodeError", "FrameError"),
     "definition.problems": ("DefinitionError",),
     "link.events": ("Seen",),

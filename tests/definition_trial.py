@@ -11,10 +11,10 @@ from construct_oracle import ConstructCodec, compile_construct
 from link_world import feed
 
 from framekit.codec.ambiguity import check_matrices
-from framekit.codec.batch.decoder import BatchDecoder
-from framekit.codec.batch.result import Cut
+from framekit.codec.batch import BatchDecoder
 from framekit.codec.builders import Builders
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.columns import Cut
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 from framekit.definition.model.protocol import Protocol

@@ -16,9 +16,9 @@ from benchmarks.cases import codec_of
 from benchmarks.measure import compare_once
 from benchmarks.row import Row, Target, faster, slower
 from framekit.cli.main import main
-from framekit.codec.batch.decoder import BatchDecoder
-from framekit.codec.batch.result import Cut
+from framekit.codec.batch import BatchDecoder
 from framekit.codec.codec import Codec
+from framekit.codec.columns import Cut
 from framekit.codec.errors import FrameError
 from framekit.service.capture import CaptureReader, PcapRecords, cut_of_capture, global_header
 from framekit.transport.port import LineEvent

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from framekit.api.errors import RequestError
 from framekit.api.settings import ProtocolGiven, checked_params, checked_station, protocol_of
 from framekit.api.values import Frame
-from framekit.codec.batch.result import Batch, Cut
 from framekit.codec.codec import compile_protocol
+from framekit.codec.columns import Batch, Cut
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import candidates, fitting, nearest, reason
 from framekit.definition.model import protocol as model
@@ -140,7 +140,7 @@ class Protocol:
         return self._decode_cut(cut_of_capture(Path(path), direction), frame)
 
     def _decode_cut(self, cut: Cut, frame: str) -> Batch:
-        from framekit.codec.batch.decoder import BatchDecoder
+        from framekit.codec.batch import BatchDecoder
 
         self._known(frame, self.definition.frames)
         return BatchDecoder(self._codec, frame, self._scope).decode(cut)

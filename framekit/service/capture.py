@@ -14,8 +14,8 @@ from pathlib import Path
 from struct import Struct
 from typing import Any, BinaryIO, Literal
 
-from framekit.codec.batch.result import Cut
 from framekit.codec.codec import compile_protocol
+from framekit.codec.columns import Cut
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 import framekit
-from framekit.codec.batch import decoder
-from framekit.codec.batch.result import Cut
+from framekit.codec import batch as batches
 from framekit.codec.codec import compile_protocol
+from framekit.codec.columns import Cut
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.service.capture import Capture, CaptureError, cut_of_capture
@@ -98,10 +98,10 @@ def test_batches_give_what_decode_gives(
     protocol: str, frame: str, make: Make, with_numpy: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not with_numpy:
-        monkeypatch.setattr(decoder, "numpy", None)
+        monkeypatch.setattr(batches, "numpy", None)
     frames = frames_of(protocol, frame, make)
     codec = compile_protocol(load_protocol(protocol))
-    batch = decoder.BatchDecoder(codec, frame).decode(Cut.of(frames))
+    batch = batches.BatchDecoder(codec, frame).decode(Cut.of(frames))
     assert [told(result) for result in batch] == one_by_one(protocol, frame, frames)
     assert bool(batch.groups) == (with_numpy and protocol == "modbus-rtu")
     assert len(batch) == len(frames) and set(batch.faults) <= set(batch.singles)
@@ -122,7 +122,7 @@ def test_what_is_refused_is_told_with_its_code() -> None:
     good = codec.encode("request_adu", {"station": 1, "pdu": {"read_holding": {"address": 0, "count": 9}}})
     over = {**codec.defaults, "limit_read_words": 8}
     with pytest.raises(FrameError) as refused:
-        decoder.BatchDecoder(codec, "request_adu", over).decode(Cut.of([good, good]))[1]
+        batches.BatchDecoder(codec, "request_adu", over).decode(Cut.of([good, good]))[1]
     assert refused.value.refuse == 3
 
 

@@ -17,8 +17,8 @@ from framekit.codec.errors import FrameError
 from framekit.codec.kinds import SegmentKind, register
 from framekit.codec.python import module as generated
 from framekit.codec.python.encode import PackArgument
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import NameEntry
-from framekit.codec.python.order import Task
 from framekit.codec.python.reader import Slot
 from framekit.codec.python.registry import KINDS as CODES
 from framekit.codec.python.rules import forms

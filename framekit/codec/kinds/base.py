@@ -9,10 +9,10 @@ from typing import Any, Generic, TypeVar
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given, PackArgument
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import add_helpers
-from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
-from framekit.codec.python.codes import code_bytes
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.function import covers_later, on_the_wire, span_names
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted

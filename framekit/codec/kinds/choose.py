@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
-from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope, numbers_of
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.registry import summary
 from framekit.codec.python.source import literal
 from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.segments import (

@@ -6,9 +6,9 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given, PackArgument
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.rules import Lengths, Rules, RuleWriter

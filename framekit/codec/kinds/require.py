@@ -5,8 +5,8 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.order import Task
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted
 from framekit.definition.expression import COMPARE, Expression

@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from framekit.codec.kinds.base import SegmentKind
-from framekit.codec.python.describe import summary
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
 from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
-from framekit.codec.python.order import Task
 from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
+from framekit.codec.python.registry import summary
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.definition.expression import BIT_OR, OR
 from framekit.definition.model.segments import (

@@ -10,11 +10,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
-from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.function import on_the_wire, span_names
 from framekit.codec.python.module import Module
-from framekit.codec.python.registry import kind_of
+from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import names_asked_for
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in

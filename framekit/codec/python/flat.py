@@ -9,12 +9,12 @@ from __future__ import annotations
 import builtins
 import re
 
-from framekit.codec.python.describe import summary, write_docstring
 from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.joined import counting, is_plain, names_of, renamed
 from framekit.codec.python.module import Module
 from framekit.codec.python.parameters import LEFT_OUT, Level, Parameters
+from framekit.codec.python.registry import summary, write_docstring
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Code, Source
 from framekit.definition.expression import BIT_OR, Binary, Expression, Name, Node, Number

@@ -14,7 +14,6 @@ import framekit
 import framekit.codec.kinds
 from framekit.codec import errors
 from framekit.codec.python.choices import choice_text, tree_of
-from framekit.codec.python.decode import write_decoder
 from framekit.codec.python.diagnosis import write_examiner
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
@@ -24,7 +23,7 @@ from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, pasted_names, used_methods
 from framekit.codec.python.parameters import Level, inner_frames, levels_of, rows_of
-from framekit.codec.python.reader import not_possible
+from framekit.codec.python.reader import not_possible, write_decoder
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.codec.support import times

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.describe import write_docstring
 from framekit.codec.python.expressions import (
     ExpressionWriter,
     NameEntry,
@@ -21,7 +20,7 @@ from framekit.codec.python.expressions import (
 )
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place, between, index
-from framekit.codec.python.registry import kind_of
+from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
 from framekit.definition.expression import SUM, Attribute, Expression, names_in, walk

@@ -1,10 +1,18 @@
-"""The kinds of segments by their class in the model. `codec.kinds` fills it."""
+"""The kinds of segments by their class in the model (`codec.kinds` fills it), and frames in their words for docstrings:
+`station u8 · function u8 = 3 · count u16 big · check crc16-arc`.
+"""
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from framekit.definition.model.segments import Segment
+from framekit.codec.python.source import Source
+from framekit.definition.model.segments import (
+    FieldType,
+    Segment,
+)
 
 KINDS: dict[type[Segment], Any] = {}
 
@@ -18,3 +26,43 @@ def struct_order(segment: Segment) -> str | None:
     """The byte order a segment needs in a struct ('' for any); None if it does not fit into one."""
     found: str | None = None if segment.when is not None else kind_of(segment).struct_order(segment)
     return found
+
+
+_DIGITS = {16: "hex", 10: "dec", 8: "oct"}
+
+
+def summary(segments: Iterable[Segment]) -> str:
+    """The segments in order."""
+    return " · ".join(part for segment in segments if (part := _with_condition(segment)))
+
+
+def write_docstring(out: Source, first: str, layout: str, *more: str, notes: Sequence[str] = ()) -> None:
+    """A docstring: one line if everything fits, else the sentence, a blank line and the layout; `notes` at its end."""
+    lines = [first]
+    for text in (layout, *more):
+        if text:
+            lines += ["", *textwrap.wrap(text, 100)]
+    if notes:
+        lines.append("")
+    for note in notes:
+        lines += textwrap.wrap(note, 100, subsequent_indent="    ")
+    out.docstring(*lines)
+
+
+def _with_condition(segment: Segment) -> str:
+    text: str = kind_of(segment).describe(segment)
+    if not text or segment.when is None:
+        return text
+    return f"{text} if {segment.when}"
+
+
+def type_text(type_: FieldType) -> str:
+    """A type as the language writes it: `u16 little`, `hex 4`, `ascii 8`."""
+    size = type_.fixed_size
+    if type_.kind == "int" and size is not None:
+        order = "" if size == 1 else f" {type_.order}"
+        return f"{'i' if type_.signed else 'u'}{8 * size}{order}"
+    if type_.kind == "float" and size is not None:
+        return f"f{8 * size} {type_.order}"
+    name = _DIGITS[type_.base] if type_.kind == "digits" else "uint" if type_.kind == "int" else type_.kind
+    return name if type_.size is None else f"{name} {type_.size}"
