@@ -17,9 +17,9 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner
-from framekit.definition.model.walk import parts_of
 from framekit.definition.times import LineFormat
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope

@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from framekit.definition.vectors import Vectors, load_vectors
+from framekit.definition.problems import DefinitionError
+from framekit.definition.vectors import Vectors, read_vectors
 
 FRAMES = Path(__file__).parent.parent / "frames"
 
@@ -28,3 +29,11 @@ APPLICATIONS = names("application")
 def vectors_of(name: str) -> Vectors:
     """The vectors of a shipped protocol, read once a process: looking for cases takes long enough."""
     return load_vectors(FRAMES / f"{name}.vectors.yaml")
+
+
+def load_vectors(path: Path) -> Vectors:
+    """The cases of a file. Raises DefinitionError with every problem of it."""
+    vectors, problems = read_vectors(path)
+    if vectors is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return vectors

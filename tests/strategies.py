@@ -19,9 +19,9 @@ from strategy_values import Draw
 from framekit.codec.errors import EncodeError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.definition.expression import names_in
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
-from framekit.definition.model.walk import expressions_of
 
 # ---- context ------------------------------------------------------------------------------------------------
 

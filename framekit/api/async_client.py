@@ -411,7 +411,7 @@ class AsyncClient:
     async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
         """Carries out the command block that begins with these bytes; how it ended, failures too.
 
-        One is carried out after the other, whoever asks: each finds the memory as those before have left it. Raises
+        One is carried out after the other: each finds the memory as those before have left it. Raises
         RequestError where requests need a number of the own side, LineClosedError.
         """
         if self.settings.own is None and needs_own(self.settings.protocol):
@@ -473,8 +473,8 @@ class AsyncClient:
     async def wait_for(self, *frames: str, timeout: float | None = None) -> Frame:
         """The next frame of one of these names (of any, without names) that no exchange took.
 
-        One that came before the call counts, if nobody took it. `timeout` in seconds. Raises NoReplyError when that is
-        over, LineClosedError, RequestError where frames are only looked for during exchanges.
+        One that came before the call counts, unless it was taken. `timeout` in seconds. Raises NoReplyError when that
+        is over, LineClosedError, RequestError where frames are only looked for during exchanges.
         """
         service = self._working()
         for name in frames:
@@ -504,7 +504,7 @@ class AsyncClient:
             raise RequestError(f"'{self.protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
 
     def _on_frame(self) -> None:
-        """A frame that nobody took has come: whoever waits for it longest gets it."""
+        """A frame that was not taken has come: the call that has waited longest gets it."""
         assert self._service is not None
         for waiting in list(self._waiting):
             names, future = waiting
@@ -632,7 +632,7 @@ class Poll:
         self._reads += 1
         try:
             self._on_values(values)
-        except Exception as error:  # whatever it is, it belongs to whoever waits for the end
+        except Exception as error:  # whatever it is, it belongs to the caller that waits for the end
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:

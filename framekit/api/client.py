@@ -41,8 +41,8 @@ def _waiting(
 class Client(Closing):
     """A client on an open port, made by `framekit.connect`; `with` or `close` closes it.
 
-    Threads may call it side by side. Where a program forgets to close it, the port is closed when nobody has the client
-    any more, or at the program's end.
+    Threads may call it side by side. Where a program forgets to close it, the port closes when nothing refers to
+    the client any more, or at the program's end.
     """
 
     def __init__(self, client: AsyncClient) -> None:

@@ -13,9 +13,9 @@ from framekit.codec.encode_hints import with_hint
 from framekit.codec.errors import EncodeError
 from framekit.codec.plain import PlainValues
 from framekit.definition.load.reader import parse_number
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import JobWork
-from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, did_you_mean
 from framekit.link.addresses import Address, AddressError
 from framekit.link.conversation import default_line

@@ -45,7 +45,7 @@ class ExchangeError(FramekitError):
 
 
 class NoReplyError(ExchangeError, TimeoutError):
-    """Nothing came in time, after all repeats, or something on the way says that nobody answered."""
+    """Nothing came in time, after all repeats, or something on the way says that there was no answer."""
 
 
 class ReplyError(ExchangeError):

@@ -1,6 +1,6 @@
 """A thread with an event loop of its own, in which coroutines are carried out for callers that have none.
 
-The thread is a daemon: a program ends whether or not anybody has stopped it.
+The thread is a daemon: a program ends whether or not it has been stopped.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class LoopThread:
         return self.wait(act())
 
     def do_even_stopped(self, action: Callable[[], T]) -> T:
-        """As `do`; after the end in the caller's thread, when nobody else can be at it any more."""
+        """As `do`; after the end in the caller's thread, when no other thread can be at it any more."""
         try:
             return self.do(action)
         except LoopStoppedError:

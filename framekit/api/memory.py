@@ -1,6 +1,6 @@
 """The memory of a device or a run, read and written by address with the types of the API, from any thread.
 
-Whoever owns the memory says how something is done in the right thread. What is written, watches and triggers see.
+The owner of the memory says how something is done in the right thread. What is written, watches and triggers see.
 """
 
 from __future__ import annotations

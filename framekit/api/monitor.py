@@ -38,7 +38,7 @@ FAULTY = ("bad", "noise", "trouble")
 def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
     """The processing result: whose frame it is (protocol and side), or that it could not be processed.
 
-    `role` is the own one; without it (somebody only listens) the side that sent it stands there.
+    `role` is the own one; without it (a monitor only listens) the side that sent it stands there.
     """
     if seen.kind in FAULTY:
         return UNKNOWN

@@ -355,7 +355,7 @@ class RunCalls:
             self._clock.call_soon(lambda: told(status, ok))
 
     def _begin(self) -> None:
-        """Starts the run, if nobody has. To be called where the run is at home. Raises RequestError."""
+        """Starts the run, unless it has been started. To be called where the run is at home. Raises RequestError."""
         if self._over:
             raise RequestError("a run is started once – make a new one")
         if not self.running:
@@ -619,7 +619,7 @@ class Run(RunCalls, Stopping):
 
 
 def _end(thread: LoopThread, service: RunService) -> None:
-    """Closes the ports and ends the thread; at the program's end for a run that nobody has stopped."""
+    """Closes the ports and ends the thread; at the program's end for a run that has not been stopped."""
     try:
         if service.running:
             thread.wait(leave(service))
@@ -658,7 +658,7 @@ class VirtualRun(RunCalls, Stopping):
         self._finish()
 
     def run_for(self, time: str | float) -> None:
-        """Lets time pass: `"10 s"`, `"24 h"`, or a number of seconds. Starts the run if nobody has."""
+        """Lets time pass: `"10 s"`, `"24 h"`, or a number of seconds. Starts the run unless it has been started."""
         if not self.running:
             self.start()
         self._virtual.run_for(nanoseconds(time))

@@ -150,7 +150,7 @@ def load(name: str) -> Protocol:
 
 
 def load_codec(name: str) -> StoredCodec:
-    """Its functions alone, which is quicker; the definition itself is read when somebody asks for it."""
+    """Its functions alone, which is quicker; the definition itself is read when it is needed."""
     from framekit.codec.stored import stored_codec
 
     codec = stored_codec(name, Path.cwd())
@@ -320,7 +320,7 @@ def print_json(value: Any) -> None:
 
 
 class Unread:
-    """Watches a loop: `stop` is called when something could not be printed because nobody reads it; `error` is why."""
+    """Watches a loop: `stop` is called when something could not be printed as its reader has gone; `error` is why."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, stop: Callable[[], None]) -> None:
         self.error: BrokenPipeError | None = None

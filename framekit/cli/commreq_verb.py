@@ -293,7 +293,7 @@ class JobCommands:
         self.told: set[str] = set()
 
     async def carry_out(self, records: list[bytes]) -> int:
-        """The commands one after the other, then their jobs until they are over, or somebody stops them."""
+        """The commands one after the other, then their jobs until they are over, or are stopped."""
         from framekit.api.commands import blocks_on, line_of_jobs
         from framekit.api.errors import RequestError
         from framekit.cli.common import Unread
@@ -341,7 +341,7 @@ class JobCommands:
         self.changed.set()
 
     async def _until(self, holds: Callable[[], bool]) -> None:
-        """Waits until something holds, or somebody stops it all."""
+        """Waits until something holds, or all is stopped."""
         while not self.stopped and not holds():
             self.changed.clear()
             await self.changed.wait()

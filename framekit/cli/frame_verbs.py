@@ -325,8 +325,8 @@ def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:
 
 def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str, str]]:
     """Name and form of every field, those of records and repeats indented below them."""
+    from framekit.definition.model.frames import flat
     from framekit.definition.model.segments import Bits
-    from framekit.definition.model.walk import flat
 
     found: list[tuple[str, str]] = []
     for segment in flat(segments):

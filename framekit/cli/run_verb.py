@@ -256,7 +256,7 @@ def control(run: RunCalls, output: RunOutput, stop: Callable[[], None]) -> None:
             output.warning(f"control: {trouble}")
 
     def read() -> None:
-        with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed: nobody listens any more
+        with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed
             for line in sys.stdin:
                 loop.call_soon_threadsafe(take, line)
 

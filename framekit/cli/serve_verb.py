@@ -198,7 +198,7 @@ def warnings_of(server: AsyncServer) -> list[str]:
 
 
 class ServeOutput:
-    """Watches devices. `lost` is called when nobody reads the output any more."""
+    """Watches devices. `lost` is called when the reader of the output has gone."""
 
     def __init__(self, server: AsyncServer, lost: Callable[[], None]) -> None:
         self.server = server

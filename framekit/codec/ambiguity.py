@@ -18,12 +18,11 @@ from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.samples import Sample, Sampler, beginning
-from framekit.definition.model.frames import Frame, StaticSizes, bytes_of
+from framekit.definition.model.frames import Frame, StaticSizes, bytes_of, parts_of
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Inner, Segment
-from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem
 from framekit.definition.times import parse_format
 
@@ -118,7 +117,7 @@ def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
 
 
 def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
-    """Frames that only silence ends, on a connection where nobody says how long that is: there it ends nothing."""
+    """Frames that only silence ends, on a connection where nothing says how long that is: there it ends nothing."""
     protocol = codec.protocol
     if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
         return
@@ -275,7 +274,7 @@ class _Candidate:
 
 
 def check_matrices(protocol: Protocol) -> list[Problem]:
-    """Frames nobody can tell apart, and warnings of ends and check codes that hold little."""
+    """Frames that cannot be told apart, and warnings of ends and check codes that hold little."""
     codec = compile_protocol(protocol)
     sampler = Sampler(codec, sample_context(protocol))
     found: dict[tuple[Position, str], Problem] = {}

@@ -53,7 +53,7 @@ def codec_from(protocol: Protocol, code: CodeType) -> Codec:
 
 
 def _keep(codec: Codec) -> Codec:
-    """Keeps as many codecs as definitions are kept; whoever still uses another one has it, nobody else does."""
+    """Keeps as many codecs as definitions are kept; another one lives as long as it is in use."""
     _compiled.pop(id(codec.protocol), None)
     _compiled[id(codec.protocol)] = codec
     while len(_compiled) > MOST_KEPT:

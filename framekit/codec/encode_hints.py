@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from framekit.codec.errors import EncodeError
+from framekit.definition.model.frames import by_value_name
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner, Repeat, Segment
-from framekit.definition.model.walk import by_value_name
 from framekit.definition.problems import did_you_mean
 
 MOST = 8

@@ -31,7 +31,7 @@ def module_of(protocol: str, code: CodeType) -> ModuleType:
 
 
 class FrameFunctions:
-    """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for those who call often.
+    """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for callers in a loop.
 
     `kept`: what users of these functions have made of them, by its class, for as long as they are used.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).

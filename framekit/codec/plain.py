@@ -11,6 +11,7 @@ from typing import Any
 from framekit.codec.errors import EncodeError
 from framekit.codec.shown import explain, shown
 from framekit.definition.load.reader import parse_bytes, parse_number
+from framekit.definition.model.frames import by_value_name
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     Bits,
@@ -23,7 +24,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
 )
-from framekit.definition.model.walk import by_value_name
 from framekit.definition.times import format_time, parse_time
 
 Convert = Callable[[Any], Any]

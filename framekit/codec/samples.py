@@ -29,8 +29,8 @@ from framekit.definition.expression import (
     names_in,
 )
 from framekit.definition.model import segments as model
+from framekit.definition.model.frames import expressions_of, flat
 from framekit.definition.model.segments import FieldType, Segment, Value
-from framekit.definition.model.walk import expressions_of, flat
 
 Evaluate = Callable[[Node], Any]
 """The value of a part of an expression, or None when it cannot be told."""

@@ -2,7 +2,7 @@
 
 A kept one counts only for this version of framekit and Python and this very code of theirs, while every source file has
 the content it had, and every name in them still means the same file. The model of the protocol is read only when
-somebody asks for it: a command that decodes a frame needs the functions and what `FrameNote` says.
+it is needed: a command that decodes a frame needs the functions and what `FrameNote` says.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MOST_BYTES = 268_435_456
 """So much do the files hold together, then the oldest go; the newest one stays whatever it holds."""
 
 SUFFIX = ".framekit"
-"""How files of the cache end: no others are ever removed, whatever folder somebody has named."""
+"""How files of the cache end: no others are ever removed, whatever folder is named."""
 
 
 def cache_folder() -> Path | None:
@@ -72,7 +72,7 @@ def _is_own(found: os.stat_result, kind: object) -> bool:
 
 
 def read_kept(folder: Path, name: str) -> bytes | None:
-    """The content of a file; None if there is none that can be read, or one that somebody else may have written."""
+    """The content of a file; None if there is none that can be read, or one that another user may have written."""
     try:
         descriptor = os.open(folder / (name + SUFFIX), os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:
@@ -120,7 +120,7 @@ class FrameNote(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of a protocol; the model pickled, since not everybody needs it."""
+    """What is kept of a protocol; the model pickled, since it is not always needed."""
 
     sources: tuple[Any, ...]
     name: str

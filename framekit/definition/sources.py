@@ -93,7 +93,7 @@ _current: Keeper | None = None
 
 
 def current_keeper() -> Keeper | None:
-    """Whom those who load and compile ask first."""
+    """What loading and compiling ask first."""
     return _current
 
 

@@ -18,10 +18,10 @@ from framekit.definition.expression import Expression
 from framekit.definition.keys import NUMBER, TEXT, TIME, Form, KeyReading, key, keys, mapping_of, read_part
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader, parse_bytes
+from framekit.definition.model.frames import field_names
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Mapping, Node, Scalar
-from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,14 +258,6 @@ class Vectors:
     conversations: tuple[Conversation, ...]
     at: Position
     protocol_at: Position
-
-
-def load_vectors(path: str | Path) -> Vectors:
-    """The cases of a file. Raises DefinitionError with every problem of it."""
-    vectors, problems = read_vectors(path)
-    if vectors is None or any(not problem.warning for problem in problems):
-        raise DefinitionError(problems)
-    return vectors
 
 
 def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:

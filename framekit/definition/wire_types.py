@@ -1,4 +1,4 @@
-"""Field types: what `type: u16`, `type: hex, size: 4` and their companions mean.
+"""Static sizes; field types: what `type: u16`, `type: hex, size: 4` and their companions mean.
 
 The words that `type:` may have are the rows of `TYPES`, each with the kind of type it makes; what there is of a kind
 here is a row of `TYPE_KINDS`. How bytes of a kind are read and built is told to the compiler, by the same name.
@@ -7,17 +7,59 @@ here is a row of `TYPE_KINDS`. How bytes of a kind are read and built is told to
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from framekit.definition.expression import Expression
 from framekit.definition.keys import Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref
 from framekit.definition.load.reader import Reader
-from framekit.definition.model.static_size import ANY, Sizes, exactly
 from framekit.definition.problems import did_you_mean
 from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node, Scalar
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Least and most bytes on the wire; `most` is None where there is no bound."""
+
+    least: int
+    most: int | None
+
+    @property
+    def fixed(self) -> int | None:
+        return self.least if self.least == self.most else None
+
+    def __add__(self, other: Sizes) -> Sizes:
+        most = None if self.most is None or other.most is None else self.most + other.most
+        return Sizes(self.least + other.least, most)
+
+    def times(self, least: int, most: int | None) -> Sizes:
+        bound = None if self.most is None or most is None else self.most * most
+        return Sizes(self.least * least, 0 if self.most == 0 else bound)
+
+
+NOTHING = Sizes(0, 0)
+ANY = Sizes(0, None)
+
+
+def exactly(size: int) -> Sizes:
+    return Sizes(size, size)
+
+
+def either(sizes: Iterable[Sizes]) -> Sizes:
+    """The sizes of one of several possibilities."""
+    found = list(sizes)
+    if not found:
+        return NOTHING
+    most = [size.most for size in found]
+    return Sizes(min(size.least for size in found), None if None in most else max(m for m in most if m is not None))
+
+
+def of_any_frame(name: str) -> Sizes:
+    """The sizes of a frame where frames are not known."""
+    return ANY
+
 
 Size = int | Expression | Literal["rest"]
 """A number of bytes, an expression for it, or everything up to the end of the region."""

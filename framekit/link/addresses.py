@@ -361,7 +361,7 @@ def _matcher(form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, 
 class AddressGrammar:
     """Forms of addresses over areas. Raises ValueError for a form that does not say where a place is.
 
-    `serves`: whether somebody can be asked for a place; messages name only such.
+    `serves`: whether another device can be asked for a place; messages name only such.
     """
 
     def __init__(self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:

@@ -15,8 +15,8 @@ class FrameArrived:
     """A good frame, or one that is to be refused (`value.refusal`). `times`: when its first and last byte came.
 
     `decoded`: its fields, frames inside as the codec gives them; `make` makes a value of them, taking a refusal.
-    `value` is the frame. It is made when somebody asks, unless it has been given: many frames a turn are cheaper so.
-    Whoever makes one sets all attributes but that, which takes half the time of an `__init__` or a named tuple.
+    `value` is the frame. It is made on demand, unless it has been given: many frames a turn are cheaper so.
+    Its maker sets all attributes but that, which takes half the time of an `__init__` or a named tuple.
     """
 
     __slots__ = ("decoded", "make", "offset", "raw", "times", "value")
@@ -63,7 +63,7 @@ class BadFrame:
 
     `cause`: check parity framing overrun constant where digits value range require short too_long length surplus cut.
     `segment` and `place` say where in the frame (name or kind; byte offset), `expected` and `found` what was wrong.
-    These cost much more to find out than that there is a fault: they are found out when somebody asks, which has to be
+    These cost much more to find out than that there is a fault: they are found out on demand, which has to be
     before a variable or parameter changes that the frame depends on.
     """
 
@@ -101,7 +101,7 @@ class BadFrame:
 class EitherBad(BadFrame):
     """Bytes that may have been either of two frames: the one that got further, of two that got equally far the first.
 
-    How far they got is found out when somebody asks, as all that is wrong with them.
+    How far they got is found out on demand, as all that is wrong with them.
     """
 
     __slots__ = ("_both",)

@@ -86,7 +86,7 @@ def read_as(codec: tuple[Callable[..., bytes], Callable[..., dict[str, Any]]], f
 
 
 def read_layout(decode: Callable[..., dict[str, Any]], data: bytes, names: Names) -> dict[str, Any]:
-    """Reads bytes as a layout; bytes behind its end are padding that nobody looks at. Raises ValueError."""
+    """Reads bytes as a layout; bytes behind its end are padding without meaning. Raises ValueError."""
     try:
         return decode(data, names)
     except ValueError as error:

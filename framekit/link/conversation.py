@@ -38,7 +38,7 @@ def _title(vector: FrameVector) -> str:
 
 
 def default_line(protocol: Protocol) -> LineFormat | None:
-    """The line a definition has when nobody says otherwise; a stream has none."""
+    """The line a definition has when nothing else is said; a stream has none."""
     return None if protocol.line.kind == "stream" else parse_format(protocol.line.format, protocol.line.speed)
 
 

@@ -39,7 +39,7 @@ class Engine:
     """One side of a line. `role` None: frames alone are sent and received.
 
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
-    `device`: what engines that play the same device share. `on_frame` gets good frames that nobody waited for.
+    `device`: what engines that play the same device share. `on_frame` gets good frames that no step waited for.
     `monitor` is shown everything; without one that costs nothing. `on_fault` is shown everything but frames, `on_send`
     is told of each frame that a sequence sends; neither has frames read. `is_stream`: of the port, see `Output`.
     `deadline`: when `tick` is to be called, as it was after the last event; NEVER when nothing waits for time.

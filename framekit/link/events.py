@@ -80,7 +80,7 @@ class Seen:
     """Something that happened. `at` is when its last byte came or it was handed over for sending (ns).
 
     `kind`: a frame; a bad one; noise; a line break; the connection; `trouble` (a step that could not be worked out, a
-    circle of steps); `not_taken` follows a frame that nobody waited for. `reason`: the cause of a bad frame, or words.
+    circle of steps); `not_taken` follows a frame that no step waited for. `reason`: the cause of a bad frame, or words.
     `place` is the byte of a bad frame where the fault is. `repeated`: the same bytes were sent before. `fields` are
     made when they are asked for; `computed` reads them from the bytes of a frame that was sent.
     """

@@ -14,11 +14,11 @@ from typing import Any
 from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.expression import Attribute, Expression, Name
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Action, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner
 from framekit.definition.model.values import FrameOf
-from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope
 

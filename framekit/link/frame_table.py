@@ -12,9 +12,8 @@ from typing import Any, Protocol, TypeVar
 from framekit.codec.errors import FrameError, Misread
 from framekit.definition.expression import Name
 from framekit.definition.model import protocol as model
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, by_value_name, everything
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap
-from framekit.definition.model.walk import by_value_name, everything
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.intact import Intact, any_intact, intact_of
 from framekit.link.values import FrameValue, plain

@@ -11,9 +11,8 @@ from collections.abc import Callable, Sequence
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.frames import Frame, StaticSizes
+from framekit.definition.model.frames import Frame, StaticSizes, parts_of
 from framekit.definition.model.segments import Check, Const, Field, Inner, Segment
-from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 
 Intact = Callable[[bytes | bytearray], bool]

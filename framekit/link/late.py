@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression import Expression, names_in
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import CallOf, Role, Row, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
-from framekit.definition.model.walk import parts_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, bare_name, compile_expression
 from framekit.link.events import Break, Send
 from framekit.link.scope import Scope

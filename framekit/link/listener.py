@@ -24,7 +24,7 @@ Direction = Literal["in", "out", ""]
 Side = Literal["client", "server"]
 
 LONGEST_PAUSE = 1_000_000_000
-"""An unfinished frame ends after so long a silence (ns) where the definition has no `gap`: nobody else gives it up."""
+"""An unfinished frame ends after so long a silence (ns) where the definition has no `gap`: nothing else gives it up."""
 
 
 class _Wires:

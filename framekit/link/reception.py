@@ -25,7 +25,7 @@ OnFrame = Callable[[FrameValue], None]
 LATE = "late: the reply to a request that is over"
 
 MOST_HELD = 262_144
-"""So many bytes are kept for those who will wait later but do not wait yet."""
+"""So many bytes are kept for runs that will wait later but do not wait yet."""
 
 MOST_KNOWN = 1024
 """For so many combinations of steps that wait the expected frames are kept ready."""
@@ -44,7 +44,7 @@ class Dispatcher:
     # ---- frames -------------------------------------------------------------------------------------------
 
     def offer(self, value: FrameValue) -> bool:
-        """Offers a good frame to the rows of those who wait. Tells whether one took it."""
+        """Offers a good frame to the rows of the runs that wait. Tells whether one took it."""
         name, machine = value.frame, self.machine
         for run in self.lanes.order:
             if run.state is not State.RECEIVING or name not in run.expected:
@@ -160,7 +160,7 @@ class Dispatcher:
 
 
 class Reception:
-    """`expected` are the names of frames expected and of others; None while those who will wait do not wait yet.
+    """`expected` are the names of frames expected and of others; None while the runs that will wait do not wait yet.
 
     `on_bad` gets bad frames no step waited for. `cutting`: frames are being broken off because a time limit has run
     out; they are shown, and nothing more.
@@ -238,7 +238,7 @@ class Reception:
         self.expected = self._known[steps]
 
     def _expected_now(self) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
-        """The frames of the rows that wait, and the others; None while those who will wait do not yet."""
+        """The frames of the rows that wait, and the others; None while the runs that will wait do not yet."""
         names: dict[str, None] = {}
         looks = others = held = False
         for run in self.lanes.order:

@@ -37,7 +37,7 @@ class Stream:
     """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them.
 
     `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came. The buffer is
-    `bytes` as long as it is short, so that nobody has to copy it. `taken_out`: what has been behind the position, so
+    `bytes` as long as it is short, so that it is not copied. `taken_out`: what has been behind the position, so
     that offsets there do not count on evenly; `removed`: how many bytes have been before it. `is_marked`: there may be
     something in it, or a fault, silence or pause.
     """

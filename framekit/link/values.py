@@ -14,7 +14,7 @@ class FrameValue:
     """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
 
     `fields` are the values a codec decodes or is to encode. What is computed when a frame is built stands beside them
-    once it has been sent; `pending` reads it the first time somebody asks. `'name' in value` asks for a field.
+    once it has been sent; `pending` reads it at the first use. `'name' in value` asks for a field.
     """
 
     __slots__ = ("_computed", "fields", "frame", "pending", "raw", "refusal")
@@ -52,7 +52,7 @@ class FrameValue:
         self.raw = self.pending = self._computed = None
 
     def language_attribute(self, name: str) -> Any:
-        """`value.name` for those who know only the protocol of attributes, generated codecs for one."""
+        """`value.name` for callers that know only the protocol of attributes, generated codecs for one."""
         return attribute(self, name)
 
     def copy(self) -> FrameValue:

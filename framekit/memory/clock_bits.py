@@ -70,7 +70,7 @@ class SystemBits:
     """Keeps the clock and fixed bits of `profile` in `memory`, read-only areas included.
 
     `locate` finds the bit of an address; what it raises for a wrong one goes through, and one that is in no
-    whole word of its area raises MemoryRangeError. `wake` are the bits (area, bit number) somebody waits for:
+    whole word of its area raises MemoryRangeError. `wake` are the bits (area, bit number) that are waited for:
     clocks and every-scan bits that are not among them do not count in `next_change`; they are right after every
     `update`, so call it before they are read. None stands for all bits. `date` tells what date it is at a time.
     """
@@ -111,7 +111,7 @@ class SystemBits:
         return {word.area.name for word in self._words.values()} | {area.name for area, _, _ in self._calendar}
 
     def wait_for(self, wake: Collection[tuple[str, int]]) -> None:
-        """From here on somebody waits for these bits and for no others; call `update` before."""
+        """From here on these bits are waited for, and no others; call `update` before."""
         self._wake = {(self._memory.area(name).name, bit) for name, bit in wake}
         for word in self._words.values():
             for clock in word.clocks:
@@ -174,7 +174,7 @@ class SystemBits:
     def update(self, now: int) -> None:
         """Brings all bits to what they are at `now`; an earlier time than the last does nothing.
 
-        A clock somebody waits for that has risen since the last update shows one rising edge, even if its on
+        A clock that is waited for and has risen since the last update shows one rising edge, even if its on
         phase has passed or a new one has begun: the word is then written up to three times.
         """
         if self._origin is None:
@@ -211,7 +211,7 @@ class SystemBits:
                 area.write("word", number, [word], force=True)
 
     def _look_again(self, *_: object) -> None:
-        """Somebody has written over these bits: the next update puts them right."""
+        """These bits have been written over: the next update puts them right."""
         self._next_edge = 0
 
     def _note_next_edge(self) -> None:

@@ -299,7 +299,7 @@ class Area:
             self._tell(watches, offset >> 1, changed)
 
     def _tell(self, watches: WatchTable, word: int, changed: int) -> None:
-        """Those who watch one of the bits that have changed in a word hear of it."""
+        """Watches of the bits that have changed in a word are told."""
         for watch in watches.by_word[word]:
             if changed & watch.mask and watch.active:
                 watch.callback(self, word, 1)
@@ -369,7 +369,7 @@ class Watch:
 class WatchTable:
     """The watches of an area of `words` words.
 
-    `marks`: 1 for a word that is watched, else 0; `masks`: which bits of each word count for anybody; `by_word`: those
+    `marks`: 1 for a word that is watched, else 0; `masks`: which bits of each word any watch is for; `by_word`: those
     that watch a word, in order of registration.
     """
 

@@ -208,7 +208,7 @@ def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Posit
 def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfile:
     """A profile written in place, `{areas: …}`, on top of the one named by its key `profile`, if it has that.
 
-    Sections are joined by name, in areas single keys are replaced. Keys no profile has are not looked at: whoever reads
+    Sections are joined by name, in areas single keys are replaced. Keys no profile has are not looked at: what reads
     the file around checks them. Raises DefinitionError.
     """
     base = node.get("profile")

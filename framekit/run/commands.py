@@ -13,11 +13,10 @@ from typing import Protocol as Interface
 
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
-from framekit.definition.model.frames import fixed_size
+from framekit.definition.model.frames import fixed_size, flat, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner, Length
 from framekit.definition.model.services import CommandRules
-from framekit.definition.model.walk import flat, parts_of
 from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
@@ -485,7 +484,7 @@ class CommandBlocks:
         return Names({"block": command.block, "record": command.raw}, self.scope)
 
     def waits(self, command: CommandFrame) -> int:
-        """How long (ns) a command may take before that is a fault; NEVER where nobody waits."""
+        """How long (ns) a command may take before that is a fault; NEVER where nothing waits."""
         try:
             names = Names({"request": command.request}, self.names_of(command))
             return NEVER if self._waits is None else int(self._waits(names))

@@ -124,7 +124,7 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class BlockLoad:
-    """A block's part: its `period` (ns; None: nobody knows how often it starts), and what each exchange costs.
+    """A block's part: its `period` (ns; None: it is not known how often it starts), and what each exchange costs.
 
     `reached` is how long it is from start to start, on average, when the channel has only its cycles to do; `missed`
     is the part of the cycles that find no time.
@@ -138,7 +138,7 @@ class BlockLoad:
 
     @property
     def busy(self) -> float:
-        """The part of the channel's time this block wants; 0 when nobody knows how often it starts."""
+        """The part of the channel's time this block wants; 0 when it is not known how often it starts."""
         return self.cost.duration / self.period if self.period else 0.0
 
 

@@ -16,8 +16,8 @@ from typing import Protocol as Interface
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import code_text, explain
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.walk import expressions_of
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
@@ -440,7 +440,7 @@ class CommandLimit:
 
 
 LEAST_TIME = 1_000_000
-"""A transfer that ends at the very moment it began is followed by the next one 1 ms later: nobody is stopped by it."""
+"""A transfer that ends at the very moment it began is followed by the next one 1 ms later: nothing is stopped by it."""
 
 
 class JobTable:
@@ -521,7 +521,7 @@ class JobTable:
             self._establish(command, self.slots[command.slot], now)
 
     def give_up(self, givers: Container[int], now: int) -> None:
-        """Ends the jobs that these have established, as an abort does; nobody waits for answers any more."""
+        """Ends the jobs that these have established, as an abort does; answers are not waited for any more."""
         for slot in self.slots.values():
             if slot.by in givers and slot.active:
                 self._clear([slot.number], now)
@@ -680,7 +680,7 @@ class JobTable:
         self.owner.begin(attempt)
 
     def ended(self, attempt: Attempt, failure: Failure | None, now: int, store: Store | None = None) -> None:
-        """A transfer is over. `store` puts its data in place, unless nobody waits for it any more."""
+        """A transfer is over. `store` puts its data in place, unless it is not waited for any more."""
         slot = self.slots[attempt.slot]
         if slot.attempt is not attempt:
             return

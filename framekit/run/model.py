@@ -189,7 +189,7 @@ class Block:
 
     @property
     def lane(self) -> int:
-        """What it waits for: its channel; a command waits for nobody but itself."""
+        """What it waits for: its channel; a command waits only for itself."""
         return self.channel if self.job is None else -1 - self.id
 
     @property
@@ -377,7 +377,7 @@ class Order:
 class JobCommand:
     """Establishes a job (`order`), aborts one, or all (`slot` None), or stores the two detail words of one (`into`).
 
-    `status`: where the answer is written; `id`: for whoever wants to hear of it. Two commands are never the same.
+    `status`: where the answer is written; `id`: for what wants to hear of it. Two commands are never the same.
     """
 
     kind: CommandKind
@@ -417,7 +417,7 @@ class Opening:
 
     @property
     def leads_anywhere(self) -> bool:
-        """Whether the port is the same for every host: then nobody asks where one is."""
+        """Whether the port is the same for every host: then it is not asked where one is."""
         return HOST not in self.channel.port
 
     def port_to(self, address: str) -> str:

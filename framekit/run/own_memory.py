@@ -8,11 +8,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from framekit.definition.model.frames import flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, BitsPart, Count, Data, Field, FieldType, Length, Segment, Value
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
-from framekit.definition.model.walk import flat
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError
@@ -251,7 +251,7 @@ Read = Callable[[], Any]
 class FrameFields:
     """The fields of one SEND block: those that are the same every time, and what reads the others.
 
-    Raises ValueError where nobody says how long data are, UnknownAreaError.
+    Raises ValueError where nothing says how long data are, UnknownAreaError.
     """
 
     def __init__(self, block: Block, parts: Mapping[str, FramePart], memory: DeviceMemory) -> None:

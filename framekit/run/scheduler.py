@@ -23,7 +23,7 @@ from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
 class TriggerRegistry:
     """Arms blocks. `wake` is called when one comes due by its memory triggers.
 
-    `fired`: those that have come due since somebody took them, always the same list. `timers`: a heap of times when
+    `fired`: those that have come due since they were last taken, always the same list. `timers`: a heap of times when
     blocks are due next.
     """
 
@@ -115,7 +115,7 @@ class TriggerRegistry:
 
 
 class ReadyQueue:
-    """Lanes by number. Whoever changes a lane says so by `schedule`; `due` then names it when its time has come."""
+    """Lanes by number. What changes a lane says so by `schedule`; `due` then names it when its time has come."""
 
     def __init__(self, station_of: Callable[[BlockState], Hashable]) -> None:
         self.lanes: dict[int, BlockLane] = {}
@@ -188,7 +188,7 @@ class ReadyQueue:
 LEAST_TIME = 1_000_000
 """One that ends at once, or fails within 1 ms, holds its channel for 1 ms; a `while` block starts again 1 ms after its
 end at the earliest, and so does one that blocks have started in a circle without waiting for anything: so blocks that
-start each other, or themselves, and never wait for the other side, stop nobody."""
+start each other, or themselves, and never wait for the other side, stop nothing."""
 
 Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
 """Which of the waiting blocks may come with the exchange of a block."""
@@ -238,7 +238,7 @@ class Scheduler:
             self._take_in(state)
 
     def _take_in(self, state: BlockState) -> None:
-        """A block without a channel waits for nobody: it has a lane of its own."""
+        """A block without a channel waits for nothing: it has a lane of its own."""
         state.set_on = self.sets.get(state.block.set, True)
         self._registry.await_ends(state)
         self._ready.add(state.lane, LaneRules())

@@ -12,13 +12,12 @@ from typing import Any, Generic, Literal, TypeVar
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.expression import Attribute, Conditional, Expression, Index, List, Name, Node, Number
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StationType
 from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Repeat, Segment
 from framekit.definition.model.services import Packing, ServiceRow
 from framekit.definition.model.values import LayoutOf, ReadAs, RecordOf, Value
-from framekit.definition.model.walk import flat
 from framekit.definition.problems import did_you_mean
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar

@@ -51,7 +51,7 @@ class Condition:
         return partial(self._holds, memory)
 
     def number_reader(self, memory: DeviceMemory) -> tuple[Callable[[], int], int]:
-        """As `reader`, for whoever looks after each write: what reads a number, and the bit of it that says so.
+        """As `reader`, for a look after each write: what reads a number, and the bit of it that says so.
 
         Of a bit it reads the byte, which takes no call of Python between a write and what it triggers.
         """

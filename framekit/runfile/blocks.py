@@ -12,9 +12,9 @@ from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import CommandCall, ServiceRow
-from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, unread, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly, parted

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 from framekit.definition.expression import names_in
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.load.reader import Broken, Reader, parse_bytes, parse_number
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import WITHOUT_NUMBER, Parameter, StationType
-from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import DefinitionError, did_you_mean, parted, plural
 from framekit.definition.times import FAST, NEVER, SPEEDS, Direction, LineFormat, LineSettings, Modem, parse_format

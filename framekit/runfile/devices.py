@@ -18,10 +18,10 @@ from framekit.definition.expression import Call, Text, names_in, walk
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.protocol import DeviceDefinition, definition_path, load_device_definition, load_protocol
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area
-from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.definition.nodes import Entry, Node, Scalar, Sequence, read_nodes, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, parted

@@ -8,9 +8,9 @@ from pathlib import Path, PurePosixPath
 
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
-from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.times import NEVER

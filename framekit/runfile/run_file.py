@@ -18,9 +18,9 @@ from typing import Any, Literal, NamedTuple
 from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import JobWork
-from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Mapping, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean

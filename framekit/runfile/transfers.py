@@ -14,12 +14,11 @@ from typing import Any, TypeVar
 from framekit.definition.check.services import is_unit
 from framekit.definition.expression import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, field_names
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Field
 from framekit.definition.model.services import COUNTED_STRING, Packing, ServiceRow
-from framekit.definition.model.walk import field_names
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position, did_you_mean, is_nearly, listed, parted, plural
@@ -299,7 +298,7 @@ class FrameBlockLoader:
         return found
 
     def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
-        """Fields that nothing gives a value, and data whose size nobody says."""
+        """Fields that nothing gives a value, and data whose size is not said."""
         for part in frame.segments:
             if part.when is not None or not isinstance(part, (Data, Field)):
                 continue

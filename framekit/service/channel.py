@@ -268,7 +268,7 @@ class ChannelService:
             self.client.ask(service, arguments, station, done)
 
     def _frame(self, frame: FrameValue) -> None:
-        """A frame nobody waited for: the RECEIVE blocks that name it take it."""
+        """A frame that no block waited for: the RECEIVE blocks that name it take it."""
         for block in self.receiving.get(frame.frame, ()):
             taking = self.owner.takes(block.id)
             if taking is None:
@@ -383,7 +383,7 @@ def receiving(run: RunModel, channel: int) -> list[Block]:
 def undisturbed(watcher: Callable[..., None], *what: object) -> None:
     """Tells a watcher; what it raises goes to the log, since no exchange may end otherwise because it is watched.
 
-    Only an output that nobody reads any more is the end of the run.
+    Only an output whose reader has gone is the end of the run.
     """
     try:
         watcher(*what)

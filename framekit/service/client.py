@@ -1,6 +1,6 @@
 """A client at work: an engine on a port, transfers that can be given up, reads without end, and frames by themselves.
 
-Callbacks only, on a clock; whoever wants to wait builds that on top. Nothing is decided here about types of values.
+Callbacks only, on a clock; waiting is built on top. Nothing is decided here about types of values.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import Port
 
 MOST_FRAMES = 1000
-"""So many frames are kept for those who will ask for them."""
+"""So many frames are kept until they are asked for."""
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class ClientService:
     """A client on a port. Raises ParameterError for parameters that do not fit, KeyError for an unknown role.
 
     `role` None: frames alone. `memory` is its own, for protocols in which the other side asks as well. `frames` are
-    those that came and that nobody waited for, the oldest first; `lost_frames` counts those there was no room for.
+    those that came and that no call waited for, the oldest first; `lost_frames` counts those there was no room for.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class ClientService:
             self._on_frame()
 
     def take_frame(self, names: tuple[str, ...]) -> FrameValue | None:
-        """The oldest frame of these names (of any, if there are none) that nobody has taken."""
+        """The oldest frame of these names (of any, if there are none) that has not been taken."""
         for frame in self.frames:
             if not names or frame.frame in names:
                 self.frames.remove(frame)

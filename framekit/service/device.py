@@ -32,7 +32,7 @@ from framekit.transport.wiring import wired
 
 
 class DeviceStore:
-    """What a device keeps, whoever talks to it: memory, variables, clock, counters, the plan of its faults.
+    """What a device keeps over all connections: memory, variables, clock, counters, the plan of its faults.
 
     `of_line` are the faults of its line, beside its own; what is done of them is counted in `faults.injected`.
 
@@ -73,7 +73,7 @@ class DeviceStore:
         return FaultInjector(plan, self.clock, frames, name=device.name)
 
     def _system_bits(self) -> SystemBits | None:
-        """The bits that the device's memory sets by itself; nobody waits for them."""
+        """The bits that the device's memory sets by itself; nothing waits for them."""
         profile = self.device.profile
         if profile is None or not (profile.clocks or profile.fixed or profile.calendar):
             return None

@@ -82,7 +82,7 @@ class Driven(Protocol):
 
 
 class Moment(Protocol):
-    """Whoever wants to know when an event has been dealt with: it is `inside` until `end` is called."""
+    """What wants to know when an event has been dealt with: it is `inside` until `end` is called."""
 
     inside: bool
 
@@ -168,7 +168,7 @@ class Driver:
     # ---- events of the port -------------------------------------------------------------------------------
 
     def opened(self, now: int) -> None:
-        if self.stopped:  # it took so long that nobody wants it any more
+        if self.stopped:  # it took so long that it is not wanted any more
             self.port.close()
             return
         self.is_open = True

@@ -26,7 +26,7 @@ LONGEST_NOISE = 4
 
 @dataclass(slots=True)
 class Treated:
-    """What becomes of the bytes of one `write`: pieces with the pause (ns) before each; none: nobody hears them.
+    """What becomes of the bytes of one `write`: pieces with the pause (ns) before each; none: they are not heard.
 
     `held`: they come before what is sent next. `cut`: the connection goes away instead, for so long (ns).
     """
@@ -378,7 +378,7 @@ class FaultyPort(PassingPort):
     # ---- in -----------------------------------------------------------------------------------------------
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
-        """A device with an echo sends back what it hears: whoever asks hears itself."""
+        """A device with an echo sends back what it hears: the client hears itself."""
         if self.events is None:
             return
         if self.injector.answers and self.injector.happens("echo") is not None:

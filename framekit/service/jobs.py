@@ -51,7 +51,7 @@ from framekit.service.device import DeviceService, devices_of, port_for
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 Found = Callable[[list[str] | None], None]
-"""Told the addresses of a name: none when nobody knows it, None when it could not be asked."""
+"""Told the addresses of a name: none when it is not known, None when it could not be asked."""
 
 ResolveHost = Callable[[str, Found], None]
 
@@ -144,7 +144,7 @@ class HostChannels:
             return
 
         def found(addresses: list[str] | None) -> None:
-            """Told the addresses of the name; none: nobody knows it; None: asking failed."""
+            """Told the addresses of the name; none: it is not known; None: asking failed."""
             if not wanted():
                 return
             if not addresses:
@@ -194,7 +194,7 @@ class HostChannels:
         return number
 
     def _make_room(self) -> bool:
-        """Closes the channel that nobody uses for the longest time; whether there is one."""
+        """Closes the channel that has been unused for the longest time; whether there is one."""
         idle = next((number for number in self.opened if not self._in_use(number)), None)
         if idle is not None:
             self._close(idle)
@@ -222,7 +222,7 @@ class HostChannels:
 Finished = Callable[[int, Failure | None], None]
 
 NO_NETWORK = tuple(os.strerror(number) for number in (errno.ENETDOWN, errno.ENETUNREACH, errno.EADDRNOTAVAIL))
-"""What systems say when nobody at all can be reached; anything else is the trouble of one host."""
+"""What systems say when no host at all can be reached; anything else is the trouble of one host."""
 
 
 class JobService:

@@ -1,6 +1,6 @@
 """A run at work: channels, devices, memory and the scheduler on one clock, real or virtual.
 
-Everything happens in callbacks of the clock and of ports. Nothing here prints; whoever watches gives `monitor`.
+Everything happens in callbacks of the clock and of ports. Nothing here prints; what watches gives `monitor`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class RunLoop:
         self._running = False
 
     def start(self) -> None:
-        """From now on it calls, as soon as somebody says `wake` or `set`."""
+        """From now on it calls, as soon as `wake` or `set` is called."""
         self._running = True
 
     def stop(self) -> None:
@@ -543,7 +543,7 @@ class RunEditor:
             service.lines.put(number, made)
         before, service.run = service.run.sets, edit.run
         for number, on in edit.run.sets.items():
-            if before.get(number) != on:  # one that somebody has switched by hand stays so
+            if before.get(number) != on:  # one that was switched by hand stays so
                 scheduler.set_enabled(number, on, now)
                 service.set_switched(number)
         added = [scheduler.add(block) for block in added_blocks(edit)]

@@ -2,7 +2,7 @@
 
 Over UDP each sender has what a connection has over TCP.
 
-Each device has one store, however many connections there are. Nothing here prints; whoever watches gives `monitor`.
+Each device has one store, however many connections there are. Nothing here prints; what watches gives `monitor`.
 """
 
 from __future__ import annotations

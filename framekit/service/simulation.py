@@ -51,7 +51,7 @@ def key(block: Block) -> BlockKey:
 
 
 def arriving(channel: Channel, block: Block) -> Cost:
-    """A frame that comes by itself: nobody asks for it, it only takes its time on the line."""
+    """A frame that comes by itself: it is not asked for, it only takes its time on the line."""
     codec = compile_protocol(channel.protocol)
     assert block.frame is not None
     scope = Scope(channel.protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params)

@@ -63,7 +63,7 @@ class Alarm(Protocol):
         """The call will come at `when`, never earlier, and not when it was set to before; NEVER: not at all."""
 
     def cancel(self) -> None:
-        """The call will not come, and the clock keeps nothing of whoever wanted it."""
+        """The call will not come, and the clock keeps nothing of its caller."""
 
 
 class Lagging(Protocol):
@@ -334,7 +334,7 @@ class Turns:
         callback()
 
     def _next(self) -> None:
-        """A turn is over: those who wait are first in the next one."""
+        """A turn is over: calls that wait are first in the next one."""
         self._ends, self.used = False, 0
         while self._waiting and self._has_room(self._waiting[0][0]):
             self._use(*self._waiting.popleft())

@@ -28,7 +28,7 @@ NEWCOMER = 128
 
 
 class Connection(asyncio.BufferedProtocol):
-    """One connection, for as long as its port takes it for its own; what comes of it later is nobody's.
+    """One connection, for as long as its port takes it for its own; what comes of it later is dropped.
 
     What is sent in one go is dealt with in many turns, with those of others in between; the rest waits in the network.
     Where others have used up a turn, the piece that has been read waits for the next, and no more is read.
@@ -299,7 +299,7 @@ class NetworkListener(ABC):
 
     @abstractmethod
     async def _open(self, listening: socket.socket) -> None:
-        """From now on whoever comes is heard."""
+        """From now on connections are accepted."""
 
     def stop(self) -> None:
         opening, self._opening = self._opening, None
@@ -520,7 +520,7 @@ class _Endpoint(asyncio.DatagramProtocol):
         self._came.add(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """Nobody listens there (yet): as on a line on which nobody answers, the time-outs say so."""
+        """Nothing listens there (yet): as on a line without an answer, the time-outs say so."""
 
     def connection_lost(self, exc: Exception | None) -> None:
         if exc is not None:

@@ -59,7 +59,7 @@ class Port(ABC):
 
     @abstractmethod
     def open(self, events: PortEvents) -> None:
-        """Opens the port; `events.opened` or `events.closed` follows. What came before belongs to nobody."""
+        """Opens the port; `events.opened` or `events.closed` follows. What came before is dropped."""
 
     @abstractmethod
     def write(self, data: bytes) -> None:
@@ -227,7 +227,7 @@ class SharedPort:
             events.opened(self.clock.now())
 
     def close(self, user: UserPort) -> None:
-        """The port is closed for everybody; the others are told, and may open it again."""
+        """The port is closed for all its users; the others are told, and may open it again."""
         if self.users.pop(user, None) is None:
             return
         self.sending.discard(user)
@@ -261,7 +261,7 @@ class SharedPort:
             events.line_break(now)
 
     def sent(self, now: int) -> None:
-        """Everything has left: whoever has sent something since the last time is told."""
+        """Everything has left: each user that has sent something since the last time is told."""
         sending, self.sending = self.sending, set()
         for user, events in list(self.users.items()):
             if user in sending:
@@ -332,7 +332,7 @@ Tap = Callable[[LineEvent], None]
 
 
 class TappedPort(PassingPort):
-    """The port `inner`, with `tap` told of everything before whoever uses the port."""
+    """The port `inner`, with `tap` told of everything before the user of the port."""
 
     def __init__(self, inner: Port, clock: Clock, tap: Tap) -> None:
         super().__init__(inner)

@@ -56,7 +56,7 @@ class PtyPair:
                     waiting[other[master]] = os.read(master, READ_SIZE)
 
     def close(self) -> None:
-        """Pulls both out: whoever has one open gets an error or the end."""
+        """Pulls both out: a program that has one open gets an error or the end."""
         if self._closed:
             return
         self._closed = True

@@ -227,7 +227,7 @@ class ThreadConnection(SerialConnection):
         self._tell(lambda: self.events.lost(reason))
 
     def _tell(self, call: Callable[[], None]) -> None:
-        """A call of the loop, unless nobody is to be told any more or the loop is closed."""
+        """A call of the loop, unless its events are not wanted any more or the loop is closed."""
         with contextlib.suppress(RuntimeError):
             self.clock.loop.call_soon_threadsafe(lambda: None if self._closed else call())
 
@@ -267,7 +267,7 @@ class ThreadConnection(SerialConnection):
         self._orders.put(lambda device: set_attribute(device, name, on))
 
     def drop_output(self) -> None:
-        """Nothing: a thread of its own closes the device, and nobody waits for it."""
+        """Nothing: a thread of its own closes the device, which is not waited for."""
 
 
 SHORTEST_LOOK = 500_000
@@ -624,7 +624,7 @@ class DescriptorConnection(SerialConnection):
             start = end + 1
 
     def _added(self) -> DamageCounts | None:
-        """The damage counted since the last time; None where nobody counts."""
+        """The damage counted since the last time; None where it is not counted."""
         before, self._counts = self._counts, damage_counts(self._descriptor)
         return None if before is None or self._counts is None else self._counts.since(before)
 

@@ -163,7 +163,7 @@ class Transmission:
 
 
 Fault = Callable[[Transmission], None]
-"""Changes a transmission when it goes on the line, before anybody has heard of it."""
+"""Changes a transmission when it goes on the line, before any port has heard of it."""
 
 
 def in_order(*faults: Fault) -> Fault:
@@ -438,7 +438,7 @@ class SimulatedLine:
     # ---- hearing ------------------------------------------------------------------------------------------
 
     def behind(self, until: int) -> int | None:
-        """See `Lagging`: when the first transmission with complete characters that nobody knows of can be told."""
+        """See `Lagging`: when the first transmission with complete characters that is not known yet can be told."""
         first: int | None = None
         for _, transmission in self._under_way:
             count = transmission.complete_by(until)

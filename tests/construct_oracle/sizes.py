@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, flat
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -32,7 +32,6 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.model.walk import flat
 
 Evaluate = Callable[[Expression], Any]
 

@@ -19,8 +19,8 @@ from construct_oracle.names import Names
 from construct_oracle.sizes import Evaluate, KnownSizes
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
 from framekit.definition.expression import Expression
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.segments import Check, Segment
-from framekit.definition.model.walk import parts_of
 
 if TYPE_CHECKING:
     from construct_oracle.base import SegmentConstruct

@@ -22,7 +22,7 @@ from framekit.codec.errors import FrameError
 from framekit.codec.python.generate import generate_source
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
-from framekit.definition.vectors import Conversation, load_vectors
+from framekit.definition.vectors import Conversation
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.conversation import SideUnderTest, default_line, run_conversation
 from framekit.link.evaluate import Names
@@ -31,6 +31,7 @@ from framekit.link.listener import Listener
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import plain
+from tests.shipped import load_vectors
 
 NAMES = [*PROTOCOLS, *APPLICATIONS]
 KEPT_FRAMES = Path(__file__).parent / "frames"

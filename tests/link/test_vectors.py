@@ -13,8 +13,9 @@ from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import DefinitionError
-from framekit.definition.vectors import Conversation, FrameVector, Vectors, load_vectors, parse_wire
+from framekit.definition.vectors import Conversation, FrameVector, Vectors, parse_wire
 from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
+from tests.shipped import load_vectors
 
 FRAMES = Path(__file__).parents[2] / "frames"
 SHIPPED = sorted(FRAMES.glob("*.vectors.yaml"))

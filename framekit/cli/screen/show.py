@@ -16,7 +16,7 @@ MISSING = (
 
 
 def show(session: LiveSession) -> int:
-    """Until its time is over or somebody quits. Raises VerbError, DefinitionError."""
+    """Until its time is over or the user quits. Raises VerbError, DefinitionError."""
     try:
         from framekit.cli.screen.app import MonitorApp
     except ModuleNotFoundError as error:

@@ -73,7 +73,7 @@ class SegmentKind(Generic[S]):
         raise TypeError(f"no segment to build: {segment!r}")
 
     def room(self, w: EncodeWriter, segment: S, scope: Scope, plain: bool) -> str | None:
-        """Text of the bytes it takes where that varies; `plain`: before conversion. None where nobody asks."""
+        """Text of the bytes it takes where that varies; `plain`: before conversion. None where it is not asked for."""
         return None
 
     def room_waits(self, w: EncodeWriter, segment: S) -> set[str]:

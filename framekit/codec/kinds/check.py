@@ -12,11 +12,11 @@ from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.function import covers_later, on_the_wire, span_names
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted
+from framekit.definition.model.frames import leaves
 from framekit.definition.model.segments import (
     Check,
     Segments,
 )
-from framekit.definition.model.walk import leaves
 
 
 class CheckKind(SegmentKind[Check]):

@@ -146,7 +146,7 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
 
 
 def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
-    """Data that are too short get as long as they must be, before anybody asks for their length."""
+    """Data that are too short get as long as they must be, before their length is asked for."""
     assert data.pad is not None and isinstance(data.size, (int, Expression))
     conditions = [] if data.when is None else [w.text(data.when, scope, AND)]
     size = str(data.size)

@@ -12,10 +12,10 @@ from framekit.codec.python.places import Place
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import quoted
+from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import (
     Optional,
 )
-from framekit.definition.model.walk import flat
 
 
 class OptionalKind(SegmentKind[Optional]):

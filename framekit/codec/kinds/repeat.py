@@ -16,6 +16,7 @@ from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.source import Code, quoted, text_source
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number
+from framekit.definition.model.frames import expressions_of, flat
 from framekit.definition.model.segments import (
     Count,
     FieldType,
@@ -23,7 +24,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segments,
 )
-from framekit.definition.model.walk import expressions_of, flat
 
 
 class RepeatKind(SegmentKind[Repeat]):

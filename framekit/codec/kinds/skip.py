@@ -1,4 +1,4 @@
-"""`skip`: bytes nobody looks at; and what a frame of fixed size leaves free."""
+"""`skip`: bytes without meaning; and what a frame of fixed size leaves free."""
 
 from __future__ import annotations
 

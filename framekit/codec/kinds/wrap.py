@@ -16,12 +16,12 @@ from framekit.codec.python.reader import BufferReader, Item, not_possible, shown
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.definition.expression import BIT_OR, OR
+from framekit.definition.model.frames import flat, leaves, names_always_there
 from framekit.definition.model.segments import (
     Const,
     Skip,
     Wrap,
 )
-from framekit.definition.model.walk import flat, leaves, names_always_there
 
 
 class WrapKind(SegmentKind[Wrap]):

@@ -12,9 +12,8 @@ from weakref import WeakKeyDictionary
 
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.source import quoted
-from framekit.definition.model.frames import StaticSizes
+from framekit.definition.model.frames import StaticSizes, parts_of
 from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Segment
-from framekit.definition.model.walk import parts_of
 
 Allowed = Mapping[int, frozenset[int]]
 """Place in the frame → the values its byte can have."""

@@ -17,7 +17,7 @@ from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import names_asked_for
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, everything, flat, leaves, without_when
 from framekit.definition.model.segments import (
     Check,
     Const,
@@ -27,7 +27,6 @@ from framekit.definition.model.segments import (
     Length,
     Segment,
 )
-from framekit.definition.model.walk import everything, flat, leaves, without_when
 
 Behind = tuple[tuple[Segment, Scope], ...]
 """What follows a segment in its buffer, with the scopes of its names."""
@@ -179,7 +178,7 @@ class DiagnosisWriter:
         return f"lambda n: n.end - n.data.index({bytes_literal(data)}, n.at, n.end)"
 
     def named(self, segment: Segment) -> str:
-        """A segment's name as the careful functions know it: its kind, if it has no name and nobody asks for it."""
+        """A segment's name as the careful functions know it: its kind, if it has no name and is not asked for."""
         name = segment.name or ""
         if name and (not name.startswith("_") or name in self.asked_for):
             return quoted(name)

@@ -37,7 +37,7 @@ from framekit.definition.expression import (
     children,
     walk,
 )
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, everything, expressions_of, flat, leaves, without_when
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -53,7 +53,6 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
-from framekit.definition.model.walk import everything, expressions_of, flat, leaves, without_when
 
 Placed = tuple[Segment, Scope]
 Cases = list[tuple[str, tuple[Segment, ...] | None]]
@@ -496,7 +495,7 @@ class EncodeWriter:
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def more_than_needed(self, given: Given) -> str:
-        """Text that tells whether there are values beyond those that anybody may give."""
+        """Text that tells whether there are values beyond those that may be given."""
         conditional = {name for _, names in self.conditions_of(given) for name in names}
         free = set(given.names) - set(given.computed) - conditional
         beyond = ""
@@ -922,7 +921,7 @@ class EncodeWriter:
 
     @staticmethod
     def inputs(segment: Segment) -> tuple[str, ...]:
-        """The names of a segment that somebody gives."""
+        """The names of a segment that are given."""
         if isinstance(segment, (Length, Count, Value)) or (isinstance(segment, Field) and segment.is_ is not None):
             return ()
         if isinstance(segment, Bits):

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 from framekit.codec.python.function import on_the_wire, span_names
+from framekit.definition.model.frames import everything, leaves
 from framekit.definition.model.segments import Check, Segment
-from framekit.definition.model.walk import everything, leaves
 
 
 @dataclass(slots=True)

@@ -35,8 +35,8 @@ from framekit.definition.expression import (
     emit,
     walk,
 )
+from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import Field, Segment
-from framekit.definition.model.walk import flat
 
 Kind = Literal["value", "list", "record", "inner"]
 _WIRE = "bytes on the wire of "

@@ -18,7 +18,7 @@ from framekit.codec.python.registry import summary, write_docstring
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Code, Source
 from framekit.definition.expression import BIT_OR, Binary, Expression, Name, Node, Number
-from framekit.definition.model.frames import StaticSizes
+from framekit.definition.model.frames import StaticSizes, everything, without_when
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -36,7 +36,6 @@ from framekit.definition.model.segments import (
     Skip,
     Value,
 )
-from framekit.definition.model.walk import everything, without_when
 
 
 class NotPlain(Exception):  # noqa: N818 - no error, the encoder does it then

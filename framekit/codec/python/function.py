@@ -12,6 +12,7 @@ from framekit.codec.python.places import Place, between
 from framekit.codec.python.shape import Target, is_followed, names_asked_for
 from framekit.codec.python.source import Identifiers, Source
 from framekit.definition.expression import Call, Expression, Name, names_in, walk
+from framekit.definition.model.frames import everything, expressions_of, flat, leaves
 from framekit.definition.model.segments import (
     Check,
     Data,
@@ -19,7 +20,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
 )
-from framekit.definition.model.walk import everything, expressions_of, flat, leaves
 
 MISFIT = "raise Misfit"
 """Segments that stand for those inside them."""
@@ -117,7 +117,7 @@ class Function:
     # ---- where segments stand -----------------------------------------------------------------------------
 
     def stands(self, segment: Segment, buffer: str, first: Place, last: Place) -> None:
-        """Notes where a segment stands; places that will move are kept in locals if somebody asks for them later."""
+        """Notes where a segment stands; places that will move are kept in locals if they are needed later."""
         name = segment.name
         if name is None:
             return
@@ -207,7 +207,7 @@ class Function:
 
 
 def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
-    """Names whose places somebody asks for: check ranges, lengths, `len(name)` of what has no length of its own."""
+    """Names whose places are needed: check ranges, lengths, `len(name)` of what has no length of its own."""
     found: set[str] = set()
     for segment in everything(segments):
         if isinstance(segment, Check):

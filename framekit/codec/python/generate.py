@@ -38,11 +38,10 @@ from framekit.definition.expression import (
     Number,
     walk,
 )
-from framekit.definition.model.frames import Frame, Layout
+from framekit.definition.model.frames import Frame, Layout, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.model.segments import Check, Choose, Length, Repeat, Segment
-from framekit.definition.model.walk import everything
 
 _EMPTY: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}}
 
@@ -276,7 +275,7 @@ class ModuleWriter:
         for name, frame in self.protocol.frames.items():
             self.identifiers[name] = self._identifier(name)
             self._frame(name, frame)
-        if self.standalone:  # inside framekit they are made when somebody asks for one
+        if self.standalone:  # inside framekit they are made when one is asked for
             self._builders()
         for name, layout in self.protocol.layouts.items():
             if self._stands_alone(layout):

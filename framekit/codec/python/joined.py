@@ -18,7 +18,7 @@ from framekit.codec.python.reader import BufferReader, Item, limit
 from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
 from framekit.definition.expression import BIT_OR, Expression
-from framekit.definition.model.frames import Frame, StaticSizes
+from framekit.definition.model.frames import Frame, StaticSizes, everything
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -37,7 +37,6 @@ from framekit.definition.model.segments import (
     Skip,
     Value,
 )
-from framekit.definition.model.walk import everything
 
 MOST_PAIRS = 40
 """A frame is joined with so many others at most: each pair is a function more, of ten lines or so."""

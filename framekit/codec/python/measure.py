@@ -1,7 +1,7 @@
 """Measuring functions: how long is the frame that begins here, from as many bytes as are there.
 
 They read only what sizes depend on, compare only the constants a frame begins with, and say how many bytes they want at
-least, so that nobody has to ask for every single one. The kinds of segments write how they are passed.
+least, so that not every single one is checked. The kinds of segments write how they are passed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
 from framekit.definition.expression import SUM, Attribute, Expression, names_in, walk
-from framekit.definition.model.frames import Frame, bytes_of
+from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -39,7 +39,6 @@ from framekit.definition.model.segments import (
     Segment,
     Value,
 )
-from framekit.definition.model.walk import everything, flat, without_when
 
 Pairs = tuple[tuple[Segment, Scope], ...]
 """Segments with the scopes their names belong to."""
@@ -65,7 +64,7 @@ def write_measurer(module: Module, identifier: str, frame: Frame, segments: tupl
 def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[Segment, ...]) -> Source | None:
     """The source of `extent_…` of a frame that holds another one which decides on its size; None for others.
 
-    It says what `measure_…` says, if everything fits: for those who decode at once what it found.
+    It says what `measure_…` says, if everything fits, so that what it found is decoded at once.
     """
     writer = ExtentWriter(module, identifier, segments, MOST if frame.most is None else frame.most)
     if not any(isinstance(segment, Inner) for segment in segments):

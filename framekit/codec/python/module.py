@@ -25,10 +25,9 @@ from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
 from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, quoted, text_source
 from framekit.definition.expression import BIT_AND
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.frames import StaticSizes
+from framekit.definition.model.frames import StaticSizes, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Const, Segments, Wrap
-from framekit.definition.model.walk import everything
 from framekit.definition.problems import DefinitionError, Problem
 
 _ALWAYS = ("fault", "error")

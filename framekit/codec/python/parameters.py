@@ -16,7 +16,7 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope, default_t
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.definition.expression import Bytes, Expression, Number, Text, names_in
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, certain, everything, flat
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
@@ -29,7 +29,6 @@ from framekit.definition.model.segments import (
     Value,
     lack_default,
 )
-from framekit.definition.model.walk import certain, everything, flat
 from framekit.definition.times import format_time
 
 LEFT_OUT = "None"

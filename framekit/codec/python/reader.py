@@ -22,7 +22,7 @@ from framekit.codec.python.registry import kind_of, struct_order, summary, write
 from framekit.codec.python.shape import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import AND, BIT_OR, SUM, Expression
-from framekit.definition.model.frames import Frame, bytes_of
+from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -34,7 +34,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
 )
-from framekit.definition.model.walk import everything, flat, without_when
 from framekit.definition.problems import DefinitionError, Problem
 
 START = Place("", 0)

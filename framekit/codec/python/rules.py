@@ -8,12 +8,12 @@ from framekit.codec.python import forms
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import quoted
+from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import (
     Count,
     Length,
     Segment,
 )
-from framekit.definition.model.walk import flat
 
 Lengths = Mapping[str, forms.Range]
 Rules = Iterable[tuple[str, str]]

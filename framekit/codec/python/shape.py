@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
-from framekit.definition.model.frames import StaticSizes
+from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat
 from framekit.definition.model.segments import (
     Const,
     Count,
@@ -22,7 +22,6 @@ from framekit.definition.model.segments import (
     Segments,
     Wrap,
 )
-from framekit.definition.model.walk import certain, everything, expressions_of, flat
 from framekit.definition.problems import Position
 
 

@@ -287,18 +287,18 @@ class Identifiers:
         self._taken = {*reserved, *_PYTHON}
 
     def fresh(self, name: str) -> str:
-        """`name` as an identifier nobody has yet: with `_` or `_2`, `_3` … behind if need be."""
+        """`name` as an identifier that is free: with `_` or `_2`, `_3` … behind if need be."""
         wanted = identifier(name)
         if wanted.startswith(_OWN_PREFIXES):
             wanted += "_"
         return self._take(wanted)
 
     def reserve(self, names: Iterable[str]) -> None:
-        """Names that somebody has already."""
+        """Names that are taken."""
         self._taken.update(names)
 
     def constant(self, *names: str) -> str:
-        """A module constant nobody has yet."""
+        """A module constant that is free."""
         return self._take(constant_name(*names))
 
     def _take(self, wanted: str) -> str:

@@ -5,7 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression import Expression, Logic, names_in
-from framekit.definition.model.frames import Frame, StaticSizes, all_fixed, bytes_of, fixed_size, least_size
+from framekit.definition.model.frames import (
+    Frame,
+    StaticSizes,
+    all_fixed,
+    bytes_of,
+    everything,
+    expressions_of,
+    field_names,
+    fixed_size,
+    flat,
+    least_size,
+    leaves,
+    parts_of,
+)
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     MOST_BYTES,
@@ -23,7 +36,6 @@ from framekit.definition.model.segments import (
     Skip,
     Wrap,
 )
-from framekit.definition.model.walk import everything, expressions_of, field_names, flat, leaves, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 
@@ -189,7 +201,7 @@ def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict
 
 
 def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
-    """A size that is a plain field must be computed by somebody: a length does it, `build` or `is` too."""
+    """A size that is a plain field must be computed: a length does it, `build` or `is` too."""
     assert isinstance(data.size, Expression)
     for segment in flat(level):
         if segment is data:

@@ -23,12 +23,11 @@ from framekit.definition.check.services import (
 )
 from framekit.definition.expression import Attribute, Expression, Name, Node, Text, names_in, walk
 from framekit.definition.kinds.base import Segment
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import Value
-from framekit.definition.model.walk import expressions_of, field_names, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 

@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterator, Mapping
 
 from framekit.definition.check.services import OFFERED, parts_in
 from framekit.definition.expression import Expression, Number, Text, Unary, walk
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Action, CallOf, Lane, Role, Row, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
-from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 WAITING = ("again", "restart", "resend")

@@ -13,13 +13,12 @@ from framekit.definition.check.services import check_forms, check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression import Bytes, Expression, List, Name, Number, Text
 from framekit.definition.kinds.base import constant_number
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, parts_of
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
-from framekit.definition.model.walk import parts_of
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
 from framekit.definition.times import format_time
 

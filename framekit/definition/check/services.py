@@ -25,7 +25,15 @@ from framekit.definition.expression import (
     walk,
 )
 from framekit.definition.kinds.base import Segment, constant_number
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import (
+    Frame,
+    expressions_of,
+    field_names,
+    flat,
+    names_always_there,
+    names_needed,
+    parts_of,
+)
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import (
@@ -39,7 +47,6 @@ from framekit.definition.model.services import (
     ServiceRow,
 )
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Table, Value
-from framekit.definition.model.walk import expressions_of, field_names, flat, names_always_there, names_needed, parts_of
 from framekit.definition.problems import Problem, did_you_mean, listed
 from framekit.definition.sources import fingerprint
 
@@ -318,7 +325,7 @@ def _missing_names(row: ServiceRow, read: set[str]) -> Iterator[str]:
 
 
 def serves(protocol: Protocol) -> bool:
-    """Whether a device may be made of this definition; of an application, whoever carries it decides."""
+    """Whether a device may be made of this definition; of an application, the protocol that carries it decides."""
     if protocol.kind == "application":
         return True
     return any(step.serve is not None for sequence in protocol.sequences.values() for step in sequence.steps)
@@ -581,7 +588,7 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
 
 
 def _never_built(protocol: Protocol) -> set[int]:
-    """What is only compared with what comes: requests nobody asks, replies nobody gives."""
+    """What is only compared with what comes: requests that no client sends, replies that no server gives."""
     rows = [row for rows in protocol.services.values() for row in rows]
     asks = protocol.commands is None
     found = {id(row.request) for row in rows if row.server_only or not asks}

@@ -31,13 +31,12 @@ from framekit.definition.expression import (
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
 from framekit.definition.kinds.base import Segment
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, expressions_of, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf
-from framekit.definition.model.walk import expressions_of, flat, parts_of
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 Kind = ValueKind

@@ -15,11 +15,10 @@ from typing import Protocol as Interface
 from framekit.definition.expression import Expression, Number, Unary
 from framekit.definition.keys import Form, Meanings, ValueKind, here, mapping_schema, read_keys, ref
 from framekit.definition.load.reader import Reader, parse_number
-from framekit.definition.model.static_size import NOTHING, Sizes, exactly, of_any_frame
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean, parted
 from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node, Scalar
-from framekit.definition.wire_types import EVERY_BYTE, FieldType
+from framekit.definition.wire_types import EVERY_BYTE, NOTHING, FieldType, Sizes, exactly, of_any_frame
 
 T = TypeVar("T")
 SegmentClass = TypeVar("SegmentClass", bound="type[Segment]")
@@ -435,7 +434,7 @@ def number_written(reader: Reader, holder: Any, scalar: Scalar) -> int:
     try:
         return parse_number(scalar.text)
     except ValueError as error:
-        what, _, todo = str(error).partition(" – ")
+        what, todo = parted(error)
         if holder.values:
             what = f"'{scalar.text}' is neither a number nor a name in the values of '{holder.name}'"
             todo = did_you_mean(scalar.text, holder.values.values())

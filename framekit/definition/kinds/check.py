@@ -9,10 +9,9 @@ from typing import ClassVar, Literal
 from framekit.definition.keys import NUMBER, Form, KeyReading, here, key, keys, ref, words
 from framekit.definition.kinds.base import Contents, References, Segment
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.static_size import Sizes, exactly
 from framekit.definition.problems import Problem, plural
 from framekit.definition.tree import Node, Sequence
-from framekit.definition.wire_types import DIGITS, EVERY_BYTE
+from framekit.definition.wire_types import DIGITS, EVERY_BYTE, Sizes, exactly
 
 CodeForm = Literal["raw", "hex", "HEX", "dec", "nibbles"]
 Verify = Literal["error", "warn", "off"]

@@ -11,9 +11,9 @@ from framekit.definition.expression import Expression
 from framekit.definition.keys import EXPRESSION, Form, KeyReading, here, key
 from framekit.definition.kinds.base import Given, Segment, Segments, sizes_of
 from framekit.definition.load.reader import Reader, parse_key
-from framekit.definition.model.static_size import Sizes, either
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.definition.tree import Node
+from framekit.definition.wire_types import Sizes, either
 
 Cases = tuple[tuple[tuple[int | str, ...], Segments], ...]
 

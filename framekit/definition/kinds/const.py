@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from framekit.definition.keys import BYTES, BYTES_AT_MOST, Form, KeyReading, key
 from framekit.definition.kinds.base import Contents, Segment, SegmentLoading, Segments
-from framekit.definition.model.static_size import ANY, Sizes, exactly
 from framekit.definition.tree import Mapping, Node
+from framekit.definition.wire_types import ANY, Sizes, exactly
 
 
 def _characters(reading: KeyReading, node: Node) -> bytes:
@@ -60,12 +60,12 @@ class TextKeys(Const):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skip(Segment):
-    """Bytes nobody looks at; `fill` is repeated to `size` when building."""
+    """Bytes without meaning; `fill` is repeated to `size` when building."""
 
     KEY: ClassVar[str] = "skip"
     is_ignored: ClassVar[bool] = True
 
-    size: int = key("skip", BYTES_AT_MOST, "Number of bytes nobody looks at.")
+    size: int = key("skip", BYTES_AT_MOST, "Number of bytes without meaning.")
     fill: bytes = key("fill", BYTES, "What is sent there; default 00.", default=b"\0")
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:

@@ -9,10 +9,9 @@ from typing import ClassVar, Literal
 from framekit.definition.expression import Expression
 from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, words
 from framekit.definition.kinds.base import Contents, Segment, constant_number
-from framekit.definition.model.static_size import Sizes, exactly
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node
-from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size
+from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, Sizes, exactly
 
 
 def _conversion(reading: KeyReading, node: Node) -> Literal["hex_to_ascii", "ascii_to_hex"] | None:

@@ -38,10 +38,9 @@ from framekit.definition.kinds.base import (
     zero_with_a_sign,
 )
 from framekit.definition.load.reader import Reader, literal_bytes
-from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Position, Problem
 from framekit.definition.tree import Node, Scalar
-from framekit.definition.wire_types import EVERY_BYTE, FieldType, type_keys
+from framekit.definition.wire_types import EVERY_BYTE, FieldType, Sizes, type_keys
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,10 +9,9 @@ from typing import ClassVar
 from framekit.definition.expression import Expression
 from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, key, ref
 from framekit.definition.kinds.base import Contents, Segment, contents_of
-from framekit.definition.model.static_size import ANY, Sizes, either, exactly
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node
-from framekit.definition.wire_types import EVERY_BYTE, SIZE, Size
+from framekit.definition.wire_types import ANY, EVERY_BYTE, SIZE, Size, Sizes, either, exactly
 
 
 def _frames(reading: KeyReading, node: Node) -> tuple[str, ...]:

@@ -19,10 +19,9 @@ from framekit.definition.kinds.base import (
     lack_default,
     sizes_of,
 )
-from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Mapping, Sequence
-from framekit.definition.wire_types import SIZE, FieldType, Size, load_type
+from framekit.definition.wire_types import SIZE, FieldType, Size, Sizes, load_type
 
 
 def _items(reading: KeyReading) -> Segments | FieldType:

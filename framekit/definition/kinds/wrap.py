@@ -10,10 +10,9 @@ from framekit.definition.expression import Expression
 from framekit.definition.keys import BYTE, EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
 from framekit.definition.kinds.base import Contents, Given, Segment, Segments, least_size, sizes_of
 from framekit.definition.kinds.choose import SEGMENTS
-from framekit.definition.model.static_size import Sizes
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node, Scalar
-from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size
+from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, Sizes
 
 WRAP = {
     "title": "wrap",

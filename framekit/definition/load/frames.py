@@ -15,8 +15,7 @@ from framekit.definition.keys import Meanings
 from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.frames import Frame, Group, Side
-from framekit.definition.model.walk import change_all, field_names, flat, leaves
+from framekit.definition.model.frames import Frame, Group, Side, change_all, field_names, flat, leaves
 from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.tree import Mapping, Node, Scalar, Sequence
 
@@ -292,7 +291,7 @@ class FrameLoader:
                 continue
             with self.reader.going_on():
                 keys = self.reader.mapping(owned.entry.value)
-                groups = tuple(self._chain(space, keys))
+                groups = tuple(self._chain(space, keys.get("group")))
                 carried = bool(groups) and space.section("groups")[groups[0]].inner
                 self.outlines[name] = Outline(
                     name,
@@ -303,13 +302,18 @@ class FrameLoader:
                     owned.inner or inner_only or carried,
                 )
 
-    def _chain(self, space: Namespace, keys: Mapping) -> Iterator[str]:
-        """The group of a frame and the groups that one extends."""
-        node, groups, seen = keys.get("group"), space.section("groups"), set()
+    def _chain(self, space: Namespace, node: Node | None, own: str = "") -> Iterator[str]:
+        """The group that a node names, and the groups that one extends. Raises Broken for a circle behind a frame.
+
+        `own`: the group that extends the first of them.
+        """
+        groups, seen = space.section("groups"), {own}
         while node is not None:
             name = self.reader.text(node)
             if name not in groups:
                 self.reader.note(node.at, f"there is no group '{name}'", did_you_mean(name, groups))
+                return
+            if name in seen and own:
                 return
             if name in seen:
                 raise self.reader.broken(node.at, f"the group '{name}' extends itself", "break the circle")
@@ -360,7 +364,11 @@ class FrameLoader:
     def load_groups(self) -> dict[str, Group]:
         result = {}
         for name, (space, owned) in self.groups.items():
-            keys = self._inherited(space, name)
+            value = owned.entry.value
+            keys: dict[str, Node] = {}
+            with self.reader.going_on():
+                extended = self._chain(space, value.get("extends"), name) if isinstance(value, Mapping) else ()
+                keys = self._inherited(space, (name, *extended))
             result[name] = Group(
                 name=name,
                 frames=self.members(name),
@@ -373,28 +381,13 @@ class FrameLoader:
     def _side(self, node: Node | None) -> Side:
         return "both" if node is None else SIDES.get(self.reader.text(node), "both")
 
-    def _inherited(self, space: Namespace, group: str) -> dict[str, Node]:
-        """The keys of a group over those of the groups it extends."""
+    def _inherited(self, space: Namespace, groups: tuple[str, ...]) -> dict[str, Node]:
+        """The keys of a group, the first, over those of the groups it extends."""
         found: dict[str, Node] = {}
-        node = Mapping((), space.source.at)
-        for name in reversed([group, *self._parents(space, group)]):
+        for name in reversed(groups):
             value = space.section("groups")[name].entry.value
-            keys = value if isinstance(value, Mapping) else node
-            found |= _inherited_keys(keys)
+            found |= _inherited_keys(value) if isinstance(value, Mapping) else {}
         return found
-
-    def _parents(self, space: Namespace, group: str) -> list[str]:
-        value = space.section("groups")[group].entry.value
-        if not isinstance(value, Mapping):
-            return []
-        parent = value.get("extends")
-        names: list[str] = []
-        groups = space.section("groups")
-        while parent is not None and (name := self.reader.text(parent)) in groups and name not in [group, *names]:
-            names.append(name)
-            value = groups[name].entry.value
-            parent = value.get("extends") if isinstance(value, Mapping) else None
-        return names
 
     def _where(self, outline: Outline, keys: Mapping) -> dict[str, Where]:
         groups = outline.space.section("groups")
@@ -408,7 +401,7 @@ class FrameLoader:
     def _frame(self, outline: Outline) -> Frame:
         reader, space = self.reader, outline.space
         own = reader.mapping(outline.owned.entry.value)
-        keys = self._inherited(space, outline.groups[0]) if outline.groups else {}
+        keys = self._inherited(space, outline.groups)
         keys |= _inherited_keys(own)
         if not self._keys_known(outline, own):
             raise Broken(outline.name)

@@ -11,8 +11,8 @@ from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader, parse_key
 from framekit.definition.model.checks import CheckMethod, from_ready, ready_methods
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.values import Table, TableValue
-from framekit.definition.model.walk import expressions_of
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import did_you_mean
 
@@ -115,7 +115,7 @@ class Namespace:
     """Looks names up for the loaders. One for every source; used files have their own.
 
     `circles`: layouts that include each other, `too_much`: includes of too many segments, as far as that has been
-    told. `twice`: names of a protocol and of its application too, so that nobody knows which is meant.
+    told. `twice`: names of a protocol and of its application too, so that it is open which is meant.
     """
 
     def __init__(self, reader: Reader, source: SourceText) -> None:
@@ -222,9 +222,6 @@ class Namespace:
         if name not in ready:
             raise self.reader.broken(node.at, f"there is no check '{name}'", did_you_mean(name, [*own, *ready]))
         return ready[name]
-
-
-SECTIONS = ("tables", "state", "params")
 
 
 def names_mentioned(parts: Iterable[Any]) -> set[str]:

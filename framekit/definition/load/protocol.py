@@ -19,13 +19,12 @@ from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.resolve import NumberNames, Stations
 from framekit.definition.load.services import ServiceLoader, load_address_forms
-from framekit.definition.model.frames import Frame, Layout
+from framekit.definition.model.frames import Frame, Layout, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
-from framekit.definition.model.walk import parts_of
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
@@ -395,7 +394,7 @@ class DeviceDefinition:
     """A device file as far as this layer reads it. `root` still holds `memory`, `station` and `params` as nodes.
 
     `broken`: names of things in it that could not be read. `plain`: the device has no rules of its own; its
-    protocol is as it is loaded by itself, checked, and shared with whoever else loads it.
+    protocol is as it is loaded by itself, checked, and shared with all that load it.
     """
 
     name: str

@@ -13,13 +13,14 @@ from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from framekit.definition.expression import Bytes, Expression, ExpressionError, parse_expression
-from framekit.definition.model.static_size import MOST_BYTES
 from framekit.definition.model.values import Constant
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, parted
 from framekit.definition.times import UNITS, parse_time
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
 T = TypeVar("T")
+MOST_BYTES = 1_048_576
+"""Bytes of a frame, and items of its lists, at most."""
 MOST_ELEMENTS = 16_777_216
 """An area of memory has so many elements at most."""
 

@@ -30,12 +30,11 @@ from framekit.definition.expression import (
 )
 from framekit.definition.kinds.base import Segment
 from framekit.definition.load.reader import Reader
-from framekit.definition.model.frames import Frame
+from framekit.definition.model.frames import Frame, by_value_name, field_names, flat
 from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, RecordOf, Value
-from framekit.definition.model.walk import by_value_name, field_names, flat
 from framekit.definition.problems import Position, did_you_mean
 
 NumbersOf = Callable[[Node], "Mapping[str, int] | None"]

@@ -18,8 +18,8 @@ from framekit.definition.kinds.inner import Inner
 from framekit.definition.kinds.repeat import IncludeKeys, Record, Repeat
 from framekit.definition.kinds.value import Require, Value
 from framekit.definition.kinds.wrap import Wrap
-from framekit.definition.model.static_size import ANY, MOST_BYTES, NOTHING, Sizes, either, exactly, of_any_frame
-from framekit.definition.wire_types import FieldType, Order, Size
+from framekit.definition.load.reader import MOST_BYTES
+from framekit.definition.wire_types import ANY, NOTHING, FieldType, Order, Size, Sizes, either, exactly, of_any_frame
 
 add_kind(
     Field, IncludeKeys, Const, Data, TextKeys, Length, Count, Bits, Repeat, Check, Skip, Require, Value, Inner, Wrap,

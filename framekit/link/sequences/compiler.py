@@ -15,9 +15,9 @@ from typing import Any
 from framekit.codec import support
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import Expression
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.walk import parts_of
 from framekit.definition.sources import current_keeper
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Names

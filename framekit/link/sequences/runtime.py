@@ -389,7 +389,7 @@ def _answered(a: CallFrame, outcome: Outcome) -> Next:
 
 
 def end(a: CallFrame) -> Next:
-    """A sequence has come to its end: results to its caller, or to whoever started it."""
+    """A sequence has come to its end: results to its caller, or to what started it."""
     run = a.run
     results = a.results()
     caller = a.caller

@@ -28,11 +28,11 @@ from framekit.definition.expression import (
     names_in,
 )
 from framekit.definition.keys import Form, key_of
+from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.procedure import ADDED_KEYS, Action, CallOf, Parts, Row, Sequence, Serve, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat, Segment
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.definition.schema import add_keys
 from framekit.link.evaluate import ENGINE_FUNCTIONS
 from framekit.link.frame_table import FrameInfo, FrameTable
@@ -113,7 +113,7 @@ def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
 
 
 class SequenceModule:
-    """Functions of a module, and the constants that they use: each is written once, whoever asks for it."""
+    """Functions of a module, and the constants that they use: each is written once."""
 
     def __init__(self) -> None:
         self.functions = Source()

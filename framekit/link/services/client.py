@@ -16,9 +16,9 @@ from framekit.codec.python.source import INDENT, Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression
 from framekit.definition.model import protocol as model
+from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
-from framekit.definition.model.walk import expressions_of, parts_of
 from framekit.link.addresses import Address
 from framekit.link.construct_values import EACH, Compute, compile_value, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
@@ -267,7 +267,7 @@ def _unfit(error: Exception) -> UnfitReplyError:
 __all__ = ["Client", "Done", "ServiceError", "TransferResult"]
 
 MOST_KEPT = 1024
-"""So many reads are kept; then all are forgotten, since nobody repeats so many."""
+"""So many reads are kept; then all are forgotten, since no program repeats so many."""
 
 
 class Starts(Protocol):

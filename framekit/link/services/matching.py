@@ -15,8 +15,8 @@ from typing import Any
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, names_in
+from framekit.definition.model.frames import expressions_of, field_names, parts_of
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.definition.model.walk import expressions_of, field_names, parts_of
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import (

@@ -12,12 +12,12 @@ from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, names_in
+from framekit.definition.model.frames import everything, expressions_of, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment
 from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
-from framekit.definition.model.walk import everything, expressions_of, parts_of
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression

@@ -165,7 +165,7 @@ StartBlock = Callable[[CompiledBlock, Names], "int | None"]
 
 
 class BlockRefusedError(Exception):
-    """Nobody makes the exchange."""
+    """The exchange is not made."""
 
     def __init__(self, code: int | None) -> None:
         super().__init__(code)
