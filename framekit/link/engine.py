@@ -354,7 +354,7 @@ class Engine:
 
     def _tick(self, now: int) -> None:
         """Everything that is due, in the documented order; new times due at the same instant as well."""
-        self.scope.now = now
+        now = self.scope.now = max(now, self.scope.now)
         self.machine.stirred = True
         for _ in range(MOST_ROUNDS):
             if not self._something_due(now):

@@ -105,6 +105,7 @@ class Driver:
         self.clock = clock
         self.on_state = on_state or (lambda text: None)
         self.moment = moment
+        self._now = clock.moment if port.in_time else clock.now
         self.is_open = False
         self.stopped = False
         self._started = False
@@ -240,7 +241,7 @@ class Driver:
         pending = self.pending
         while pending:
             command = pending[0]
-            if isinstance(command, (Send, Break)) and command.not_before > self.clock.now():
+            if isinstance(command, (Send, Break)) and command.not_before > self._now():
                 if self._send_timer is not None:
                     self._send_timer.cancel()
                 self._send_timer = self.clock.call_at(command.not_before, self._go_on)
@@ -272,4 +273,4 @@ class Driver:
         self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _ring(self) -> None:
-        self.carry_out(self.engine.tick(self.clock.now()))
+        self.carry_out(self.engine.tick(self._now()))

@@ -37,6 +37,9 @@ class Clock(Protocol):
     def now(self) -> int:
         """The time, ns; it never goes back."""
 
+    def moment(self) -> int:
+        """The time for which the call under way was asked, however late it comes; outside of calls that is now."""
+
     def call_at(self, when: int, callback: Callback) -> Handle:
         """Asks for a call at `when`, never earlier; as soon as possible if that has passed. Never from inside here."""
 
@@ -227,6 +230,8 @@ class VirtualClock(_CallHeap):
     def now(self) -> int:
         return self._now
 
+    moment = now
+
     def call_at(self, when: int, callback: Callback) -> Handle:
         now = self._now
         return self._put(when if when > now else now, callback)
@@ -354,9 +359,16 @@ class AsyncioClock(_CallHeap):
         self._timer_at = 0
         self._soon = False
         self._ringing = False
+        self._moment = 0
         self.turns = Turns(loop)
 
     now = staticmethod(time.monotonic_ns)
+
+    def moment(self) -> int:
+        return self._moment if self._ringing else time.monotonic_ns()
+
+    def _moved(self, time: int) -> None:
+        self._moment = max(self._moment, time)
 
     def call_at(self, when: int, callback: Callback) -> Handle:
         call = self._put(when, callback)
@@ -411,6 +423,7 @@ class AsyncioClock(_CallHeap):
             while (due := self.next_call) is not None and due <= now:
                 if self._lagging and self._catch_up(due):
                     continue
+                self._moved(due)
                 heapq.heappop(self._calls)[2].make()
                 if elapsed() > until:
                     break

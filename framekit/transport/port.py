@@ -56,6 +56,8 @@ class Port(ABC):
     """Whether it can be opened again after it was closed."""
     is_stream = False
     """Whether what is written is only a row of bytes, without times or pieces that the other side sees."""
+    in_time = False
+    """Whether its time is that of the clock's calls, however late they come: so a busy process delays no device."""
 
     @abstractmethod
     def open(self, events: PortEvents) -> None:

@@ -200,7 +200,7 @@ class SimulatedPort(Port):
     this port sends, before that of the line.
     """
 
-    def __init__(self, line: SimulatedLine, name: str) -> None:
+    def __init__(self, line: SimulatedLine, name: str, in_time: bool) -> None:
         self.line = line
         self.name = name
         self.settings = line.settings
@@ -213,6 +213,8 @@ class SimulatedPort(Port):
         self.heard_until = 0
         self._events: PortEvents | None = None
         self._clock = line.clock
+        self.in_time = in_time
+        self._now = line.clock.moment if in_time else line.clock.now
         self._opening = 0
         self._deaf_until = 0
         self._free = 0
@@ -285,14 +287,14 @@ class SimulatedPort(Port):
     def write(self, data: bytes) -> None:
         if not self.is_open:
             return
-        start = max(self._free, self._clock.now())
+        start = max(self._free, self._now())
         self._free = self.line.transmit(self, data, start) if data else start
         self._tell_when_sent()
 
     def send_break(self, duration: int) -> None:
         if not self.is_open:
             return
-        start = max(self._free, self._clock.now())
+        start = max(self._free, self._now())
         self._free = start + duration
         self._later(start, lambda: self.line.break_from(self, start, duration))
         self._tell_when_sent()
@@ -305,7 +307,7 @@ class SimulatedPort(Port):
     def _left(self) -> None:
         """The last bit has left, unless something else has been handed over meanwhile."""
         self._sent_due = False
-        if self._free > self._clock.now():
+        if self._free > self._now():
             self._tell_when_sent()
         elif self._events is not None:
             self._events.sent(self._free)
@@ -375,9 +377,9 @@ class SimulatedLine:
         bits = 8 if settings is None else settings.data_bits
         self._lacking = bytes(range(256))[: 1 << bits] * (256 >> bits) if bits < 8 else None
 
-    def port(self, name: str) -> SimulatedPort:
-        """A new port on this line."""
-        port = SimulatedPort(self, name)
+    def port(self, name: str, *, in_time: bool = False) -> SimulatedPort:
+        """A new port on this line; `in_time` for a simulated device, see `Port`."""
+        port = SimulatedPort(self, name, in_time)
         self.ports += (port,)
         return port
 

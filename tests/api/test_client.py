@@ -451,7 +451,8 @@ def test_closing_closes_the_session(tmp_path: Path) -> None:
     port = f"sim:{tmp_path / 'there.device.yaml'}"
     with framekit.connect(tmp_path / "talk.yaml", port, station=3, monitor=watch) as client:
         assert client.call("get", {"x": 1})["y"] == 9
-    assert sent == ["hello", "welcome", "ask", "answer", "bye", "so_long", "bye"]
+    assert sent[:7] == ["hello", "welcome", "ask", "answer", "bye", "so_long", "bye"]
+    assert sent[7:] in ([], ["so_long"]), "nothing waits for the last one, it may come before the port is closed"
 
 
 def test_a_run_closes_its_sessions(tmp_path: Path) -> None:
@@ -465,7 +466,8 @@ def test_a_run_closes_its_sessions(tmp_path: Path) -> None:
     sent.clear()
     with framekit.Run(tmp_path / "talk.run.yaml", on_seen=lambda channel, seen: sent.append(seen.frame)) as real:
         assert real.carry_out(0, timeout=180).done == 1
-    assert [frame for frame in sent if frame][-3:] == ["bye", "so_long", "bye"]
+    ending = [frame for frame in sent if frame]
+    assert ending[ending.index("bye") :][:3] == ["bye", "so_long", "bye"]
 
 
 # ---- frames -----------------------------------------------------------------------------------------------------
