@@ -197,7 +197,7 @@ class Engine:
         if now > scope.now:
             scope.now = now
         run = machine.asking if exchange.inside is None else exchange.inside.run
-        lane = self.lanes.lane_for(exchange.run)
+        lane = self.lanes.lane_of.get(exchange.run)
         if run is not None and run.state is State.ASKING:
             machine.start_inside(run, exchange)
         elif lane is None:
@@ -330,7 +330,8 @@ class Engine:
             elif machine.queues.is_due and self.dispatcher.queue_rows():
                 continue
             else:
-                machine.is_idle = receiver.is_idle
+                if not machine.is_idle:
+                    machine.is_idle = receiver.is_idle
                 if not machine.is_idle:
                     if self.reception.next_arrival():
                         continue

@@ -222,7 +222,7 @@ class FrameTable:
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
         for info in self.infos.values():
-            info.make = partial(self.received_as, info)
+            info.make = self._maker(info)
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
@@ -230,36 +230,32 @@ class FrameTable:
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
         """The frame value of decoded fields; a refusal holds for the frame and for what it carries."""
         info = self.infos.get(name)
-        return FrameValue(name, fields, raw, refusal) if info is None else self.received_as(info, fields, raw, refusal)
+        return FrameValue(name, fields, raw, refusal) if info is None else info.make(fields, raw, refusal)
 
-    def received_as(
-        self, info: FrameInfo, fields: dict[str, Any], raw: bytes | None, refusal: int | None
-    ) -> FrameValue:
-        """As `received`, for a frame that is known."""
-        value = FrameValue(info.name, fields, raw, info.refuse if refusal is None else refusal)
-        if info.shape:
-            self._convert(info.shape, value, fields)
-        return value
+    def _maker(self, info: FrameInfo) -> Make:
+        """What makes values of a frame, and of those inside it."""
+        name, refuse, shape = info.name, info.refuse, info.shape
 
-    def _take_inner(self, name: str, outer: FrameValue, fields: dict[str, Any]) -> None:
-        """The frame inside becomes a frame value; if it is to be refused, so is the one around it."""
-        found = fields.get(name)
-        if type(found) is dict and len(found) == 1:
-            ((frame, content),) = found.items()
-            info = self.infos.get(frame)
-            refusal = outer.refusal
-            if info is None or info.shape:
-                fields[name] = inner = self.received(frame, content, None, refusal)
-            else:  # the usual case, and the one that has to be quick
-                fields[name] = inner = FrameValue(frame, content, None, info.refuse if refusal is None else refusal)
-            if refusal is None:
-                outer.refusal = inner.refusal
+        def make(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
+            value = FrameValue(name, fields, raw, refuse if refusal is None else refusal)
+            if shape:
+                self._convert(shape, value, fields)
+            return value
+
+        return make
 
     def _convert(self, shape: Shape, outer: FrameValue, fields: dict[str, Any]) -> None:
+        """Frames inside become frame values; if one is to be refused, so is the one around it."""
         for kind, name, below in shape:
             found = fields.get(name)
-            if kind == "inner":
-                self._take_inner(name, outer, fields)
+            if kind == "inner" and type(found) is dict and len(found) == 1:
+                ((frame, content),) = found.items()
+                info, refusal = self.infos.get(frame), outer.refusal
+                if info is None or info.shape:
+                    fields[name] = inner = self.received(frame, content, None, refusal)
+                else:
+                    fields[name] = inner = FrameValue(frame, content, None, info.refuse if refusal is None else refusal)
+                outer.refusal = inner.refusal if refusal is None else refusal
             elif kind == "record" and type(found) is dict:
                 self._convert(below, outer, found)
             elif kind == "list" and type(found) is list:
@@ -347,32 +343,30 @@ class FrameTable:
 
         `names` gives those that the reply's `echo` may read.
         """
-        info = self.infos.get(reply.frame)
-        if info is None:
-            return True
-        fields = reply.fields
-        for field, plain_name, evaluate in info.echo:
-            for request in requests:
-                if plain_name is not None and plain_name in request.fields:
-                    wanted = request.fields[plain_name]
-                elif plain_name is not None and plain_name not in self.infos[request.frame].value_names:
-                    continue
-                else:
-                    try:
-                        wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())
-                    except EVALUATION_ERRORS:
+        values, infos = [reply], self.infos
+        for value in values:
+            info = infos.get(value.frame)
+            if info is None:
+                continue
+            fields = value.fields
+            for field, plain_name, evaluate in info.echo:
+                for request in requests:
+                    if plain_name is not None and plain_name in request.fields:
+                        wanted = request.fields[plain_name]
+                    elif plain_name is not None and plain_name not in infos[request.frame].value_names:
                         continue
-                if field in fields and fields[field] != wanted:
-                    return False
-                break
-        if info.shape:
+                    else:
+                        try:
+                            wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())
+                        except EVALUATION_ERRORS:
+                            continue
+                    if field in fields and fields[field] != wanted:
+                        return False
+                    break
             for kind, name, _ in info.shape:
-                inner = reply.fields.get(name)
-                if kind != "inner" or type(inner) is not FrameValue:
-                    continue
-                below = self.infos.get(inner.frame)
-                if below is not None and (below.echo or below.shape) and not self.fits_echo(inner, requests, names):
-                    return False
+                inner = fields.get(name)
+                if kind == "inner" and type(inner) is FrameValue:
+                    values.append(inner)
         return True
 
 

@@ -26,7 +26,10 @@ STALE = 1_000_000_000
 
 
 class Lanes:
-    """All lanes of a role, and the order in which arriving frames are offered to what runs in them."""
+    """All lanes of a role, and the order in which arriving frames are offered to what runs in them.
+
+    `lane_of`: the lane that runs exchanges of a sequence; None: the first that runs any.
+    """
 
     def __init__(self, lanes: tuple[Lane, ...], machine: Machine) -> None:
         self.machine = machine
@@ -35,14 +38,10 @@ class Lanes:
         self.was_closed = False
         self.is_holding = False
         self._plans: dict[Run, Exchange] = {}
-        self._lane_of: dict[str | None, LaneState] = {}
+        self.lane_of: dict[str | None, LaneState] = {}
         for lane in self.lanes:
             for name in (None, *lane.exchange) if lane.exchange else ():
-                self._lane_of.setdefault(name, lane)
-
-    def lane_for(self, run: str | None) -> LaneState | None:
-        """The lane that runs an exchange of this sequence; without a name the first lane that runs any."""
-        return self._lane_of.get(run)
+                self.lane_of.setdefault(name, lane)
 
     # ---- starting -----------------------------------------------------------------------------------------
 
@@ -112,7 +111,7 @@ class Lanes:
 
     def begin_sequences(self, kind: str, names: Iterable[str], station: Any) -> Run | None:
         """Runs sequences of the session in the first lane for exchanges: keeping alive, or closing."""
-        lane = self.lane_for(None)
+        lane = self.lane_of.get(None)
         if lane is None or not self.is_free:
             return None
         self._give_way(lane)
@@ -263,7 +262,7 @@ class Lanes:
     @property
     def is_free(self) -> bool:
         """Whether the lane for exchanges could begin something of the session's own now."""
-        lane = self.lane_for(None)
+        lane = self.lane_of.get(None)
         if lane is None or lane.running or lane.waiting or not self.machine.is_open:
             return False
         return lane.listener is None or lane.listener.gives_way

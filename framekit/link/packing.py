@@ -102,6 +102,18 @@ class Packer:
         return b"".join([data[at : at + size][::-1] for at in range(0, len(data), size)])
 
 
+class Packers(dict[str, Packer]):
+    """The packers of one packing by unit, each made when it is asked for."""
+
+    def __init__(self, packing: Packing) -> None:
+        super().__init__()
+        self._packing = packing
+
+    def __missing__(self, unit: str) -> Packer:
+        packer = self[unit] = Packer(self._packing, unit)
+        return packer
+
+
 def cut_memory(memory: bytes, first_bit: int, bits: int) -> bytes:
     """Part of data in memory's form: `bits` bits from bit `first_bit` on."""
     if first_bit % 8 == 0 and bits % 8 == 0:

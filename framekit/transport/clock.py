@@ -297,7 +297,8 @@ class Turns:
     """Shares the turns of a loop among all ports: at most `MOST` of work in each, the rest in the next ones, in order.
 
     The work of a piece is its bytes and `PIECE`. Where pieces need more time than that, a turn ends after `LONGEST`.
-    `used`: the work of this turn; `waiting`: pieces that are to come.
+    The loop is asked to tell the end of a turn only where it has been used much; little work counts as one turn for
+    `LONGEST`. `used`: the work of this turn; `waiting`: pieces that are to come.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, now: Callable[[], int] = time.monotonic_ns) -> None:
@@ -320,29 +321,38 @@ class Turns:
     def take(self, size: int, callback: Callback) -> bool:
         """Makes the call that deals with `size` bytes: now (True), or when those before it have had their turn."""
         work = size + PIECE
-        if not self._waiting and self._has_room(work):
-            self._use(work, callback)
+        if self._waiting or not self._has_begun(work):
+            self._waiting.append((work, callback))
+            self._end_soon()
+            return False
+        callback()
+        if self.used > MOST // 2 or self.now() >= self._until:
+            self._end_soon()
+        return True
+
+    def _has_begun(self, work: int) -> bool:
+        """Counts a piece that may begin in this turn."""
+        now = self.now()
+        if not self.used or (now >= self._until and not self._ends):
+            self.used, self._until = work, now + LONGEST
             return True
-        self._waiting.append((work, callback))
-        return False
-
-    def _has_room(self, work: int) -> bool:
-        return not self.used or (self.used + work <= MOST and self.now() < self._until)
-
-    def _use(self, work: int, callback: Callback) -> None:
-        if not self.used:
-            self._until = self.now() + LONGEST
+        if self.used + work > MOST or now >= self._until:
+            return False
         self.used += work
+        return True
+
+    def _end_soon(self) -> None:
+        """This turn ends when the loop's does."""
         if not self._ends:
             self._ends = True
             self._loop.call_soon(self._next)
-        callback()
 
     def _next(self) -> None:
         """A turn is over: calls that wait are first in the next one."""
         self._ends, self.used = False, 0
-        while self._waiting and self._has_room(self._waiting[0][0]):
-            self._use(*self._waiting.popleft())
+        while self._waiting and self._has_begun(self._waiting[0][0]):
+            self._end_soon()
+            self._waiting.popleft()[1]()
 
 
 class AsyncioClock(_CallHeap):

@@ -14,6 +14,7 @@ import socket
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
 from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
@@ -59,7 +60,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         data = self._taken[:nbytes].tobytes()
-        self.waits = not self.port.clock.turns.take(nbytes, lambda: self._hear(data))
+        self.waits = not self.port.clock.turns.take(nbytes, partial(self._hear, data))
         if self.waits and self.transport is not None:
             self.transport.pause_reading()
 

@@ -35,8 +35,8 @@ from framekit.link.sequences.state import (
     Run,
     SessionState,
     State,
+    after,
     begin_clock,
-    clock_starts,
 )
 from framekit.link.values import FrameValue, plain
 
@@ -214,8 +214,16 @@ class Machine:
     def left(self, run: Run) -> None:
         """The last bit of something the run sent has left the line: its clock may begin."""
         run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
-        if not unsent and run.clock_waits and run.state is not DONE:
-            clock_starts(run, self.scope.now)
+        if unsent or not run.clock_waits or run.state is DONE:
+            return
+        now, run.clock_waits = self.scope.now, False
+        run.started = now
+        if run.state is PAUSING:
+            run.deadline = after(now, run.pause)
+            return
+        run.within = now + run.longest if run.longest < NEVER else NEVER
+        if run.candidate is None:
+            run.deadline = run.within
 
     # ---- queues, memory -----------------------------------------------------------------------------------
 
@@ -260,7 +268,13 @@ class Machine:
         """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
         if self.monitor is not None:
             reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
-            fields = _kept(value.fields) if value.frame in self.shown_later else _plain_of(value)
+            if value.frame in self.shown_later:
+                fields = value.fields.copy()
+                for name, one in fields.items():
+                    if type(one) in (list, dict):  # of the program, which may change it
+                        fields[name] = plain(one)
+            else:
+                fields = _plain_of(value)
             self.monitor(Seen("in", "frame", self.scope.now, raw, value.frame, fields, reason, started_at))
 
     def set_session(self, new: bool) -> None:
@@ -271,11 +285,6 @@ class Machine:
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
         """Calls back when everything that follows at this point has been done."""
         self.callbacks.append(partial(exchange.ended, outcome))
-
-
-def _kept(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields as they are now: lists and records are the program's, which may change them."""
-    return {name: plain(value) if type(value) in (list, dict) else value for name, value in fields.items()}
 
 
 def _plain_of(value: FrameValue) -> dict[str, Any]:

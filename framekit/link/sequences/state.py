@@ -335,19 +335,6 @@ def begin_clock(run: Run, now: int) -> None:
         run.deadline = within
 
 
-def clock_starts(run: Run, now: int) -> None:
-    """The last bit of what the run sent has left: its time begins."""
-    run.clock_waits = False
-    run.started = now
-    if run.state is State.PAUSING:
-        run.deadline = after(now, run.pause)
-        return
-    longest = run.longest
-    run.within = within = now + longest if longest < NEVER else NEVER
-    if run.candidate is None:
-        run.deadline = within
-
-
 def frame_arriving(run: Run, since: int, last: int, receiver_limits: bool) -> None:
     """Bytes of a frame that fits so far: the first came at `since`, the last at `last`.
 

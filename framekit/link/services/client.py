@@ -123,8 +123,15 @@ class ReplyReader:
                     raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
                 brought: list[bytes] = []
                 for (data, padded), piece in zip(found, pieces, strict=False):
-                    brought.append(self._of_piece(data, padded, piece))
+                    packer, start = self.facts.packers[piece.address.unit], piece.address.start
+                    if not isinstance(data, bytes):
+                        raise UnfitReplyError(f"the reply has {data!r} where data should stand")
+                    if padded:
+                        data = data[: packer.size(start, piece.count)]
+                    brought.append(packer.to_memory(data, start, piece.count))
                 return brought
+            except PackingError as error:
+                problem = problem or UnfitReplyError(f"the reply does not fit the request: {error}")
             except EVALUATION_ERRORS as error:
                 problem = problem or _unfit(error)
         return self._nothing_found(outcome, problem)
@@ -155,17 +162,6 @@ class ReplyReader:
             rows = [row for row in self.facts.row.reply if row.frame is None or row.frame.frame == name]
             finds = self._finds[name] = tuple(FindWriter(self.shared, row).function() for row in rows)
         return finds
-
-    def _of_piece(self, data: Any, padded: bool, piece: Piece) -> bytes:
-        if not isinstance(data, bytes):
-            raise UnfitReplyError(f"the reply has {data!r} where data should stand")
-        packer, start = self.facts.packer(piece.address.unit), piece.address.start
-        if padded:
-            data = data[: packer.size(start, piece.count)]
-        try:
-            return packer.to_memory(data, start, piece.count)
-        except PackingError as error:
-            raise UnfitReplyError(f"the reply does not fit the request: {error}") from None
 
 
 class FindWriter:
@@ -535,9 +531,7 @@ class Transfer(Exchange):
         exchanges, engine = self._plan.exchanges, self._engine
         while not self._under_way and self._done is not _told:
             if self._next == len(exchanges):
-                result = self._plan.result(self._data)
-                result.gives = self._gives
-                self._end(result)
+                self._succeed()
             elif self.given_up:
                 self._end(TransferResult(False, outcome="cancelled"))
             else:
@@ -562,8 +556,15 @@ class Transfer(Exchange):
         self._data += data
         self._gives.update(gives)
         self._written += one.written
-        if not self._going:
+        if self._next == len(self._plan.exchanges):
+            self._succeed()
+        elif not self._going:
             self._go(self._engine.scope.now)
+
+    def _succeed(self) -> None:
+        result = self._plan.result(self._data)
+        result.gives = self._gives
+        self._end(result)
 
     def _end(self, result: TransferResult) -> None:
         result.exchanges, result.written = self._next, self._written

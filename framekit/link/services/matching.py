@@ -203,7 +203,7 @@ class RowWriter:
             "unit_there": self.areas.unit,
             "own_unit": self.areas.own_unit,
             "own_bytes": self.areas.own_bytes,
-            "packer": self.facts.packer,
+            "packers": self.facts.packers,
             "views": self.grammar.views,
             "fill_echo": self.shared.table.fill_echo,
         }
@@ -505,12 +505,12 @@ class RowWriter:
         values, fixed = level.values, self.given.get(place)
         self.let(level, "start", f"int({values['start']})" if "start" in values else "0")
         if isinstance(fixed, AreaUnit):
-            packer = self.values.constant(self.facts.packer(fixed.unit))
+            packer = self.values.constant(self.facts.packers[fixed.unit])
             unit = fixed.unit
             self.let(level, "unit", repr(unit))
         else:
             packer, unit = self.variable(), None
-            self.out.add(f"{packer} = packer({self.let(level, 'unit', f'{place}.unit')})")
+            self.out.add(f"{packer} = packers[{self.let(level, 'unit', f'{place}.unit')}]")
         start, data = values["start"], values.get("data")
         if "count" not in values:
             size = values.get("bytes") or (None if data is None else f"len({data})")
@@ -591,7 +591,7 @@ class RowWriter:
         if not isinstance(fixed, AreaUnit):
             names = f"{place}.build and {self.values.names(level)}"
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
-            self.out.add(f"{data} = packer({place}.unit).to_data({memory}, {start}, {count})")
+            self.out.add(f"{data} = packers[{place}.unit].to_data({memory}, {start}, {count})")
             return data
         if fixed.most and fixed.bits % 8 == 0 and fixed.offset % 8 == 0:
             read, size, first = self.values.constant(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
@@ -599,7 +599,7 @@ class RowWriter:
         else:
             names = "None" if fixed.build is None else self.values.names(level)
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
-        packer = self.facts.packer(fixed.unit)
+        packer = self.facts.packers[fixed.unit]
         if packer.bits == 8 or (packer.bits > 8 and packer.order == "little"):
             return memory
         if packer.order == "big" and packer.bits in (16, 32, 64):

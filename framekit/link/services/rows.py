@@ -22,7 +22,7 @@ from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
-from framekit.link.packing import Packer, cut_memory, values_of
+from framekit.link.packing import Packers, cut_memory, values_of
 from framekit.link.parameters import ParameterError, given_value
 from framekit.memory.memory import unit_bits
 
@@ -60,10 +60,13 @@ def rows_of(protocol: Protocol, codec: ProtocolCodec) -> ServiceRows:
 
 
 class RowFacts:
-    """One row. `mentions` are the names its request and the bytes beside it read; `single`: it carries one element."""
+    """One row. `mentions` are the names its request and the bytes beside it read; `single`: it carries one element.
+
+    `packers`: how elements of a unit stand in its data.
+    """
 
     __slots__ = (
-        "_packers", "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "row", "run", "shared",
+        "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "packers", "row", "run", "shared",
         "single", "wants_address", "when",
     )  # fmt: skip
 
@@ -79,7 +82,7 @@ class RowFacts:
         self.wants_address = wants_address(row)
         self.single = not self.mentions & COUNTING
         self.named_numbers = self._named_numbers()
-        self._packers: dict[str, Packer] = {}
+        self.packers = Packers(row.packing)
 
     def _named_numbers(self) -> dict[str, Mapping[str, int]]:
         """Arguments that go as they are into fields whose numbers have names: argument → those numbers by name."""
@@ -91,13 +94,6 @@ class RowFacts:
                 if name is not None and field in numbers:
                     found[name] = numbers[field]
         return found
-
-    def packer(self, unit: str) -> Packer:
-        """How elements of `unit` stand in this row's data."""
-        packer = self._packers.get(unit)
-        if packer is None:
-            packer = self._packers[unit] = Packer(self.row.packing, unit)
-        return packer
 
     def fits(self, area: Area, unit: str) -> bool:
         """Whether the row can carry elements of `unit` of `area`, its condition aside."""
@@ -122,7 +118,7 @@ class RowFacts:
         Raises AddressError if the row sends the address as text and no form shows it.
         """
         grammar = self.shared.grammar
-        packer = self.packer(address.unit)
+        packer = self.packers[address.unit]
         names: dict[str, Any] = {
             **address.parts,
             "area": grammar.views[address.area],
@@ -306,7 +302,8 @@ class Planner:
         )
         if facts.limit_bytes is None:
             return most
-        return min(most, facts.packer(address.unit).most(address.start, self._limit(facts, facts.limit_bytes, offered)))
+        data_bytes = self._limit(facts, facts.limit_bytes, offered)
+        return min(most, facts.packers[address.unit].most(address.start, data_bytes))
 
     def _limit(self, facts: RowFacts, limit: Evaluate, offered: Names) -> int:
         try:
@@ -358,7 +355,7 @@ class Planner:
         exchanges: list[list[Piece]] = []
         used = 0
         for piece in pieces:
-            size = facts.packer(piece.address.unit).size(piece.address.start, piece.count)
+            size = facts.packers[piece.address.unit].size(piece.address.start, piece.count)
             full = not exchanges or len(exchanges[-1]) == facts.row.most_variables
             if full or (most_bytes is not None and used + size > most_bytes):
                 exchanges.append([])
@@ -378,7 +375,7 @@ class Planner:
         found = facts.names(address, piece.count)
         found.update(first=first, done=piece.done, total=total)
         if piece.data is not None:
-            found["data"] = facts.packer(address.unit).to_data(piece.data, address.start, piece.count)
+            found["data"] = facts.packers[address.unit].to_data(piece.data, address.start, piece.count)
             if address.unit == "bit":
                 found["bits"] = values_of(piece.data, "bit", piece.count)
         return found

@@ -253,7 +253,7 @@ class Work:
     def _do_write(self, fields: Mapping[str, Compute], names: Names) -> None:
         span = self.span_of(fields, names)
         data = fields["data"](names)
-        self.areas.write(span, self.facts.packer(span.unit).to_memory(data, span.start, span.count))
+        self.areas.write(span, self.facts.packers[span.unit].to_memory(data, span.start, span.count))
 
     def _do_update(self, update: Evaluate, reading: MatchedRow) -> None:
         """Reads, changes and writes element by element; all places are judged before the first is written."""
@@ -288,7 +288,7 @@ class Work:
 
     def _packed(self, span: Span, names: Names) -> bytes:
         memory = self.areas.read(span, names)
-        return self.facts.packer(span.unit).to_data(memory, span.start, span.count)
+        return self.facts.packers[span.unit].to_data(memory, span.start, span.count)
 
 
 def _levels(each: Evaluate | None, name: str | None, names: Names) -> list[Names]:
@@ -439,7 +439,7 @@ class ServedRow:
         found = []
         for target in reading.targets:
             memory = target.unit.read(target.start, target.count, reading.names)
-            found.append(self.facts.packer(target.unit.unit).to_data(memory, target.start, target.count))
+            found.append(self.facts.packers[target.unit.unit].to_data(memory, target.start, target.count))
         return found
 
     def _reply(self, request: FrameValue, reading: MatchedRow, data: Sequence[bytes] | None) -> Served:
