@@ -37,7 +37,7 @@ class FrameCodec(Protocol):
 UNKNOWN = 1 << 62
 """More bytes than any frame has."""
 
-Make = Callable[[dict[str, Any], bytes, int | None], FrameValue]
+Make = Callable[[dict[str, Any], bytes | None, int | None], FrameValue]
 """Makes a value of decoded fields, bytes and refusal, with values of the frames inside."""
 
 Shape = tuple[tuple[str, str, Any], ...]

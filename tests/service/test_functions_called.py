@@ -24,8 +24,8 @@ from framekit.transport.port import Port, PortEvents
 from framekit.transport.schemes import SCHEMES, Scheme
 
 MOST_FOR_A_REQUEST = 90
-MOST_FOR_A_READ = 103
-MOST_FOR_A_BLOCK = 180
+MOST_FOR_A_READ = 95
+MOST_FOR_A_BLOCK = 171
 """What holds now, of the exchange with the fewest: clocks call something now and then. The goal for a block is 120."""
 
 READ_10 = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
