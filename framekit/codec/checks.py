@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any
 
 from framekit.codec import support
-from framekit.definition.model.checks import CheckMethod, from_crc, from_ready, ready_methods
+from framekit.definition.model.checks import CheckMethod, ready_methods
 
 FUNCTIONS: dict[str, Callable[[bytes], int]] = {}
 """Functions of the kinds of methods that a program brings by itself."""
@@ -74,8 +74,6 @@ __all__ = [
     "CheckMethod",
     "CheckSource",
     "compute",
-    "from_crc",
-    "from_ready",
     "function_of",
     "ready_methods",
     "residue_of",

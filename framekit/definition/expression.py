@@ -199,7 +199,6 @@ class KnownFunction:
     fewest: int
     most: int
     gives: str
-    needs_engine: bool = False
 
 
 FUNCTIONS: dict[str, KnownFunction] = {
@@ -226,10 +225,10 @@ FUNCTIONS: dict[str, KnownFunction] = {
     "span": KnownFunction(2, 2, "number"),
     "ms": KnownFunction(1, 1, "time"),
     "limit": KnownFunction(1, 1, "time"),
-    "empty": KnownFunction(1, 1, "flag", needs_engine=True),
-    "full": KnownFunction(1, 1, "flag", needs_engine=True),
-    "memory": KnownFunction(2, 2, "bytes", needs_engine=True),
-    "with_date": KnownFunction(3, 3, "any", needs_engine=True),
+    "empty": KnownFunction(1, 1, "flag"),
+    "full": KnownFunction(1, 1, "flag"),
+    "memory": KnownFunction(2, 2, "bytes"),
+    "with_date": KnownFunction(3, 3, "any"),
 }
 
 

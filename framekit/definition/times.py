@@ -37,10 +37,6 @@ class LineFormat:
         return 1 + self.data_bits + (self.parity != "N") + self.stop_bits
 
     @property
-    def bit_time(self) -> int:
-        return round(1_000_000_000 / self.speed)
-
-    @property
     def character_time(self) -> int:
         return round(1_000_000_000 * self.character_bits / self.speed)
 

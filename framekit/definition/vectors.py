@@ -197,7 +197,6 @@ class FrameVector:
     request: MappingOf[str, Any] | None = key("request", SOME_ENTRIES, default=None)
     expect: Expectation | None = key("expect", Form({}, _expectation), default=None)
     source: str = key("source", TEXT, default="")
-    second_source: str = key("second_source", TEXT, default="")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,7 +244,6 @@ class Conversation:
     do: MappingOf[str, Any] | None = key("do", SOME_ENTRIES, default=None)
     result: Result = key("result", mapping_of(Result, {}), default=Result())
     source: str = key("source", TEXT, default="")
-    second_source: str = key("second_source", TEXT, default="")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from framekit.codec import support
-from framekit.codec.checks import compute, from_crc, from_ready, function_of, ready_methods, size_of, source_of
+from framekit.codec.checks import compute, function_of, ready_methods, size_of, source_of
 from framekit.definition.expression import parse_expression
 from framekit.definition.model.checks import SIMPLE, CatalogueEntry, CheckMethod, crc_catalogue
 from framekit.definition.problems import Position
+from tests.check_methods import from_crc, from_ready
 
 NINE = b"123456789"
 REQUEST = bytes.fromhex("05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04")

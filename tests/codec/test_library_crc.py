@@ -11,10 +11,11 @@ from framekit.codec.checks import function_of, library_crc, residue_of, source_o
 from framekit.codec.python.generate import generate_source
 from framekit.codec.support import crc, make_crc_table
 from framekit.definition.load import load_protocol
-from framekit.definition.model.checks import CheckMethod, crc_catalogue, from_crc
+from framekit.definition.model.checks import CheckMethod, crc_catalogue
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.segments import Check
 from framekit.definition.sources import shipped_folder
+from tests.check_methods import from_crc
 
 BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]
 

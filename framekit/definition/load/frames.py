@@ -432,7 +432,6 @@ class FrameLoader:
             fill=0 if fill is None else reader.byte(fill),
             most=reader.maybe(reader.bytes_at_most, keys.get("max")),
             refuse=reader.maybe(reader.number, own.get("refuse")),
-            fixed_by_where=frozenset(self._where(outline, own)),
             doc=reader.maybe(reader.text, keys.get("doc")) or "",
         )
 

@@ -10,7 +10,7 @@ from framekit.definition.expression import names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader, parse_key
-from framekit.definition.model.checks import CheckMethod, from_ready, ready_methods
+from framekit.definition.model.checks import CheckMethod, ready_methods
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.values import Table, TableValue
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
@@ -71,7 +71,7 @@ def _method(reader: Reader, entry: Entry, node: Mapping) -> CheckMethod:
 
 
 def _adjusted(reader: Reader, name: str, method: str, node: Mapping) -> CheckMethod:
-    ready = from_ready(method)
+    ready = ready_methods()[method]
     complement = reader.maybe(reader.text, node.get("complement"))
     order = reader.maybe(reader.text, node.get("order"))
     changed: dict[str, object] = {"name": name}

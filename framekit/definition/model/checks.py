@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from framekit.definition.brought import bring_word
 from framekit.definition.expression import Expression
@@ -118,11 +118,12 @@ def crc_catalogue() -> tuple[CatalogueEntry, ...]:
 
 def _entry(line: str) -> CatalogueEntry:
     name, width, poly, init, refin, refout, xorout, check, aliases = line.split(",")
-    method = from_crc(
-        name,
+    method = CheckMethod(
+        name=name,
+        kind="crc",
         width=int(width),
         poly=int(poly, 16),
-        init=int(init, 16),
+        initial=int(init, 16),
         refin=refin == "yes",
         refout=refout == "yes",
         xorout=int(xorout, 16),
@@ -139,7 +140,9 @@ def add_method(method: CheckMethod, module: str) -> None:
 
     Raises ValueError for a name that another module has, and where the parameters do not fit together.
     """
-    _sound(replace(method, kind="sum"))
+    fault = replace(method, kind="sum").fault()
+    if fault is not None:
+        raise ValueError(fault)
     there = method.name in ready_methods() or method.kind in CHECK_KINDS
     bring_word("check method", method.name, module, there)
     CHECK_KINDS.add(method.kind)
@@ -156,43 +159,3 @@ def ready_methods() -> Mapping[str, CheckMethod]:
     for entry in crc_catalogue():
         methods.update((name, entry.method) for name in (entry.method.name, *entry.aliases))
     return MappingProxyType(methods)
-
-
-def from_ready(ready: str, /, **overrides: Any) -> CheckMethod:
-    """The method named `ready` with other parameters (fields of `CheckMethod`).
-
-    Raises KeyError for an unknown name, ValueError with one sentence when the parameters do not fit together.
-    """
-    return _sound(replace(ready_methods()[ready], **overrides))
-
-
-def from_crc(
-    name: str,
-    *,
-    width: int,
-    poly: int,
-    init: int = 0,
-    refin: bool = False,
-    refout: bool = False,
-    xorout: int = 0,
-) -> CheckMethod:
-    """A CRC from its catalogue parameters. Raises ValueError with one sentence when they do not fit together."""
-    return _sound(
-        CheckMethod(
-            name=name,
-            kind="crc",
-            width=width,
-            poly=poly,
-            initial=init,
-            refin=refin,
-            refout=refout,
-            xorout=xorout,
-        )
-    )
-
-
-def _sound(method: CheckMethod) -> CheckMethod:
-    fault = method.fault()
-    if fault is not None:
-        raise ValueError(fault)
-    return method

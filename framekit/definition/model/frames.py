@@ -171,7 +171,7 @@ class Frame:
     `groups`: its group and the groups that one extends, nearest first. `inner`: it has no line of its own and is only
     ever part of other frames. `size`: of the whole frame, the rest is `fill`. `most`: longest frame. `echo`: field of
     this reply → expression over the request's fields. `announces`: state variable → expression over this frame.
-    `fixed_by_where`: names of the fields that `where` fixes. `refuse`: the frame exists to be refused with this code.
+    `refuse`: the frame exists to be refused with this code.
     """
 
     name: str
@@ -190,7 +190,6 @@ class Frame:
     fill: int = 0
     most: int | None = None
     refuse: int | None = None
-    fixed_by_where: frozenset[str] = frozenset()
     doc: str = ""
 
     @property

@@ -1,0 +1,25 @@
+"""Check methods by their parameters, for tests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from framekit.definition.model.checks import CheckMethod, ready_methods
+
+
+def from_ready(ready: str, /, **overrides: Any) -> CheckMethod:
+    """The method named `ready` with other parameters. Raises KeyError, or ValueError where they do not fit together."""
+    return _sound(replace(ready_methods()[ready], **overrides))
+
+
+def from_crc(name: str, *, init: int, **parameters: Any) -> CheckMethod:
+    """A CRC from its catalogue parameters. Raises ValueError where they do not fit together."""
+    return _sound(CheckMethod(name=name, kind="crc", initial=init, **parameters))
+
+
+def _sound(method: CheckMethod) -> CheckMethod:
+    fault = method.fault()
+    if fault is not None:
+        raise ValueError(fault)
+    return method
