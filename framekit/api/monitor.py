@@ -92,10 +92,6 @@ class FrameFilter:
         texts = (seen.frame, seen.kind, seen.reason, seen.raw.hex(" "), seen.raw.hex(), ascii_of(seen.raw))
         return any(wanted in text.lower() for text in texts)
 
-    def matches(self, entry: FrameEntry) -> bool:
-        """The same for an entry."""
-        return self.takes(entry.channel, entry.seen)
-
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
@@ -110,39 +106,27 @@ class FieldRow:
 class FrameLog:
     """The last `kept` entries. `add` is a run's monitor."""
 
-    def __init__(
-        self,
-        protocols: Mapping[int, Protocol],
-        roles: Mapping[int, str | None] | None = None,
-        params: Mapping[int, Mapping[str, Any]] | None = None,
-        kept: int = KEPT,
-    ) -> None:
-        self.protocols = dict(protocols)
-        self.roles = dict(roles or {})
+    def __init__(self, kept: int = KEPT) -> None:
         self.counts: Counter[str] = Counter()
         self.dropped = 0
-        self._params = dict(params or {})
+        self.last_number = 0
+        """The number of the newest entry; 0 when there is none."""
+        self._channels: dict[int, tuple[Protocol, str | None, Mapping[str, Any]]] = {}
         self._entries: deque[FrameEntry] = deque(maxlen=kept)
-        self._number = 0
 
     def know(self, channel: int, protocol: Protocol, role: str | None, params: Mapping[str, Any]) -> None:
-        """A channel that came later."""
-        self.protocols[channel], self.roles[channel], self._params[channel] = protocol, role, params
+        """A channel: what it speaks."""
+        self._channels[channel] = protocol, role, params
 
     def add(self, channel: int, seen: Seen) -> None:
         """Takes what was seen on a channel."""
-        self._number += 1
+        self.last_number += 1
         if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
             self.counts[seen.kind] += 1
         if len(self._entries) == self._entries.maxlen:
             self.dropped += 1
-        result = result_of(self.protocols[channel], seen, self.roles.get(channel))
-        self._entries.append(FrameEntry(self._number, channel, seen, result))
-
-    @property
-    def last_number(self) -> int:
-        """The number of the newest entry; 0 when there is none."""
-        return self._number
+        protocol, role, _ = self._channels[channel]
+        self._entries.append(FrameEntry(self.last_number, channel, seen, result_of(protocol, seen, role)))
 
     def since(self, number: int) -> list[FrameEntry]:
         """Entries newer than a number, older first."""
@@ -155,20 +139,19 @@ class FrameLog:
 
     def chosen(self, wanted: FrameFilter) -> Iterator[FrameEntry]:
         """The entries a filter wants, older first."""
-        return (entry for entry in self._entries if wanted.matches(entry))
+        return (entry for entry in self._entries if wanted.takes(entry.channel, entry.seen))
 
     def entry(self, number: int) -> FrameEntry | None:
         """An entry by its number, if it is still kept."""
-        first = self._number - len(self._entries) + 1
-        return self._entries[number - first] if first <= number <= self._number else None
+        first = self.last_number - len(self._entries) + 1
+        return self._entries[number - first] if first <= number <= self.last_number else None
 
     def fields(self, entry: FrameEntry) -> list[FieldRow]:
         """The fields of a frame with their places; of a bad one as far as it can be read."""
-        protocol = self.protocols[entry.channel]
+        protocol, _, params = self._channels[entry.channel]
         if entry.seen.frame not in protocol.frames:
             return []
-        codec = compile_protocol(protocol)
-        return field_rows(codec, protocol, entry.seen, self._params.get(entry.channel))
+        return field_rows(compile_protocol(protocol), protocol, entry.seen, params)
 
 
 def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str, Any] | None = None) -> list[FieldRow]:
@@ -463,14 +446,12 @@ class Loopback:
         clock: Clock,
         lines: Sequence[LineFormat],
         on_end: Callable[[list[LoopbackResult]], None],
-        on_result: Callable[[LoopbackResult], None] | None = None,
     ) -> None:
         self.results: list[LoopbackResult] = []
         self._make_port = make_port
         self._clock = clock
         self._lines = list(lines)
         self._on_end = on_end
-        self._on_result = on_result or (lambda result: None)
 
     def start(self) -> None:
         """Begins with the first. Raises ValueError for a port of no known kind."""
@@ -485,7 +466,6 @@ class Loopback:
 
     def _done(self, result: LoopbackResult) -> None:
         self.results.append(result)
-        self._on_result(result)
         self._clock.call_soon(self._next)
 
 

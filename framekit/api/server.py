@@ -82,8 +82,7 @@ class AsyncServer:
         try:
             for address, values in self._initial.items():
                 self._memory(0, lambda action: action()).write(address, values)
-            served = await serving.begin(self.port)
-            self.port, self.about = served.port, served.about
+            self.port, self.about = await serving.begin(self.port)
         except BaseException as error:
             self.close_now()
             if isinstance(error, OSError):

@@ -67,7 +67,7 @@ class ClientSettings:
         at = Position(self.port, 0, 0)
         return Channel(
             number=1, port=self.port, protocol=self.protocol, role=self.role, line=self.line, own=self.own,
-            station=self.station, params=self.params, pause=0, at=NOWHERE, port_at=at,
+            station=self.station, params=self.params, at=NOWHERE, port_at=at,
         )  # fmt: skip
 
     def station_for(self, given: Any, *, needed: bool = True) -> Any:

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, add_json, add_protocol, near, print_json, status_of, told_once
+from framekit.cli.common import VerbError, add, near, print_json, status_of, told_once
 
 if TYPE_CHECKING:
     from framekit.api.check import Checked
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="a YAML file, or the name of a shipped protocol")
     parser.add_argument("--load", action="store_true", help="show what each block of a run takes of its channel's time")
-    add_json(parser)
+    add(parser, "--json")
 
 
 def run_check(arguments: argparse.Namespace) -> int:
@@ -73,8 +73,7 @@ def _as_json(problem: Problem) -> dict[str, object]:
 
 
 def add_test_arguments(parser: argparse.ArgumentParser) -> None:
-    add_protocol(parser)
-    add_json(parser)
+    add(parser, "protocol", "--json")
 
 
 def run_test(arguments: argparse.Namespace) -> int:

@@ -42,58 +42,40 @@ class PortError(VerbError):
     status = 3
 
 
-def add_protocol(parser: argparse.ArgumentParser, **options: Any) -> None:
-    """The argument PROTOCOL: a shipped name, a name beside the current folder, or a file."""
-    parser.add_argument("protocol", metavar="PROTOCOL", help="name of a shipped protocol, or a YAML file", **options)
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
-
-
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE",
-        help="value of a parameter or a variable that the bytes depend on; may be repeated",
-    )  # fmt: skip
-
-
-def add_line(parser: argparse.ArgumentParser) -> None:
-    """--speed and --format."""
-    parser.add_argument("--speed", type=int, help="line speed in bits a second; default: the protocol's")
-    parser.add_argument("--format", help="data bits, parity and stop bits, such as 8E1; default: the protocol's")
-
-
-def add_params(parser: argparse.ArgumentParser) -> None:
-    """--param NAME=VALUE."""
-    parser.add_argument(
-        "--param", action="append", default=[], metavar="NAME=VALUE", help="parameter of the protocol; may be repeated"
-    )
-
-
-def add_filter(parser: argparse.ArgumentParser) -> None:
-    """--filter, --frame and --bad."""
-    parser.add_argument("--filter", default="", metavar="TEXT", help="only what has this in its name, reason or bytes")
-    parser.add_argument("--frame-name", default="", metavar="NAME", help="only frames whose name has this in it")
-    parser.add_argument("--bad", action="store_true", help="only bad frames and noise")
-
-
 LEVELS = ("debug", "info", "warning", "error")
 
+OPTIONS: dict[str, dict[str, Any]] = {
+    "protocol": {"metavar": "PROTOCOL", "help": "name of a shipped protocol, or a YAML file"},
+    "--json": {"action": "store_true", "help": "print JSON instead of text"},
+    "--set": {
+        "action": "append", "default": [], "metavar": "NAME=VALUE",
+        "help": "value of a parameter or a variable that the bytes depend on; may be repeated",
+    },
+    "--speed": {"type": int, "help": "line speed in bits a second; default: the protocol's"},
+    "--format": {"help": "data bits, parity and stop bits, such as 8E1; default: the protocol's"},
+    "--param": {
+        "action": "append", "default": [], "metavar": "NAME=VALUE",
+        "help": "parameter of the protocol; may be repeated",
+    },
+    "--filter": {"default": "", "metavar": "TEXT", "help": "only what has this in its name, reason or bytes"},
+    "--frame-name": {"default": "", "metavar": "NAME", "help": "only frames whose name has this in it"},
+    "--bad": {"action": "store_true", "help": "only bad frames and noise"},
+    "--ascii": {"action": "store_true", "help": "show bytes as ASCII instead of hex"},
+    "--capture": {
+        "metavar": "FILE", "type": Path,
+        "help": "write everything on the lines to FILE: JSON lines (.jsonl), else pcap, a file for each channel",
+    },
+    "--screen": {"action": "store_true", "help": "show it live in the terminal; needs the extra 'screen'"},
+    "--log": {"choices": LEVELS, "metavar": "LEVEL", "help": f"log to standard error: {', '.join(LEVELS)}"},
+    "--for": {"dest": "duration", "metavar": "TIME", "help": "stop after this time, such as 10s"},
+}  # fmt: skip
+"""Arguments that several verbs have."""
 
-def add_capture(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--capture", metavar="FILE", type=Path,
-        help="write everything on the lines to FILE: JSON lines (.jsonl), else pcap, a file for each channel",
-    )  # fmt: skip
 
-
-def add_screen(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--screen", action="store_true", help="show it live in the terminal; needs the extra 'screen'")
-
-
-def add_log(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--log", choices=LEVELS, metavar="LEVEL", help=f"log to standard error: {', '.join(LEVELS)}")
+def add(parser: argparse.ArgumentParser, *names: str, **otherwise: Any) -> None:
+    """Arguments of `OPTIONS`; what is said `otherwise` goes before what stands there."""
+    for name in names:
+        parser.add_argument(name, **(OPTIONS[name] | otherwise))
 
 
 def told(problem: Problem) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, WordsError, assignment, duration_of, load, on_stop, print_json, why_not
+from framekit.cli.common import VerbError, WordsError, add, assignment, duration_of, load, on_stop, print_json, why_not
 from framekit.cli.device_verbs import add_line, carry_out
 from framekit.codec.shown import code_text
 
@@ -44,15 +44,8 @@ def add_commreq_arguments(parser: argparse.ArgumentParser) -> None:
         help="decimal, 0x… or @FILE; or the name of a command, and FIELD=VALUE …; + and the next command",
     )
     parser.add_argument("--commands", metavar="NAME", help="the application of commands; default: the protocol's")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="ADDRESS=VALUE,…", help="own memory; may be repeated"
-    )
-    parser.add_argument(
-        "--for",
-        dest="duration",
-        metavar="TIME",
-        help="end jobs after this time; default: when they are over",
-    )
+    add(parser, "--set", metavar="ADDRESS=VALUE,…", help="own memory; may be repeated")
+    add(parser, "--for", help="end jobs after this time; default: when they are over")
     parser.add_argument("--explain", action="store_true", help="only say what the words mean, as without --port")
 
 

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
     WordsError,
-    add_json,
-    add_params,
-    add_protocol,
+    add,
     assignment,
     load,
     plain,
@@ -37,18 +35,17 @@ TIMEOUT, RETRIES = "reply_timeout", "retries"
 
 def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> None:
     """PROTOCOL and the options that name a line and a device on it."""
-    add_protocol(parser)
+    add(parser, "protocol")
     parser.add_argument("--port", required=port_required, help=help_on_ports("sim:FILE"))
     parser.add_argument("--station", metavar="N", help="the device's station")
-    parser.add_argument("--speed", type=int, metavar="BITS", help="bits a second; default: the protocol's")
-    parser.add_argument("--format", metavar="8E1", help="data bits, parity, stop bits; default: the protocol's")
+    add(parser, "--speed", "--format")
     parser.add_argument("--own", metavar="N", help="the own station, where the protocol has one")
     parser.add_argument("--role", help="the own role, where the protocol leaves a choice")
-    add_params(parser)
+    add(parser, "--param")
     parser.add_argument("--timeout", metavar="TIME", help=f"the same as --param {TIMEOUT}=TIME")
     parser.add_argument("--retries", metavar="N", help=f"the same as --param {RETRIES}=N")
     parser.add_argument("--frames", action="store_true", help="show the frames on standard error")
-    add_json(parser)
+    add(parser, "--json")
 
 
 def add_type(parser: argparse.ArgumentParser) -> None:

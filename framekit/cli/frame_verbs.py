@@ -15,11 +15,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.cli.common import (
     VerbError,
     WordsError,
-    add_filter,
-    add_json,
-    add_line,
-    add_protocol,
-    add_settings,
+    add,
     assignment,
     existing,
     filter_of,
@@ -50,11 +46,10 @@ if TYPE_CHECKING:
 
 
 def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
-    add_protocol(parser)
+    add(parser, "protocol")
     parser.add_argument("frame", metavar="FRAME", help="name of a frame; `framekit frames PROTOCOL` lists them")
     parser.add_argument("fields", nargs="*", metavar="FIELD=VALUE", help="value of a field; JSON for lists and records")
-    add_settings(parser)
-    add_json(parser)
+    add(parser, "--set", "--json")
 
 
 def run_encode(arguments: argparse.Namespace) -> int:
@@ -83,14 +78,13 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
 
 def add_decode_arguments(parser: argparse.ArgumentParser) -> None:
-    add_protocol(parser)
+    add(parser, "protocol")
     bytes_ = parser.add_argument(
         "bytes", metavar="HEX", nargs="+", help="the bytes as hex digits, or - for standard input"
     )
     parser.add_argument("--frame", help="try this frame only")
     parser.add_argument("--from", dest="side", choices=("client", "server"), help="which side sent the bytes")
-    add_settings(parser)
-    add_json(parser)
+    add(parser, "--set", "--json")
     add_capture_arguments(parser, bytes_)
 
 
@@ -210,9 +204,8 @@ def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Acti
         "--client", choices=("in", "out"), default="out",
         help="direction of the client's frames in a capture that has both; default: out",
     )  # fmt: skip
-    parser.add_argument("--ascii", action="store_true", help="show bytes of a capture as ASCII")
-    add_line(parser)
-    add_filter(parser)
+    add(parser, "--ascii", help="show bytes of a capture as ASCII")
+    add(parser, "--speed", "--format", "--filter", "--frame-name", "--bad")
 
 
 def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
@@ -274,8 +267,8 @@ def _second_text(seconds: int) -> str:
 
 
 def add_frames_arguments(parser: argparse.ArgumentParser) -> None:
-    add_protocol(parser, nargs="?")
-    add_json(parser)
+    add(parser, "protocol", nargs="?")
+    add(parser, "--json")
 
 
 def run_frames(arguments: argparse.Namespace) -> int:
@@ -376,7 +369,7 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("python", "diagram"),
         help="python: a module of plain functions, usable without framekit; diagram: the sequences in Mermaid",
     )
-    add_protocol(parser)
+    add(parser, "protocol")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write it; default: standard output")
 
 

@@ -14,14 +14,7 @@ from framekit.cli.common import (
     PortError,
     VerbError,
     WordsError,
-    add_capture,
-    add_filter,
-    add_json,
-    add_line,
-    add_log,
-    add_params,
-    add_protocol,
-    add_screen,
+    add,
     begin_log,
     duration_of,
     existing,
@@ -38,7 +31,7 @@ from framekit.cli.common import (
     until,
     why_not,
 )
-from framekit.cli.screen.session import LiveSession
+from framekit.cli.screen.session import LiveSession, show
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
@@ -49,17 +42,10 @@ if TYPE_CHECKING:
 
 
 def add_monitor_arguments(parser: argparse.ArgumentParser) -> None:
-    add_protocol(parser)
+    add(parser, "protocol")
     parser.add_argument("--port", required=True, metavar="PORT", help=help_on_ports())
-    add_line(parser)
-    add_params(parser)
-    add_filter(parser)
-    parser.add_argument("--ascii", action="store_true", help="show bytes as ASCII instead of hex")
-    add_screen(parser)
-    add_capture(parser)
-    add_log(parser)
-    parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
-    add_json(parser)
+    add(parser, "--speed", "--format", "--param", "--filter", "--frame-name", "--bad", "--ascii")
+    add(parser, "--screen", "--capture", "--log", "--for", "--json")
 
 
 def run_monitor(arguments: argparse.Namespace) -> int:
@@ -67,8 +53,6 @@ def run_monitor(arguments: argparse.Namespace) -> int:
     duration = duration_of(arguments.duration)
     begin_log(arguments.log)
     if arguments.screen:
-        from framekit.cli.screen.show import show
-
         return show(MonitorSession(protocol, arguments, duration))
     printer = _Printer(protocol, arguments)
     try:
@@ -170,7 +154,8 @@ class MonitorSession(LiveSession):
         """Raises VerbError, OSError."""
         from framekit.api.monitor import FrameLog, LineOf, LiveView
 
-        log = FrameLog({1: self.protocol}, params={1: params_of(self._arguments)})
+        log = FrameLog()
+        log.know(1, self.protocol, None, params_of(self._arguments))
 
         def state(text: str) -> None:
             self._state = text
@@ -203,7 +188,7 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     pace.add_argument("--as-fast", action="store_true", help="without pauses")
     parser.add_argument("--speed", type=int, default=9600, help="line speed in bits a second; default: 9600")
     parser.add_argument("--format", default="8N1", help="data bits, parity and stop bits; default: 8N1")
-    add_json(parser)
+    add(parser, "--json")
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
@@ -257,7 +242,7 @@ def add_loopback_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("port", metavar="PORT", help="/dev/ttyUSB0, any pyserial URL, or sim:loop for a simulated one")
     parser.add_argument("--speeds", default=SPEEDS, metavar="N,N…", help=f"bits a second; default: {SPEEDS}")
     parser.add_argument("--formats", default="8N1", metavar="F,F…", help="such as 8N1,7E1; default: 8N1")
-    add_json(parser)
+    add(parser, "--json")
 
 
 def run_loopback(arguments: argparse.Namespace) -> int:

@@ -17,10 +17,7 @@ from framekit.cli.common import (
     Unread,
     VerbError,
     WordsError,
-    add_capture,
-    add_json,
-    add_log,
-    add_screen,
+    add,
     begin_log,
     duration_of,
     on_stop,
@@ -30,7 +27,7 @@ from framekit.cli.common import (
     until,
     why_not,
 )
-from framekit.cli.screen.session import LiveSession
+from framekit.cli.screen.session import LiveSession, show
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView
@@ -49,9 +46,7 @@ class Watched(NamedTuple):
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", metavar="RUN.yaml", type=Path, help="the run file")
-    parser.add_argument(
-        "--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s; default: run on"
-    )
+    add(parser, "--for", help="stop after this time, such as 10s; default: run on")
     parser.add_argument(
         "--virtual", action="store_true", help="simulated time: as fast as it goes; needs --for, and only sim: ports"
     )
@@ -65,8 +60,12 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take lines from standard input: fire N, enable N, disable N, stop; with --screen by the key :",
     )
-    add_watch(parser)
-    add_json(parser)
+    add(parser, "--screen", "--ascii", "--capture")
+    parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
+    parser.add_argument(
+        "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
+    )
+    add(parser, "--log", "--json")
 
 
 def run_run(arguments: argparse.Namespace) -> int:
@@ -89,8 +88,6 @@ def run_run(arguments: argparse.Namespace) -> int:
     loaded = load_run(arguments.run)
     loads, doubts = loads_of(loaded)
     if arguments.screen:
-        from framekit.cli.screen.show import show
-
         session = RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control)
         return show(session)
     output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
@@ -195,18 +192,6 @@ def _summary(run: RunCalls, output: RunOutput) -> list[str]:
     return problems
 
 
-def add_watch(parser: argparse.ArgumentParser) -> None:
-    """--screen, --ascii, --capture, --status, --status-every and --log."""
-    add_screen(parser)
-    parser.add_argument("--ascii", action="store_true", help="show bytes as ASCII instead of hex")
-    add_capture(parser)
-    parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
-    parser.add_argument(
-        "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
-    )
-    add_log(parser)
-
-
 class RunWatch:
     """Watches one run as the command line asks: `begin` before it starts."""
 
@@ -305,7 +290,7 @@ class RunSession(LiveSession):
         from framekit.api.monitor import FrameLog, LiveView
         from framekit.api.run import AsyncRun, VirtualRun
 
-        log = FrameLog({})
+        log = FrameLog()
         for number, channel in self.model.channels.items():
             log.know(number, channel.protocol, channel.role, channel.params)
         make: Callable[..., AsyncRun | VirtualRun] = VirtualRun if self.virtual else AsyncRun

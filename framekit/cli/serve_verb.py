@@ -15,12 +15,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.cli.common import (
     VerbError,
     WordsError,
-    add_capture,
-    add_json,
-    add_line,
-    add_log,
-    add_params,
-    add_screen,
+    add,
     begin_log,
     duration_of,
     in_words,
@@ -34,7 +29,7 @@ from framekit.cli.common import (
     until,
     why_not,
 )
-from framekit.cli.screen.session import LiveSession
+from framekit.cli.screen.session import LiveSession, show
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
@@ -68,10 +63,10 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="ADDRESS=VALUE[,VALUE…]",
         help="start value in memory; may be repeated",
     )  # fmt: skip
-    add_params(parser)
+    add(parser, "--param")
     parser.add_argument("--faults", metavar="PLAN", help="fault plan: what goes wrong with what the devices send")
     parser.add_argument("--role", help="role it plays; default: the one that answers")
-    add_line(parser)
+    add(parser, "--speed", "--format")
     parser.add_argument(
         "--idle-timeout", metavar="TIME",
         help="close a connection over which no good frame went for so long, or never; default: 10min",
@@ -79,15 +74,13 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--connections", type=int, metavar="N", help="connections that one client address may have; default: 64"
     )
-    parser.add_argument("--for", dest="duration", metavar="TIME", help="stop after this time, such as 10s")
+    add(parser, "--for")
     parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
-    add_screen(parser)
+    add(parser, "--screen")
     parser.add_argument(
         "--status-every", metavar="TIME", help="show what was served and refused so often; SIGUSR1 shows it once"
     )
-    add_capture(parser)
-    add_log(parser)
-    add_json(parser)
+    add(parser, "--capture", "--log", "--json")
 
 
 def run_serve(arguments: argparse.Namespace) -> int:
@@ -95,8 +88,6 @@ def run_serve(arguments: argparse.Namespace) -> int:
     duration, every = duration_of(arguments.duration), period_of(arguments.status_every)
     server = server_of(arguments)
     if arguments.screen:
-        from framekit.cli.screen.show import show
-
         return show(ServeSession(server, duration))
     with contextlib.suppress(asyncio.CancelledError):
         return asyncio.run(_serve(arguments, server, duration, every))
@@ -340,7 +331,7 @@ class ServeSession(LiveSession):
     def begin(self) -> LiveView:
         from framekit.api.monitor import FrameLog, LineOf, LiveView
 
-        log, server = FrameLog({}), self.server
+        log, server = FrameLog(), self.server
         for number, device in enumerate(server.devices, 1):
             log.know(number, device.protocol, device.role, device.params)
         server.watch = lambda port, number, seen: log.add(number + 1, seen)

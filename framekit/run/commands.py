@@ -9,7 +9,6 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-from typing import Protocol as Interface
 
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
@@ -195,16 +194,6 @@ ParamsOf = Callable[[Any], Mapping[str, Any]]
 """The parameters that a channel has for a station."""
 
 
-class Around(Interface):
-    """What an operation needs of the command blocks it belongs to."""
-
-    @property
-    def areas(self) -> DeviceAreas: ...
-    def own_span(self, given: Mapping[str, Any]) -> Span: ...
-    def checked_span(self, given: Mapping[str, Any]) -> Span: ...
-    def afterwards(self, rows: Sequence[CompiledAfter], end: OperationEnd, names: Names) -> None: ...
-
-
 NO_REPLY = FrameValue("", {})
 """What `reply` is where there was none: a frame without fields."""
 
@@ -243,7 +232,7 @@ class Operation:
     """One exchange, or several one after the other; `on_end` is called exactly once."""
 
     def __init__(
-        self, around: Around, engine: Engine, client: Client, block: CompiledBlock, names: Names,
+        self, around: CommandBlocks, engine: Engine, client: Client, block: CompiledBlock, names: Names,
         on_end: Callable[[OperationEnd], None], params_of: ParamsOf | None = None,
     ) -> None:  # fmt: skip
         self.around = around

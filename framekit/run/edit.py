@@ -17,30 +17,45 @@ from framekit.run.model import Block, RunModel
 RESTART = "stop the run and start it again"
 
 
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """The numbers of those that are there no more, are different, are new; in order."""
+
+    gone: tuple[int, ...]
+    changed: tuple[int, ...]
+    new: tuple[int, ...]
+
+    @classmethod
+    def between(cls, old: Mapping[int, object], new: Mapping[int, object]) -> Changes:
+        """What leads from one to the other."""
+        both = sorted(old.keys() & new.keys())
+        return cls(
+            tuple(sorted(old.keys() - new.keys())),
+            tuple(number for number in both if fingerprint(old[number]) != fingerprint(new[number])),
+            tuple(sorted(new.keys() - old.keys())),
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
-    """The edited run, and what is to be done for it; numbers in order.
+    """The edited run, and what is to be done for it.
 
     `touched`: channels that have to be idle before anything is done: those that go or change, and those of blocks that
     go or change. `warnings`: what the edited file says and only a restart brings.
     """
 
     run: RunModel
-    channels_gone: tuple[int, ...]
-    channels_changed: tuple[int, ...]
-    channels_new: tuple[int, ...]
-    blocks_gone: tuple[int, ...]
-    blocks_changed: tuple[int, ...]
-    blocks_new: tuple[int, ...]
+    channels: Changes
+    blocks: Changes
     touched: frozenset[int]
     warnings: tuple[Problem, ...]
 
     def __str__(self) -> str:
         """In words: `channel 2 changed, blocks 0 and 3 new`, or `nothing is different`."""
         found = []
-        for what in ("channel", "block"):
+        for what, changes in (("channel", self.channels), ("block", self.blocks)):
             for how in ("gone", "changed", "new"):
-                numbers: tuple[int, ...] = getattr(self, f"{what}s_{how}")
+                numbers: tuple[int, ...] = getattr(changes, how)
                 if numbers:
                     found.append(f"{what if len(numbers) == 1 else f'{what}s'} {listed(numbers)} {how}")
         return ", ".join(found) or "nothing is different"
@@ -52,21 +67,11 @@ def plan_edit(old: RunModel, new: RunModel) -> Edit:
     if problems:
         raise DefinitionError(problems)
     old_blocks, new_blocks = ({block.id: block for block in run.blocks} for run in (old, new))
-    channels = _compared(old.channels, new.channels)
-    blocks = _compared(old_blocks, new_blocks)
+    channels, blocks = Changes.between(old.channels, new.channels), Changes.between(old_blocks, new_blocks)
     touched = {*channels.gone, *channels.changed}
     touched |= {old_blocks[number].lane for number in (*blocks.gone, *blocks.changed)}
-    return Edit(
-        run=new,
-        channels_gone=channels.gone,
-        channels_changed=channels.changed,
-        channels_new=channels.new,
-        blocks_gone=blocks.gone,
-        blocks_changed=blocks.changed,
-        blocks_new=blocks.new,
-        touched=frozenset(touched),
-        warnings=tuple(_warnings(old, new)),
-    )
+    warnings = tuple(_warnings(old, new))
+    return Edit(run=new, channels=channels, blocks=blocks, touched=frozenset(touched), warnings=warnings)
 
 
 def _refusals(old: RunModel, new: RunModel) -> Iterator[Problem]:
@@ -88,26 +93,9 @@ def _warnings(old: RunModel, new: RunModel) -> Iterator[Problem]:
         yield Problem(new.at, what, "", warning=True)
 
 
-@dataclass(frozen=True, slots=True)
-class _Compared:
-    gone: tuple[int, ...]
-    changed: tuple[int, ...]
-    new: tuple[int, ...]
-
-
-def _compared(old: Mapping[int, object], new: Mapping[int, object]) -> _Compared:
-    """The numbers of those that are there no more, are different, are new."""
-    both = sorted(old.keys() & new.keys())
-    return _Compared(
-        tuple(sorted(old.keys() - new.keys())),
-        tuple(number for number in both if fingerprint(old[number]) != fingerprint(new[number])),
-        tuple(sorted(new.keys() - old.keys())),
-    )
-
-
 def added_blocks(edit: Edit) -> list[Block]:
     """The blocks that begin anew."""
-    return [block for block in edit.run.blocks if block.id in (*edit.blocks_changed, *edit.blocks_new)]
+    return [block for block in edit.run.blocks if block.id in (*edit.blocks.changed, *edit.blocks.new)]
 
 
 @dataclass(slots=True)

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, get_args
 from typing import Protocol as Interface
 
 from framekit.codec.codec import compile_protocol
@@ -444,18 +444,17 @@ LEAST_TIME = 1_000_000
 
 
 class JobTable:
-    """The jobs of a run. `scan`: how often bits are shown (ns), if not as the profile says."""
+    """The jobs of a run."""
 
-    def __init__(self, profile: JobProfile, owner: JobOwner, scan: int | None = None) -> None:
+    def __init__(self, profile: JobProfile, owner: JobOwner) -> None:
         self.profile = profile
         self.owner = owner
-        self.scan = scan or profile.scan
         self.slots = {number: JobSlot(number) for number in profile.slots}
-        self.image = StatusImage(profile.bits, profile.slots, self.scan, owner.write_bits)
+        self.image = StatusImage(profile.bits, profile.slots, profile.scan, owner.write_bits)
         self.log = EventLog(profile)
         self.counters = TableCounters()
         self._failures = FailureWords(profile)
-        self._limit = CommandLimit(profile.commands, self.scan, 0)
+        self._limit = CommandLimit(profile.commands, profile.scan, 0)
         self.watcher: Watcher | None = None
         self.running = False
 
@@ -464,7 +463,7 @@ class JobTable:
     def start(self, now: int) -> None:
         """Commands are taken from now on; everything is as if nothing had happened before."""
         self.running = True
-        self._limit = CommandLimit(self.profile.commands, self.scan, now)
+        self._limit = CommandLimit(self.profile.commands, self.profile.scan, now)
         for number in self.slots:
             self.slots[number] = JobSlot(number)
         self.image.start(now)
@@ -755,7 +754,7 @@ class JobTable:
         return written
 
 
-KINDS: dict[str, CommandKind] = {"job": "job", "abort": "abort", "inspect": "inspect"}
+KINDS: dict[str, CommandKind] = {kind: kind for kind in get_args(CommandKind)}
 ALL = "all"
 
 

@@ -94,8 +94,7 @@ STATIONED = ("read", "write", "call")
 """Instructions of blocks that talk to one station; the others have none."""
 
 BLOCKS_IN_SET = 64
-SETS = 8
-"""A module has so many parameter sets of so many blocks (Snet module guide, chapter 6)."""
+"""A parameter set of a module has so many blocks (Snet module guide, chapter 6)."""
 
 Instruction = Literal["read", "write", "send", "receive", "call", "command", "job", "abort", "inspect"]
 
@@ -281,7 +280,6 @@ class Channel:
     own: Any
     station: Any
     params: Mapping[str, Any]
-    pause: int
     silence: Silence = Silence()
     dead: DeadRule | None = None
     merge: Merge | None = None

@@ -98,7 +98,6 @@ class ChannelLoader:
             own=self.attempts.maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
             station=self.attempts.maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
             params=self.rules.params(keys, protocol),
-            pause=silence.between,
             silence=silence,
             dead=self.rules.dead(keys),
             merge=self.rules.merge(keys),

@@ -46,8 +46,7 @@ from framekit.run.model import (
 )
 from framekit.run.own_memory import AddressedMemory, read_piece, store_pieces
 from framekit.runfile.devices import memory_of
-from framekit.service.channel import ChannelService
-from framekit.service.device import DeviceService, devices_of, port_for
+from framekit.service.channel import ChannelService, RunChannels
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 Found = Callable[[list[str] | None], None]
@@ -508,9 +507,8 @@ class JobLine:
         self.clock = clock
         self.memory = DeviceMemory(areas)
         self.channels: dict[int, ChannelService] = {}
-        self._access = AddressedMemory(self.memory, grammar)
-        self._devices: dict[int, list[DeviceService]] = {}
-        self._monitor = monitor
+        watch = None if monitor is None else lambda number, seen: monitor(seen)
+        self._lines = RunChannels(self.channels, clock, AddressedMemory(self.memory, grammar), self, watch)
         self._closed = closed
         self._ended: dict[int, Ended] = {}
         self._number = 0
@@ -559,20 +557,15 @@ class JobLine:
 
     def open_for_jobs(self, channel: Channel) -> None:
         """Makes and opens a channel. Raises ValueError for a port that cannot be made."""
-        port, devices = port_for(channel, devices_of(channel, Path.cwd()), self.clock)
-        made = ChannelService(channel, port, self.clock, self._access, (), self, self._monitor)
-        self.channels[channel.number], self._devices[channel.number] = made, devices
-        for device in devices:
-            device.start()
-        made.start()
+        self._lines.put(channel.number, self._lines.make(channel, (), str(Path.cwd())))
+        self._lines.open(channel.number)
 
     def close_for_jobs(self, number: int) -> None:
         """Closes it, and forgets it."""
         self.channels[number].stop()
         self.jobs.opened(number, False)
-        for device in self._devices.pop(number):
-            device.stop()
-        del self.channels[number]
+        self._lines.stop_devices(number)
+        self._lines.remove(number)
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""

@@ -508,7 +508,7 @@ class RunEditor:
         service = self.service
         edit = plan_edit(service.run, run)
         prepared = _Prepared(edit, applied)
-        for number in (*edit.channels_changed, *edit.channels_new):
+        for number in (*edit.channels.changed, *edit.channels.new):
             prepared.channels[number] = service.lines.of_run(run, number)
         self.waiting = prepared
         service.scheduler.hold(edit.touched)
@@ -527,16 +527,16 @@ class RunEditor:
     def _apply(self, prepared: _Prepared) -> None:
         service, edit = self.service, prepared.edit
         scheduler, now = service.scheduler, service.clock.now()
-        for number in (*edit.blocks_gone, *edit.blocks_changed):
+        for number in (*edit.blocks.gone, *edit.blocks.changed):
             state = scheduler.remove(number)
             service.removed.add(state)
             service.block_memory.remove(state.block)
             service.exchanges.forget(state.block)
         if service.jobs is not None:
-            service.jobs.give_up((*edit.blocks_gone, *edit.blocks_changed))
-        for number in (*edit.channels_gone, *edit.channels_changed):
+            service.jobs.give_up((*edit.blocks.gone, *edit.blocks.changed))
+        for number in (*edit.channels.gone, *edit.channels.changed):
             service.close_channel(number)
-        for number in edit.channels_gone:
+        for number in edit.channels.gone:
             scheduler.remove_channel(number)
         for number, made in prepared.channels.items():
             scheduler.add_channel(number, rules_of(edit.run.channels[number]))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -32,14 +31,6 @@ ServingMonitor = Callable[[str, int, Seen], None]
 
 MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
-
-
-@dataclass(frozen=True, slots=True)
-class ServedAt:
-    """Where it is served: `port`, as others have to name it, and `about`, for people, with the line's settings."""
-
-    port: str
-    about: str
 
 
 class Serving:
@@ -82,13 +73,16 @@ class Serving:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
         self._begin(port, lambda state: self.on_state(port.name, state))
 
-    async def begin(self, url: str) -> ServedAt:
-        """Listens at `url`, or opens that port; where that is. Raises ValueError for what is no port, OSError."""
+    async def begin(self, url: str) -> tuple[str, str]:
+        """Listens at `url`, or opens that port. Raises ValueError for what is no port, OSError.
+
+        Gives where it is served: the port as others have to name it, and the same for people, with the line's settings.
+        """
         url = self.stores[0].device.protocol.line.port_of(url)
         kind = scheme_of(url)
         if kind is not None and kind.listen is not None:
             listener = await self.listen(url)
-            return ServedAt(listener.reached, listener.reached)
+            return listener.reached, listener.reached
         self._own_port = port = open_port(url, self.line, self.clock, serves=True)
         first_state: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
@@ -101,7 +95,7 @@ class Serving:
         reached = await first_state
         if reached != "open":
             raise OSError(reached if url in reached else f"{url}: {reached}")
-        return ServedAt(port.name, port.describes())
+        return port.name, port.describes()
 
     async def listen(self, url: str) -> PortListener:
         """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""

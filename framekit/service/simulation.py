@@ -140,11 +140,11 @@ class SimulatedChannel:
         duration, size, count = clock.now() - began, line.bytes_carried - carried, line.transmissions - frames
         if ended and (ended[0] is None or counters.received > heard):
             doubt = "" if ended[0] is None else f"with an empty device it ends with: {ended[0]}"
-            return Cost(duration + self.channel.pause, size, count, doubt)
+            return Cost(duration + self.channel.silence.between, size, count, doubt)
         size = self._sent[0] if self._sent else 0
         time = 0 if self.channel.line is None else size * self.channel.line.character_time
         doubt = f"only its request is counted: {ended[0] if ended else 'it does not end by itself'}"
-        return Cost(time + self.channel.pause, size, min(1, len(self._sent)), doubt)
+        return Cost(time + self.channel.silence.between, size, min(1, len(self._sent)), doubt)
 
 
 def _asks(block: Block) -> bool:

@@ -111,10 +111,9 @@ class EchoFreePort(PassingPort):
     `missing` counts transmissions that did not come back: their first character was another one, or nothing came.
     """
 
-    def __init__(self, inner: Port, clock: Clock, latest: int = LATEST) -> None:
+    def __init__(self, inner: Port, clock: Clock) -> None:
         super().__init__(inner)
         self.clock = clock
-        self.latest = latest
         self.removed = self.damaged = self.missing = 0
         self._expected = bytearray()
         self._begun = False
@@ -135,7 +134,7 @@ class EchoFreePort(PassingPort):
         super().write(data)
 
     def sent(self, now: int) -> None:
-        self._until = now + self.latest
+        self._until = now + LATEST
         super().sent(now)
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:

@@ -124,7 +124,7 @@ class MonitorApp(App[None]):
             wanted = parse_filter(self.filter_text, self.bad_only)
             newer = self.view.log.since(self._shown)
             self._shown = self.view.log.last_number
-            self._add([entry for entry in newer if wanted.matches(entry)])
+            self._add([entry for entry in newer if wanted.takes(entry.channel, entry.seen)])
 
     def draw_status(self) -> None:
         """Channels and blocks as they are now."""
